@@ -1,0 +1,161 @@
+//! Everything that crosses the line between Takt and a PLC guest.
+//!
+//! Host and guest are compiled apart and neither trusts the other, so the one thing they must
+//! agree on is written once, here, and imported by both: where things lie in the guest's physical
+//! address space, the two pages through which release and scan are told, and the I/O ports that
+//! are doorbells. The layouts are `repr(C)`, have no padding, and are checked at compile time;
+//! [`VERSION`] changes whenever one of them does.
+//!
+//! # Who writes what
+//!
+//! | page | host | guest | why |
+//! | --- | --- | --- | --- |
+//! | [`Information`] | writes | reads (a read-only memory slot) | a guest cannot forge its own schedule |
+//! | [`Status`] and text | reads | writes | a claim of the guest, checked before it is believed |
+//!
+//! The host writes the information page only while the vCPU is outside guest mode. A kick can take
+//! it out between any two instructions, though, and the page may then be rewritten for the next
+//! window. [`Information::release`] is therefore also a sequence number: it changes whenever any
+//! other field does and never takes a value twice, so a copy that begins and ends with the same
+//! one is whole.
+
+#![no_std]
+#![forbid(unsafe_code)]
+
+/// Version of this interface. A guest that finds another in [`Information::version`] must stop.
+pub const VERSION: u32 = 1;
+
+/// First field of the information page: `"TAKT"`, little-endian.
+pub const MAGIC: u32 = u32::from_le_bytes(*b"TAKT");
+
+/// Where a PLC guest finds things in its physical address space.
+pub mod memory {
+    /// Smallest unit of mapping and of memory size.
+    pub const PAGE: u64 = 4096;
+    /// Start of the area that an image may occupy. Below it lie the structures the VMM needs to
+    /// start a vCPU in long mode: descriptor table, page tables, first stack.
+    pub const IMAGE_BASE: u64 = 0x10_0000;
+    /// Largest RAM of a PLC guest, in bytes. The first 3 GiB are RAM, the fourth is for pages.
+    pub const RAM_MAX: u64 = 0xc000_0000;
+    /// Guest-physical address of the [`Information`](crate::Information) page (read-only).
+    pub const INFORMATION: u64 = 0xc000_0000;
+    /// Guest-physical address of the [`Status`](crate::Status) page (read-write).
+    pub const STATUS: u64 = 0xc000_1000;
+    /// Guest-physical address of the text that [`port::CONSOLE`](crate::port::CONSOLE) prints, in
+    /// the second half of the status page.
+    pub const TEXT: u64 = STATUS + PAGE / 2;
+    /// Longest text of one call, in bytes.
+    pub const TEXT_BYTES: usize = (PAGE / 2) as usize;
+}
+
+/// The I/O ports that are the guest's calls to Takt. Each access is one VM exit.
+pub mod port {
+    /// 32-bit write of a length: that many bytes at [`memory::TEXT`](crate::memory::TEXT) appear
+    /// on Takt's console. They are taken without blocking; what does not fit is dropped and
+    /// counted. (A string instruction would be one exit for each byte.)
+    pub const CONSOLE: u16 = 0x7a0c;
+    /// 32-bit write of any value: the scan is done, the rest of the window is given away. The
+    /// instruction completes when the next release is about to be due.
+    pub const DONE: u16 = 0x7a00;
+    /// 32-bit write of any value: an exception has been recorded in
+    /// [`Status::exception`](crate::Status::exception); the guest does not run again.
+    pub const EXCEPTION: u16 = 0x7a04;
+    /// 32-bit write of an exit code: the guest ends itself; 0 is success.
+    pub const EXIT: u16 = 0x7a08;
+}
+
+/// The partition information page: what a partition is told about its own time.
+///
+/// At entry the guest's `rdi` holds its address. Instants are raw TSC values, durations are
+/// TSC ticks unless named `_ns`; host and guest share one TSC (offset 0).
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct Information {
+    /// [`MAGIC`].
+    pub magic: u32,
+    /// [`VERSION`].
+    pub version: u32,
+    /// RAM of this guest in bytes, from guest-physical 0.
+    pub memory_bytes: u64,
+    /// TSC frequency in kHz.
+    pub tsc_khz: u64,
+    /// Length of the major frame in nanoseconds.
+    pub major_frame_ns: u64,
+    /// Sequence number of the next (or current) release of this partition, from 0. It counts every
+    /// window of the schedule, also those that were lost.
+    pub release: u64,
+    /// Number of the major frame in which that release lies, from 0.
+    pub frame: u64,
+    /// TSC of that release: the scan must not start before it.
+    pub release_tsc: u64,
+    /// TSC at which that window ends: the guest is kicked out then.
+    pub window_end_tsc: u64,
+}
+
+/// The partition status page: what a guest says of its own scan.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct Status {
+    /// [`Information::release`] of the scan started last, plus one; 0 before the first.
+    pub started: u64,
+    /// TSC at which that scan started.
+    pub start_tsc: u64,
+    /// TSC at which the scan finished last was finished.
+    pub done_tsc: u64,
+    /// The exception that ended the guest; all zero while there is none.
+    pub exception: Exception,
+}
+
+/// A processor exception as the guest's handler saw it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Exception {
+    /// Vector, 0 to 31.
+    pub vector: u64,
+    /// Error code pushed by the processor, 0 where there is none.
+    pub error_code: u64,
+    /// Interrupted instruction.
+    pub rip: u64,
+    /// Stack pointer at that instruction.
+    pub rsp: u64,
+    /// Flags at that instruction.
+    pub rflags: u64,
+    /// Fault address register; meaningful for vector 14.
+    pub cr2: u64,
+}
+
+/// `None` for a vector that is reserved; else the name in the processor manuals.
+#[must_use]
+pub const fn exception_name(vector: u64) -> Option<&'static str> {
+    Some(match vector {
+        0 => "divide error",
+        1 => "debug",
+        2 => "non-maskable interrupt",
+        3 => "breakpoint",
+        4 => "overflow",
+        5 => "bound range exceeded",
+        6 => "invalid opcode",
+        7 => "device not available",
+        8 => "double fault",
+        10 => "invalid TSS",
+        11 => "segment not present",
+        12 => "stack fault",
+        13 => "general protection fault",
+        14 => "page fault",
+        16 => "x87 floating point",
+        17 => "alignment check",
+        18 => "machine check",
+        19 => "SIMD floating point",
+        20 => "virtualisation",
+        21 => "control protection",
+        _ => return None,
+    })
+}
+
+const _: () = {
+    assert!(size_of::<Information>() == 64);
+    assert!(size_of::<Exception>() == 48);
+    assert!(size_of::<Status>() == 24 + 48);
+    assert!(memory::STATUS + size_of::<Status>() as u64 <= memory::TEXT);
+    assert!(memory::INFORMATION >= memory::RAM_MAX);
+};
