@@ -1,0 +1,14 @@
+//! The time-window schedule, which is what Takt exists for.
+//!
+//! The crate has two halves with a hard line between them:
+//!
+//! * [`time`], [`table`] and [`reservation`] are arithmetic over values: no clock is read, no call
+//!   is made, so every rule can be tested exhaustively and the same code answers `takt check` and
+//!   drives the running system. "Now" is always an argument.
+//! * [`enforce`] is the one thin layer that turns an instant into a kernel call: pinning,
+//!   SCHED_DEADLINE, and the absolute sleep on the TSC.
+
+pub mod enforce;
+pub mod reservation;
+pub mod table;
+pub mod time;
