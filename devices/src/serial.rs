@@ -1,0 +1,180 @@
+//! The serial port that is the Linux guest's console.
+//!
+//! The registers are vm-superio's. What is added here: the lock between the vCPU thread, which
+//! makes the guest's accesses, and the event thread, which brings what was typed; and a queue for
+//! typed bytes that the 16-byte-deep view of the guest has no room for yet.
+
+use std::collections::VecDeque;
+use std::io::Write;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
+
+use vm_superio::serial::NoEvents;
+use vm_superio::{Serial, Trigger};
+use vmm_sys_util::eventfd::EventFd;
+
+use crate::ports::PortDevice;
+
+/// Number of I/O ports of a 16550.
+pub const PORTS: u16 = 8;
+/// Typed bytes kept while the guest does not read; what comes beyond is refused.
+const PENDING_MAX: usize = 4096;
+
+/// An interrupt line behind an eventfd.
+#[derive(Debug)]
+pub struct IrqLine(pub EventFd);
+
+impl Trigger for IrqLine {
+    type E = std::io::Error;
+
+    fn trigger(&self) -> std::io::Result<()> {
+        self.0.write(1)
+    }
+}
+
+struct Port<W: Write> {
+    registers: Serial<IrqLine, NoEvents, W>,
+    pending: VecDeque<u8>,
+}
+
+impl<W: Write> Port<W> {
+    fn refill(&mut self) {
+        let room = self.registers.fifo_capacity().min(self.pending.len());
+        if room > 0 {
+            let bytes: Vec<u8> = self.pending.drain(..room).collect();
+            // Fails if there is no room, which was just asked, or in loop-back mode, where a real
+            // port would not see the bytes either.
+            let _ = self.registers.enqueue_raw_bytes(&bytes);
+        }
+    }
+}
+
+/// A serial port, shared by the thread of its guest and the thread that types.
+pub struct SerialPort<W: Write>(Arc<Mutex<Port<W>>>);
+
+impl<W: Write> Clone for SerialPort<W> {
+    fn clone(&self) -> Self {
+        Self(self.0.clone())
+    }
+}
+
+impl<W: Write> SerialPort<W> {
+    /// A port that raises `irq` and writes what the guest sends to `out`.
+    pub fn new(irq: IrqLine, out: W) -> Self {
+        let registers = Serial::new(irq, out);
+        Self(Arc::new(Mutex::new(Port { registers, pending: VecDeque::new() })))
+    }
+
+    /// Brings bytes to the guest. Returns how many were taken; the caller keeps the rest.
+    ///
+    /// Never waits: the guest's thread may hold the port while *it* waits for the caller to take
+    /// the guest's output.
+    pub fn type_bytes(&self, bytes: &[u8]) -> usize {
+        let mut port = match self.0.try_lock() {
+            Ok(port) => port,
+            Err(TryLockError::Poisoned(port)) => port.into_inner(),
+            Err(TryLockError::WouldBlock) => return 0,
+        };
+        let room = PENDING_MAX.saturating_sub(port.pending.len()).min(bytes.len());
+        port.pending.extend(&bytes[..room]);
+        port.refill();
+        room
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Port<W>> {
+        // No access can leave the registers half-changed, so a poisoned lock is still good.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<W: Write + Send> PortDevice for SerialPort<W> {
+    fn read(&mut self, offset: u16, data: &mut [u8]) {
+        data.fill(0xff);
+        if let (Ok(offset), [value]) = (u8::try_from(offset), data) {
+            let mut port = self.lock();
+            *value = port.registers.read(offset);
+            port.refill();
+        }
+    }
+
+    fn write(&mut self, offset: u16, data: &[u8]) {
+        if let (Ok(offset), &[value]) = (u8::try_from(offset), data) {
+            // An error means that the output is gone because the run is ending, or that the
+            // interrupt's counter is full, in which case it is pending anyway.
+            let _ = self.lock().registers.write(offset, value);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DATA: u16 = 0;
+    const INTERRUPT_ENABLE: u16 = 1;
+
+    fn port() -> (SerialPort<Vec<u8>>, EventFd) {
+        let irq = EventFd::new(vmm_sys_util::eventfd::EFD_NONBLOCK).unwrap();
+        (SerialPort::new(IrqLine(irq.try_clone().unwrap()), Vec::new()), irq)
+    }
+
+    #[test]
+    fn output_goes_out_in_order() {
+        let (mut port, _irq) = port();
+        for byte in b"Linux version" {
+            port.write(DATA, &[*byte]);
+        }
+        assert_eq!(port.lock().registers.writer(), b"Linux version");
+    }
+
+    #[test]
+    fn typed_bytes_arrive_in_order_also_beyond_the_fifo() {
+        let (mut port, irq) = port();
+        port.write(INTERRUPT_ENABLE, &[1]);
+        let typed: Vec<u8> = (0..=255).cycle().take(1000).collect();
+        assert_eq!(port.type_bytes(&typed), 1000);
+        assert!(irq.read().is_ok());
+        let mut value = [0];
+        let seen: Vec<u8> = (0..1000)
+            .map(|_| {
+                port.read(DATA, &mut value);
+                value[0]
+            })
+            .collect();
+        assert_eq!(seen, typed);
+    }
+
+    #[test]
+    fn a_guest_that_does_not_read_cannot_make_the_queue_grow() {
+        let (port, _irq) = port();
+        let taken: usize = (0..100).map(|_| port.type_bytes(&[0; 1000])).sum();
+        assert!(taken <= PENDING_MAX + 64, "{taken}");
+    }
+
+    #[test]
+    fn typing_does_not_wait_for_a_guest_that_holds_the_port() {
+        let (port, _irq) = port();
+        let held = port.clone();
+        let guard = held.lock();
+        assert_eq!(port.type_bytes(b"x"), 0);
+        drop(guard);
+        assert_eq!(port.type_bytes(b"x"), 1);
+    }
+
+    #[test]
+    fn any_sequence_of_accesses_is_survived() {
+        let (mut port, _irq) = port();
+        // A small linear congruential generator: a fixed sequence, no dependency.
+        let mut state = 1u32;
+        for _ in 0..100_000 {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let (offset, value) = ((state >> 8) as u16, (state >> 24) as u8);
+            let width = [1, 2, 4][(state >> 20) as usize % 3];
+            if state & 0x8000_0000 == 0 {
+                port.write(offset % 12, &[value; 4][..width]);
+            } else {
+                port.read(offset % 12, &mut [0; 4][..width]);
+            }
+            port.type_bytes(&[value]);
+        }
+    }
+}
