@@ -1,0 +1,140 @@
+//! Segments, task state and interrupt gates: what the processor needs to take an exception.
+//!
+//! The VMM's own descriptor table is below the image, where this guest maps nothing, and it has
+//! neither a task state segment nor gates. Segmentation itself does nothing in long mode; the only
+//! content here is which handler and which stack belong to which exception.
+//!
+//! Formats: AMD64 Architecture Programmer's Manual, volume 2, sections 4.8 and 12.2.5.
+
+use crate::exception::{STUBS, VECTORS};
+use crate::stack::{Kind, exception_tops};
+use core::arch::asm;
+
+const CODE: u16 = 8;
+const DATA: u16 = 16;
+const TASK: u16 = 24;
+
+/// Present, ring 0, 64-bit code; already marked as accessed, so that the processor need not.
+const CODE_DESCRIPTOR: u64 = 0x00af_9b00_0000_ffff;
+const DATA_DESCRIPTOR: u64 = 0x00cf_9300_0000_ffff;
+/// Present, ring 0, available 64-bit task state segment.
+const TASK_TYPE: u64 = 0x89;
+/// Present, ring 0, 64-bit interrupt gate: it keeps interrupts off in the handler.
+const GATE_TYPE: u64 = 0x8e;
+
+/// The task state segment. Only the interrupt stack table is used.
+#[repr(C, packed(4))]
+struct TaskState {
+    reserved_0: u32,
+    privilege_stacks: [u64; 3],
+    reserved_1: u64,
+    interrupt_stacks: [u64; 7],
+    reserved_2: [u16; 5],
+    port_map: u16,
+}
+
+const TASK_BYTES: u16 = 104;
+const _: () = assert!(size_of::<TaskState>() == TASK_BYTES as usize);
+
+#[repr(C, align(16))]
+struct Descriptors {
+    segments: [u64; 5],
+    gates: [[u64; 2]; VECTORS],
+    task: TaskState,
+}
+
+static mut DESCRIPTORS: Descriptors = Descriptors {
+    segments: [0, CODE_DESCRIPTOR, DATA_DESCRIPTOR, 0, 0],
+    gates: [[0; 2]; VECTORS],
+    task: TaskState {
+        reserved_0: 0,
+        privilege_stacks: [0; 3],
+        reserved_1: 0,
+        interrupt_stacks: [0; 7],
+        reserved_2: [0; 5],
+        // Beyond the limit: there is no map.
+        port_map: TASK_BYTES,
+    },
+};
+
+/// The operand of `lgdt` and `lidt`.
+#[repr(C, packed)]
+struct TableRegister {
+    limit: u16,
+    base: u64,
+}
+
+impl TableRegister {
+    fn of<T>(table: &T) -> Self {
+        Self {
+            // Both tables are far smaller than 64 KiB.
+            limit: (size_of::<T>() - 1) as u16,
+            base: core::ptr::from_ref(table) as u64,
+        }
+    }
+}
+
+/// Fills the tables and makes the processor use them.
+///
+/// # Safety
+///
+/// To be called once, in ring 0 in long mode, before anything else refers to a segment register.
+pub(crate) unsafe fn install() {
+    let all = &raw mut DESCRIPTORS;
+    // SAFETY: the caller promises the only call; from here on only the processor uses the tables.
+    let all = unsafe { &mut *all };
+    let mut stacks = [0; 7];
+    let tops = exception_tops();
+    stacks[..tops.len()].copy_from_slice(&tops);
+    all.task.interrupt_stacks = stacks;
+    let task = task_descriptor((&raw const all.task) as u64);
+    all.segments[usize::from(TASK) / 8..].copy_from_slice(&task);
+    for (vector, (slot, stub)) in all.gates.iter_mut().zip(STUBS).enumerate() {
+        *slot = gate(stub as usize as u64, Kind::of(vector));
+    }
+    let segments = TableRegister::of(&all.segments);
+    let gates = TableRegister::of(&all.gates);
+    // SAFETY: the tables are static and complete, the selectors name descriptors of the kind that
+    // each register needs, and the far return goes to the next instruction.
+    unsafe {
+        asm!(
+            "lgdt [{segments}]",
+            "push {code}",
+            "lea {scratch}, [rip + 2f]",
+            "push {scratch}",
+            "retfq",
+            "2:",
+            "mov ds, {data:x}",
+            "mov es, {data:x}",
+            "mov ss, {data:x}",
+            "mov fs, {null:x}",
+            "mov gs, {null:x}",
+            "ltr {task:x}",
+            "lidt [{gates}]",
+            segments = in(reg) &raw const segments,
+            gates = in(reg) &raw const gates,
+            code = const CODE,
+            data = in(reg) DATA,
+            null = in(reg) 0_u16,
+            task = in(reg) TASK,
+            scratch = out(reg) _,
+        );
+    }
+}
+
+const fn gate(handler: u64, stack: Kind) -> [u64; 2] {
+    let low = handler & 0xffff
+        | (CODE as u64) << 16
+        | (stack as u64) << 32
+        | GATE_TYPE << 40
+        | (handler >> 16 & 0xffff) << 48;
+    [low, handler >> 32]
+}
+
+const fn task_descriptor(base: u64) -> [u64; 2] {
+    let low = (TASK_BYTES as u64 - 1)
+        | (base & 0xff_ffff) << 16
+        | TASK_TYPE << 40
+        | (base >> 24 & 0xff) << 56;
+    [low, base >> 32]
+}
