@@ -1,0 +1,227 @@
+//! The partition file: everything that Takt is told, in one place.
+//!
+//! Resources are distributed statically, so what cannot work must be known before anything is
+//! started: a plant does not come to a halt at three in the morning over a typing mistake. Reading
+//! the file is therefore all of the validation. It goes in stages, each of which trusts the one
+//! before:
+//!
+//! 1. bytes to text to the raw form, whose keys and types are right (`syntax`, `raw`, `units`);
+//! 2. the rules of each partition (`partition`), of the schedule (`schedule`), and of the files
+//!    that are named (`images`);
+//! 3. a [`PartitionFile`], which has private fields and no other way to be made. The rest of Takt
+//!    takes nothing else and checks nothing again.
+//!
+//! The first defect ends it: in a file of 40 lines a second message is more often a consequence of
+//! the first than a second defect. The key reference is `docs/partition-file.md`.
+
+mod diagnostic;
+mod images;
+mod partition;
+mod raw;
+mod schedule;
+mod syntax;
+mod units;
+
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+use takt_scheduler::table::{Cpu, PartitionId, Table};
+use thiserror::Error;
+
+use diagnostic::Diagnostic;
+use partition::Surroundings;
+use raw::Keys;
+
+pub use images::Unreadable;
+pub(crate) use schedule::percent;
+pub(crate) use units::Bytes;
+pub use units::{UnitError, parse_duration};
+
+/// Largest partition file, in bytes. Far above any real one; it keeps a wrong path, such as that
+/// of a disk image, from being read into memory.
+pub const FILE_MAX: u64 = 1 << 20;
+
+/// A partition file that passed every check.
+#[derive(Clone, Debug)]
+pub struct PartitionFile {
+    path: PathBuf,
+    name: String,
+    schedule_name: String,
+    table: Table,
+    partitions: Vec<Partition>,
+}
+
+impl PartitionFile {
+    /// Absolute path of the file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Name of the system.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Name of the schedule.
+    #[must_use]
+    pub fn schedule_name(&self) -> &str {
+        &self.schedule_name
+    }
+
+    /// The schedule. Its placements are those of [`partitions`](Self::partitions).
+    #[must_use]
+    pub fn table(&self) -> &Table {
+        &self.table
+    }
+
+    /// All partitions; [`PartitionId`] is the position in here.
+    #[must_use]
+    pub fn partitions(&self) -> &[Partition] {
+        &self.partitions
+    }
+}
+
+/// One partition.
+#[derive(Clone, Debug)]
+pub struct Partition {
+    id: PartitionId,
+    name: String,
+    cpu: Cpu,
+    memory: Bytes,
+    kind: Kind,
+}
+
+impl Partition {
+    /// Position in the file.
+    #[must_use]
+    pub fn id(&self) -> PartitionId {
+        self.id
+    }
+
+    /// Name, unique in the file: a lower-case letter, then letters, digits and hyphens.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The host CPU that its vCPU runs on.
+    #[must_use]
+    pub fn cpu(&self) -> Cpu {
+        self.cpu
+    }
+
+    /// Size of its memory in bytes, a multiple of the page size within the limits of its kind.
+    #[must_use]
+    pub fn memory_bytes(&self) -> u64 {
+        self.memory.0
+    }
+
+    /// What runs in it.
+    #[must_use]
+    pub fn kind(&self) -> &Kind {
+        &self.kind
+    }
+}
+
+/// What runs in a partition. Paths are absolute, and were readable files when the file was loaded.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A freestanding PLC guest.
+    Plc {
+        /// Its ELF image; without one, the demo guest that is built into Takt.
+        image: Option<PathBuf>,
+    },
+    /// An unmodified Linux.
+    Linux {
+        /// The kernel, a bzImage.
+        kernel: PathBuf,
+        /// The initial RAM file system.
+        initrd: Option<PathBuf>,
+        /// The kernel's command line: at most 2047 bytes, no control characters.
+        cmdline: String,
+    },
+}
+
+/// Why there is no [`PartitionFile`]. Its text is the whole message for the user, of several lines.
+#[derive(Debug, Error)]
+pub enum FileError {
+    /// The file itself cannot be read.
+    #[error(
+        "error: {}: cannot be read: {reason}\n  = allowed: a regular file in TOML",
+        path.display()
+    )]
+    Unreadable {
+        /// As the user gave it.
+        path: PathBuf,
+        /// What is in the way.
+        reason: Unreadable,
+    },
+    /// The file is larger than [`FILE_MAX`].
+    #[error(
+        "error: {}: larger than any partition file\n  = allowed: at most {FILE_MAX} bytes",
+        path.display()
+    )]
+    TooLarge {
+        /// As the user gave it.
+        path: PathBuf,
+    },
+    /// The file says something that is not allowed: place, line, and what is allowed instead.
+    #[error("{0}")]
+    Defect(String),
+}
+
+/// Reads and checks a partition file.
+///
+/// `host_cpus` is how many CPUs the machine has that the file is meant for; a CPU beyond them is
+/// then a defect. `None` is for a file that is only looked at here and will run elsewhere.
+///
+/// # Errors
+/// [`FileError`]: the file cannot be read, or the first defect in it.
+pub fn load(path: &Path, host_cpus: Option<usize>) -> Result<PartitionFile, FileError> {
+    let unreadable = |reason: Unreadable| FileError::Unreadable { path: path.into(), reason };
+    let bytes = read(path).map_err(unreadable)?;
+    if bytes.len() as u64 > FILE_MAX {
+        return Err(FileError::TooLarge { path: path.into() });
+    }
+    let absolute = absolute(path).map_err(|error| unreadable(error.into()))?;
+    let text = std::str::from_utf8(&bytes).map_err(|error| {
+        let (shown, defect) = syntax::not_utf8(&bytes, error);
+        FileError::Defect(defect.render(path, &shown))
+    })?;
+    check(text, absolute, host_cpus).map_err(|defect| FileError::Defect(defect.render(path, text)))
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, Unreadable> {
+    let mut bytes = Vec::new();
+    images::open(path)?.take(FILE_MAX + 1).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
+/// The folder without links, so that `..` in the paths of images means what the kernel would make
+/// of it; the name of the file itself as it was given.
+fn absolute(path: &Path) -> io::Result<PathBuf> {
+    let path = std::path::absolute(path)?;
+    match (path.parent(), path.file_name()) {
+        (Some(folder), Some(name)) => Ok(folder.canonicalize()?.join(name)),
+        _ => path.canonicalize(),
+    }
+}
+
+fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<PartitionFile, Diagnostic> {
+    let file = syntax::parse(text)?;
+    let Keys(system) = file.system.get_ref();
+    let name = partition::check_name(&system.name)?.to_owned();
+    let frame = schedule::check_frame(&system.major_frame)?;
+    let folder = path.parent().unwrap_or(Path::new("/"));
+    let around = Surroundings { folder, host_cpus, frame };
+    let header = file.system.span();
+    let partitions = partition::check_all(&file.partition.0, &header, around)?;
+    let (schedule_name, table) = schedule::check(&file.schedule.0, system, &header, &partitions)?;
+    partition::check_one_linux(&partitions)?;
+    // Last, because it is the only thing that may be right on another machine.
+    partitions.iter().flat_map(|p| &p.images).try_for_each(images::check)?;
+    let partitions = partitions.into_iter().map(|p| p.partition).collect();
+    Ok(PartitionFile { path, name, schedule_name, table, partitions })
+}

@@ -1,0 +1,279 @@
+//! The rules for one partition, and for partitions among each other.
+
+use std::path::Path;
+
+use takt_abi::memory::{IMAGE_BASE, PAGE, RAM_MAX};
+use takt_scheduler::table::{Cpu, PartitionId, Role};
+use takt_scheduler::time::Nanos;
+use toml::Spanned;
+
+use super::diagnostic::{Diagnostic, Span, quote};
+use super::images::{self, Image};
+use super::raw::{self, Keys};
+use super::units::Bytes;
+use super::{Kind, Partition};
+
+/// Most partitions of one file.
+pub const PARTITIONS_MAX: usize = 16;
+/// Longest name, in characters.
+const NAME_MAX: usize = 32;
+/// CPU numbers end here: `cpu_set_t` of the C library, which carries the affinity, has 1024 bits.
+const CPUS: usize = 1024;
+/// A PLC's memory: its image needs at least a page above the structures that start its vCPU.
+const PLC_MEMORY: [Bytes; 2] = [Bytes(IMAGE_BASE + PAGE), Bytes(RAM_MAX)];
+/// A Linux's memory: below, a distribution's kernel does not unpack; above, it is a typing mistake.
+const LINUX_MEMORY: [Bytes; 2] = [Bytes(64 << 20), Bytes(64 << 30)];
+/// Longest guard: it is taken from the other partitions, so more than this hides a broken host.
+const GUARD_MAX: Nanos = Nanos::from_millis(1);
+/// Guard where the file gives none: well above the wake-up latency of a PREEMPT_RT host under
+/// load, which was 7 us in the latency lab.
+const GUARD_DEFAULT: Nanos = Nanos::from_micros(20);
+/// Longest command line that an x86 kernel keeps: `COMMAND_LINE_SIZE` in `asm/setup.h`, less the
+/// NUL.
+const CMDLINE_MAX: usize = 2047;
+const CMDLINE_DEFAULT: &str = "console=ttyS0";
+
+/// A partition that obeys its own rules, with the places that later rules point at.
+#[derive(Debug)]
+pub struct Checked {
+    pub partition: Partition,
+    pub role: Role,
+    pub images: Vec<Image>,
+    pub header: Span,
+    pub name: Span,
+    pub background: Option<Span>,
+}
+
+/// What the rules of a partition need to know of the world around it.
+#[derive(Clone, Copy)]
+pub struct Surroundings<'a> {
+    /// Folder of the partition file.
+    pub folder: &'a Path,
+    /// How many CPUs the host has, if the file is for this host.
+    pub host_cpus: Option<usize>,
+    /// The major frame.
+    pub frame: Nanos,
+}
+
+/// Checks all partitions, in the order of the file.
+pub fn check_all(
+    raw: &[Spanned<Keys<raw::Partition>>],
+    system: &Span,
+    around: Surroundings<'_>,
+) -> Result<Vec<Checked>, Diagnostic> {
+    let allowed = format!("1 to {PARTITIONS_MAX} tables [[partition]]");
+    if raw.is_empty() {
+        return Err(Diagnostic::new(system.clone(), "the system has no partition", allowed));
+    }
+    if let Some(excess) = raw.get(PARTITIONS_MAX) {
+        let found = format!("this is partition {} of {}", PARTITIONS_MAX + 1, raw.len());
+        return Err(Diagnostic::new(excess.span(), found, allowed));
+    }
+    let mut checked: Vec<Checked> = Vec::with_capacity(raw.len());
+    for table in raw {
+        let next = check(PartitionId(checked.len()), table, around)?;
+        let same = |other: &&Checked| other.partition.name == next.partition.name;
+        if let Some(other) = checked.iter().find(same) {
+            let found = format!("a second partition is named {}", quote(&next.partition.name));
+            return Err(Diagnostic::new(next.name, found, "a name of its own for each partition")
+                .and(other.name.clone(), "the other one"));
+        }
+        checked.push(next);
+    }
+    Ok(checked)
+}
+
+/// At most one Linux. A rule of its own so that it comes after those of the schedule: it is the
+/// one that a later version drops.
+pub fn check_one_linux(partitions: &[Checked]) -> Result<(), Diagnostic> {
+    let mut linux = partitions.iter().filter(|p| matches!(p.partition.kind, Kind::Linux { .. }));
+    match (linux.next(), linux.next()) {
+        (Some(first), Some(second)) => {
+            let found = "a second partition of kind \"linux\"";
+            let allowed = "one in this version of Takt, because it owns the console";
+            Err(Diagnostic::new(second.header.clone(), found, allowed)
+                .and(first.header.clone(), "the other one"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// A name, of anything that has one.
+pub fn check_name(name: &Spanned<String>) -> Result<&str, Diagnostic> {
+    let text = name.get_ref();
+    let rest = |c: char| matches!(c, 'a'..='z' | '0'..='9' | '-');
+    if text.starts_with(|c: char| c.is_ascii_lowercase())
+        && text.chars().all(rest)
+        && text.len() <= NAME_MAX
+    {
+        return Ok(text);
+    }
+    let found = format!("the name {} is not a word of the allowed form", quote(text));
+    let allowed = "1 to 32 of a-z, 0-9 and \"-\", the first of them a letter";
+    Err(Diagnostic::new(name.span(), found, allowed))
+}
+
+fn check(
+    id: PartitionId,
+    table: &Spanned<Keys<raw::Partition>>,
+    around: Surroundings<'_>,
+) -> Result<Checked, Diagnostic> {
+    let Keys(raw) = table.get_ref();
+    let name = check_name(&raw.name)?;
+    let cpu = check_cpu(&raw.cpu, around.host_cpus)?;
+    let (kind, role, images) = match raw.kind.get_ref().as_str() {
+        "plc" => check_plc(raw, name, around)?,
+        "linux" => check_linux(raw, name, table.span(), around)?,
+        other => {
+            let found = format!("there is no kind {}", quote(other));
+            return Err(Diagnostic::new(raw.kind.span(), found, "\"plc\" or \"linux\""));
+        }
+    };
+    let memory = check_memory(&raw.memory, &kind)?;
+    Ok(Checked {
+        partition: Partition { id, name: name.to_owned(), cpu, memory, kind },
+        role,
+        images,
+        header: table.span(),
+        name: raw.name.span(),
+        background: raw.background.as_ref().map(Spanned::span),
+    })
+}
+
+fn check_plc(
+    raw: &raw::Partition,
+    name: &str,
+    around: Surroundings<'_>,
+) -> Result<(Kind, Role, Vec<Image>), Diagnostic> {
+    if let Some(background) = &raw.background {
+        let found = misplaced("background", "linux", name, "plc");
+        let allowed = "windows in the [[schedule]]: in the background a PLC would have no release";
+        return Err(Diagnostic::new(background.span(), found, allowed));
+    }
+    for (key, value) in
+        [("kernel", &raw.kernel), ("initrd", &raw.initrd), ("cmdline", &raw.cmdline)]
+    {
+        if let Some(value) = value {
+            let found = misplaced(key, "linux", name, "plc");
+            let allowed = "for a \"plc\": name, kind, cpu, memory, release_guard and image";
+            return Err(Diagnostic::new(value.span(), found, allowed));
+        }
+    }
+    let guard = match &raw.release_guard {
+        None => GUARD_DEFAULT,
+        Some(guard) => {
+            let length = guard.get_ref().0;
+            let longest = GUARD_MAX.min(around.frame.less(Nanos(1)));
+            if length > longest {
+                let found = format!("the release guard of {length} is too long");
+                let allowed = format!("\"0us\" to {GUARD_MAX}, and less than the major frame");
+                return Err(Diagnostic::new(guard.span(), found, allowed));
+            }
+            length
+        }
+    };
+    let image = raw.image.as_ref().map(|path| images::resolve(around.folder, path)).transpose()?;
+    let kind = Kind::Plc { image: image.as_ref().map(|image| image.path.clone()) };
+    Ok((kind, Role::Windowed { guard }, image.into_iter().collect()))
+}
+
+fn check_linux(
+    raw: &raw::Partition,
+    name: &str,
+    header: Span,
+    around: Surroundings<'_>,
+) -> Result<(Kind, Role, Vec<Image>), Diagnostic> {
+    let of_plc = [
+        ("image", raw.image.as_ref().map(Spanned::span)),
+        ("release_guard", raw.release_guard.as_ref().map(Spanned::span)),
+    ];
+    for (key, span) in of_plc {
+        if let Some(span) = span {
+            let found = misplaced(key, "plc", name, "linux");
+            let allowed =
+                "for a \"linux\": name, kind, cpu, memory, background, kernel, initrd and cmdline";
+            return Err(Diagnostic::new(span, found, allowed));
+        }
+    }
+    let Some(kernel) = &raw.kernel else {
+        let found = format!("partition {} of kind \"linux\" has no key `kernel`", quote(name));
+        let allowed = "`kernel = \"vmlinuz\"`, the path of a kernel's bzImage";
+        return Err(Diagnostic::new(header, found, allowed));
+    };
+    let kernel = images::resolve(around.folder, kernel)?;
+    let initrd =
+        raw.initrd.as_ref().map(|path| images::resolve(around.folder, path)).transpose()?;
+    let kind = Kind::Linux {
+        kernel: kernel.path.clone(),
+        initrd: initrd.as_ref().map(|initrd| initrd.path.clone()),
+        cmdline: match &raw.cmdline {
+            Some(cmdline) => check_cmdline(cmdline)?,
+            None => CMDLINE_DEFAULT.to_owned(),
+        },
+    };
+    let role = match &raw.background {
+        Some(background) if *background.get_ref() => Role::Background,
+        // Linux waits for no release, so a guard would only be taken from it.
+        _ => Role::Windowed { guard: Nanos::ZERO },
+    };
+    Ok((kind, role, [kernel].into_iter().chain(initrd).collect()))
+}
+
+fn misplaced(key: &str, owner: &str, name: &str, kind: &str) -> String {
+    format!("`{key}` belongs to kind \"{owner}\"; partition {} is of kind \"{kind}\"", quote(name))
+}
+
+fn check_cpu(cpu: &Spanned<i64>, host: Option<usize>) -> Result<Cpu, Diagnostic> {
+    let number = *cpu.get_ref();
+    match usize::try_from(number).ok().filter(|n| *n < CPUS) {
+        Some(n) if host.is_none_or(|count| n < count) => Ok(Cpu(n)),
+        Some(n) => {
+            let last = host.unwrap_or(CPUS).saturating_sub(1);
+            let found = format!("CPU {n} does not exist on this machine");
+            let allowed = format!("0 to {last}, the CPUs of this machine");
+            Err(Diagnostic::new(cpu.span(), found, allowed))
+        }
+        None => {
+            let found = format!("{number} is not the number of a CPU");
+            let allowed = format!("0 to {}", CPUS - 1);
+            Err(Diagnostic::new(cpu.span(), found, allowed))
+        }
+    }
+}
+
+fn check_memory(memory: &Spanned<Bytes>, kind: &Kind) -> Result<Bytes, Diagnostic> {
+    let size = *memory.get_ref();
+    let ([min, max], name) = match kind {
+        Kind::Plc { .. } => (PLC_MEMORY, "plc"),
+        Kind::Linux { .. } => (LINUX_MEMORY, "linux"),
+    };
+    let error = |found| {
+        let page = Bytes(PAGE);
+        let allowed = format!("a multiple of {page} from {min} to {max} for a \"{name}\"");
+        Err(Diagnostic::new(memory.span(), found, allowed))
+    };
+    if size < min {
+        error(format!("the memory of {size} is too small"))
+    } else if size > max {
+        error(format!("the memory of {size} is too large"))
+    } else if !size.0.is_multiple_of(PAGE) {
+        error(format!("the memory of {size} is not a whole number of pages"))
+    } else {
+        Ok(size)
+    }
+}
+
+fn check_cmdline(cmdline: &Spanned<String>) -> Result<String, Diagnostic> {
+    let text = cmdline.get_ref();
+    let error = |found: String| {
+        let allowed = format!("at most {CMDLINE_MAX} bytes, without control characters");
+        Err(Diagnostic::new(cmdline.span(), found, allowed))
+    };
+    if text.len() > CMDLINE_MAX {
+        return error(format!("the command line has {} bytes", text.len()));
+    }
+    match text.chars().find(|c| c.is_control()) {
+        Some(c) => error(format!("the command line has the control character {c:?}")),
+        None => Ok(text.clone()),
+    }
+}

@@ -1,0 +1,131 @@
+//! The file as it is written: keys, types and positions, no rules yet.
+//!
+//! Each value keeps the place it came from, so that a rule which is checked later can still point
+//! at it. serde's `flatten`, untagged and internally tagged enums would be the shorter way to say
+//! "these keys belong to that kind", but they buffer values and lose the places: `kind` is
+//! therefore an ordinary key, and what belongs to which kind is a rule like any other.
+
+use std::fmt;
+use std::marker::PhantomData;
+
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
+use toml::Spanned;
+
+use super::units::{Bytes, Duration};
+
+/// The one thing that is read of a file whose version is not known yet.
+#[derive(Debug, serde::Deserialize)]
+pub struct Versioned {
+    pub version: Spanned<i64>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct File {
+    // Checked before, in `Versioned`; named here because every other key is refused.
+    #[serde(rename = "version")]
+    pub _version: i64,
+    pub system: Spanned<Keys<System>>,
+    #[serde(default)]
+    pub partition: Tables<Partition>,
+    #[serde(default)]
+    pub schedule: Tables<Schedule>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct System {
+    pub name: Spanned<String>,
+    pub major_frame: Spanned<Duration>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Partition {
+    pub name: Spanned<String>,
+    pub kind: Spanned<String>,
+    pub cpu: Spanned<i64>,
+    pub memory: Spanned<Bytes>,
+    pub background: Option<Spanned<bool>>,
+    pub release_guard: Option<Spanned<Duration>>,
+    pub image: Option<Spanned<String>>,
+    pub kernel: Option<Spanned<String>>,
+    pub initrd: Option<Spanned<String>>,
+    pub cmdline: Option<Spanned<String>>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Schedule {
+    pub name: Spanned<String>,
+    #[serde(default)]
+    pub window: Tables<Window>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Window {
+    pub partition: Spanned<String>,
+    pub offset: Spanned<Duration>,
+    pub duration: Spanned<Duration>,
+}
+
+/// A table that is written with keys. serde's derived structs also take an array of the values in
+/// the order in which the struct has them, which is nobody's idea of a partition file.
+#[derive(Debug)]
+pub struct Keys<T>(pub T);
+
+/// Any number of tables, each written `[[name]]`.
+#[derive(Debug)]
+pub struct Tables<T>(pub Vec<Spanned<Keys<T>>>);
+
+impl<T> Default for Tables<T> {
+    fn default() -> Tables<T> {
+        Tables(Vec::new())
+    }
+}
+
+struct KeysVisitor<T>(PhantomData<T>);
+
+impl<'de, T: Deserialize<'de>> Visitor<'de> for KeysVisitor<T> {
+    type Value = Keys<T>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a table of keys and values")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Keys<T>, A::Error> {
+        T::deserialize(MapAccessDeserializer::new(map)).map(Keys)
+    }
+}
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Keys<T> {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Keys<T>, D::Error> {
+        from.deserialize_map(KeysVisitor(PhantomData))
+    }
+}
+
+struct TablesVisitor<T>(PhantomData<T>);
+
+impl<'de, T: Deserialize<'de>> Visitor<'de> for TablesVisitor<T> {
+    type Value = Tables<T>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a list of tables, each with two brackets on both sides of its name")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Tables<T>, A::Error> {
+        let mut tables = Vec::new();
+        while let Some(table) = seq.next_element()? {
+            tables.push(table);
+        }
+        Ok(Tables(tables))
+    }
+}
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Tables<T> {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Tables<T>, D::Error> {
+        from.deserialize_seq(TablesVisitor(PhantomData))
+    }
+}
