@@ -1,0 +1,1 @@
+//! Whole-system tests; see the integration tests beside this file.

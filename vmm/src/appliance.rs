@@ -1,0 +1,386 @@
+//! PID 1 of the appliance: a machine on which nothing runs beside `takt`.
+//!
+//! The appliance image holds a kernel, a few modules and this program. With no shell and no
+//! service manager there is nobody else to mount file systems, load KVM, carry the results out
+//! and switch the machine off, so that is done here, before and after the ordinary command line.
+//! A small init program could do the same, but it would be a second thing to build, to trust and
+//! to keep in step with `takt`.
+//!
+//! Results leave through the second serial port as one cpio archive. A disk or a network would
+//! need drivers, and with them interrupts and kernel threads beside the partitions, only to carry
+//! a few kilobytes after the run. The archive ends with the file `status`, so whoever finds that
+//! file knows that the archive is whole.
+//!
+//! Only kernel interfaces are mounted. `/out` and `/tmp` are plain folders, since the root of an
+//! initramfs is memory anyway and a mount on `/tmp` would hide partition files put there.
+
+use std::ffi::{CStr, OsString};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::os::fd::{AsRawFd, RawFd};
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+
+/// Names the modules to load, in order. A line with several names is a choice: the first that the
+/// machine accepts is enough. That this file exists tells the appliance from a container.
+const MODULE_LIST: &str = "/modules/order";
+/// Whatever a run leaves in this folder is carried out of the machine.
+const OUT: &str = "/out";
+/// The first word of the command line proper; see [`arguments`].
+const PROGRAM: &str = "takt";
+/// Exit status for "the host cannot", as in the ordinary command line.
+const HOST_CANNOT: u8 = 3;
+
+/// Why the appliance could not start, or could not hand over its results.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A file system could not be mounted.
+    #[error("cannot mount {kind:?} on {target:?}: {source}")]
+    Mount {
+        /// File system type.
+        kind: &'static CStr,
+        /// Mount point.
+        target: &'static CStr,
+        /// What the kernel said.
+        source: io::Error,
+    },
+    /// A folder could not be made.
+    #[error("cannot make {path}: {source}")]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// What the kernel said.
+        source: io::Error,
+    },
+    /// `/dev/console` cannot serve as standard input and output.
+    #[error("cannot use /dev/console: {0}")]
+    Console(io::Error),
+    /// The module list or a result cannot be read.
+    #[error("cannot read {path}: {source}")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the kernel said.
+        source: io::Error,
+    },
+    /// No module of a line of the list loads; each is named with the kernel's reason.
+    #[error("cannot load {}", .0.join(", nor "))]
+    Module(Vec<String>),
+    /// A result is longer than the archive's format can say (4 GiB).
+    #[error("{0} is too long for a cpio archive")]
+    TooLong(PathBuf),
+    /// The second serial port failed while the results were written to it.
+    #[error("cannot write the results to /dev/ttyS1: {0}")]
+    Results(#[from] io::Error),
+}
+
+/// Whether this process is PID 1 of the appliance image, and not merely of some container.
+pub fn is_pid_one() -> bool {
+    std::process::id() == 1 && Path::new(MODULE_LIST).exists()
+}
+
+/// The command line, starting with the program's name.
+///
+/// The kernel hands to PID 1 the words of its own command line that it does not know (`nokaslr`
+/// is one, on x86) and after them everything behind `--` (Linux init/main.c,
+/// `unknown_bootoption` and `set_init_arg`). Ours starts at the word `takt` in both cases.
+pub fn arguments() -> Vec<OsString> {
+    let all = std::env::args_os();
+    if is_pid_one() { all.skip_while(|word| word != PROGRAM).collect() } else { all.collect() }
+}
+
+/// Prepares the machine, runs `body`, carries out the results and switches the machine off.
+///
+/// `body` is the ordinary command line on [`arguments`] and returns the exit status. It must
+/// return: when PID 1 exits or panics the kernel panics too, and no result is handed over.
+pub fn main(body: impl FnOnce() -> u8) -> ! {
+    let status = match prepare() {
+        Ok(()) => body(),
+        Err(error) => {
+            eprintln!("takt: appliance: {error}");
+            HOST_CANNOT
+        }
+    };
+    if let Err(error) = hand_over(status) {
+        eprintln!("takt: appliance: {error}");
+    }
+    power_off()
+}
+
+fn prepare() -> Result<(), Error> {
+    mount(c"devtmpfs", c"/dev")?;
+    take_console().map_err(Error::Console)?;
+    mount(c"proc", c"/proc")?;
+    mount(c"sysfs", c"/sys")?;
+    mount(c"cgroup2", c"/sys/fs/cgroup")?;
+    make_folder(Path::new(OUT))?;
+    make_folder(Path::new("/tmp"))?;
+    load_modules(Path::new(MODULE_LIST))
+}
+
+fn make_folder(path: &Path) -> Result<(), Error> {
+    fs::create_dir_all(path).map_err(|source| Error::Folder { path: path.into(), source })
+}
+
+fn mount(kind: &'static CStr, target: &'static CStr) -> Result<(), Error> {
+    make_folder(Path::new(std::ffi::OsStr::from_bytes(target.to_bytes())))?;
+    // SAFETY: the three strings are NUL-terminated and outlive the call; these file systems take
+    // no data argument, and a null pointer says so.
+    let result = unsafe {
+        libc::mount(
+            kind.as_ptr(),
+            target.as_ptr(),
+            kind.as_ptr(),
+            libc::MS_NOSUID | libc::MS_NOEXEC,
+            std::ptr::null(),
+        )
+    };
+    check(result).map_err(|source| Error::Mount { kind, target, source })
+}
+
+/// Makes `/dev/console` the three standard streams, whatever the kernel opened before.
+fn take_console() -> io::Result<()> {
+    let console = OpenOptions::new().read(true).write(true).open("/dev/console")?;
+    for stream in 0..=2 {
+        // SAFETY: `console` is open. The standard streams have no owner in safe Rust that could
+        // be surprised: std refers to them by these numbers alone.
+        check(unsafe { libc::dup2(console.as_raw_fd(), stream) })?;
+    }
+    Ok(())
+}
+
+fn load_modules(list: &Path) -> Result<(), Error> {
+    let order =
+        fs::read_to_string(list).map_err(|source| Error::Read { path: list.into(), source })?;
+    let folder = list.parent().unwrap_or(Path::new("/"));
+    for line in order.lines() {
+        load_one_of(folder, line)?;
+    }
+    Ok(())
+}
+
+/// Loads the first module of `choice` that the machine accepts.
+///
+/// `kvm-amd` and `kvm-intel` are such a choice: which one fits is best decided by the modules
+/// themselves, which know more about it than the CPU's name.
+fn load_one_of(folder: &Path, choice: &str) -> Result<(), Error> {
+    let mut refused = Vec::new();
+    for name in choice.split_whitespace() {
+        match load_module(&folder.join(name)) {
+            Ok(()) => return Ok(()),
+            Err(error) => refused.push(format!("{name}: {error}")),
+        }
+    }
+    Err(Error::Module(refused))
+}
+
+fn load_module(path: &Path) -> io::Result<()> {
+    let file = File::open(path)?;
+    // SAFETY: finit_module(2) reads the open file and the NUL-terminated parameter string, and
+    // changes no memory of this process.
+    let result = unsafe {
+        libc::syscall(libc::SYS_finit_module, file.as_raw_fd(), c"".as_ptr(), 0 as libc::c_int)
+    };
+    match check(if result < 0 { -1 } else { 0 }) {
+        Err(error) if error.raw_os_error() == Some(libc::EEXIST) => Ok(()),
+        other => other,
+    }
+}
+
+/// Writes every file of `/out`, and the status, to the second serial port if there is one.
+fn hand_over(status: u8) -> Result<(), Error> {
+    let Some(mut line) = open_result_line()? else {
+        return Ok(());
+    };
+    write_archive(&mut line, Path::new(OUT), status)?;
+    // SAFETY: `line` is an open terminal; the call only waits until its output has left.
+    check(unsafe { libc::tcdrain(line.as_raw_fd()) })?;
+    Ok(())
+}
+
+/// The second serial port, set to carry bytes unchanged; `None` if the machine has none.
+fn open_result_line() -> io::Result<Option<File>> {
+    let line = match OpenOptions::new().write(true).custom_flags(libc::O_NOCTTY).open("/dev/ttyS1")
+    {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        other => other?,
+    };
+    match set_raw(line.as_raw_fd()) {
+        // The kernel keeps a node for ports that it did not find, and this is what they answer.
+        Err(error) if error.raw_os_error() == Some(libc::EIO) => Ok(None),
+        other => other.map(|()| Some(line)),
+    }
+}
+
+/// Switches off all processing of the output, such as a carriage return before each newline.
+fn set_raw(terminal: RawFd) -> io::Result<()> {
+    // SAFETY: termios is a plain structure of integers, for which zero bytes are valid.
+    let mut settings: libc::termios = unsafe { std::mem::zeroed() };
+    // SAFETY: `settings` is a live termios that the calls fill in or read; `terminal` is a
+    // descriptor, and one that is closed or no terminal is answered with an error.
+    unsafe {
+        check(libc::tcgetattr(terminal, &mut settings))?;
+        libc::cfmakeraw(&mut settings);
+        check(libc::tcsetattr(terminal, libc::TCSANOW, &settings))
+    }
+}
+
+/// Writes the files of `folder`, then `status`, as a cpio archive of the `newc` format.
+///
+/// The folder is flat by contract; whatever is not a plain file is left out.
+fn write_archive(out: &mut impl Write, folder: &Path, status: u8) -> Result<(), Error> {
+    let unreadable = |path: &Path| {
+        let path = path.to_path_buf();
+        move |source| Error::Read { path, source }
+    };
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder).map_err(unreadable(folder))? {
+        let path = entry.map_err(unreadable(folder))?.path();
+        if path.is_file() {
+            files.push(path);
+        }
+    }
+    files.sort();
+    for path in &files {
+        let data = fs::read(path).map_err(unreadable(path))?;
+        let name = path.file_name().unwrap_or_default();
+        write_entry(out, name.as_bytes(), 0o100644, &data)?;
+    }
+    write_entry(out, b"status", 0o100644, format!("{status}\n").as_bytes())?;
+    write_entry(out, b"TRAILER!!!", 0, &[])?;
+    Ok(out.flush()?)
+}
+
+/// Writes one member: a header of hexadecimal fields, the name and the data, the last two filled
+/// up to a multiple of four bytes (Linux Documentation/driver-api/early-userspace, buffer-format).
+fn write_entry(out: &mut impl Write, name: &[u8], mode: u32, data: &[u8]) -> Result<(), Error> {
+    const HEADER_BYTES: usize = 110;
+    const ZEROS: [u8; 3] = [0; 3];
+    let padding = |length: usize| &ZEROS[..length.wrapping_neg() % 4];
+
+    let size = u32::try_from(data.len()).map_err(|_| {
+        let name = std::ffi::OsStr::from_bytes(name);
+        Error::TooLong(name.into())
+    })?;
+    let name_size = name.len() + 1;
+    let (links, zero) = (1, 0);
+    write!(
+        out,
+        "070701{zero:08x}{mode:08x}{zero:08x}{zero:08x}{links:08x}{zero:08x}{size:08x}\
+         {zero:08x}{zero:08x}{zero:08x}{zero:08x}{name_size:08x}{zero:08x}"
+    )?;
+    out.write_all(name)?;
+    out.write_all(&[0])?;
+    out.write_all(padding(HEADER_BYTES + name_size))?;
+    out.write_all(data)?;
+    out.write_all(padding(data.len()))?;
+    Ok(())
+}
+
+/// Switches the machine off, silently: the console belongs to the run, and its last line too.
+fn power_off() -> ! {
+    // If this fails the kernel's farewell appears on the console, which does no harm.
+    let _ = fs::write("/proc/sys/kernel/printk", "0");
+    // SAFETY: both calls take no pointers. Nothing is left that an end of the machine could harm.
+    unsafe {
+        libc::tcdrain(libc::STDOUT_FILENO);
+        libc::sync();
+        libc::reboot(libc::RB_POWER_OFF);
+    }
+    // Only a machine without a way to switch off comes here, and PID 1 may not return.
+    loop {
+        std::thread::park();
+    }
+}
+
+fn check(result: libc::c_int) -> io::Result<()> {
+    if result == -1 { Err(io::Error::last_os_error()) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Reads the members back: (name, mode, data).
+    fn members(mut archive: &[u8]) -> Vec<(String, u32, Vec<u8>)> {
+        let mut found = Vec::new();
+        while !archive.is_empty() {
+            assert_eq!(&archive[..6], b"070701");
+            let field = |index: usize| {
+                let text = &archive[6 + 8 * index..][..8];
+                usize::from_str_radix(std::str::from_utf8(text).unwrap(), 16).unwrap()
+            };
+            let (mode, size, name_size) = (field(1), field(6), field(11));
+            let name_end = 110 + name_size;
+            let data_start = name_end.next_multiple_of(4);
+            let data_end = data_start + size;
+            assert_eq!(archive[name_end - 1], 0);
+            let name = String::from_utf8(archive[110..name_end - 1].to_vec()).unwrap();
+            let data = archive[data_start..data_end].to_vec();
+            found.push((name, mode as u32, data));
+            archive = &archive[data_end.next_multiple_of(4)..];
+        }
+        found
+    }
+
+    fn scratch(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("takt-{name}-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    #[test]
+    fn archive_holds_the_files_in_order_and_ends_with_the_status() {
+        let folder = scratch("archive");
+        fs::write(folder.join("report.json"), b"{}\n").unwrap();
+        fs::write(folder.join("empty"), b"").unwrap();
+        fs::create_dir_all(folder.join("no-file")).unwrap();
+        let mut archive = Vec::new();
+        write_archive(&mut archive, &folder, 42).unwrap();
+        fs::remove_dir_all(&folder).unwrap();
+        let file = 0o100644;
+        assert_eq!(
+            members(&archive),
+            [
+                ("empty".into(), file, vec![]),
+                ("report.json".into(), file, b"{}\n".to_vec()),
+                ("status".into(), file, b"42\n".to_vec()),
+                ("TRAILER!!!".into(), 0, vec![]),
+            ]
+        );
+    }
+
+    #[test]
+    fn names_and_data_of_any_length_stay_aligned() {
+        for name_length in 1..9 {
+            for length in 0..9 {
+                let (name, data) = (vec![b'n'; name_length], vec![0xd; length]);
+                let mut archive = Vec::new();
+                write_entry(&mut archive, &name, 0o100600, &data).unwrap();
+                assert_eq!(archive.len() % 4, 0);
+                let name = String::from_utf8(name).unwrap();
+                assert_eq!(members(&archive), [(name, 0o100600, data)]);
+            }
+        }
+    }
+
+    #[test]
+    fn missing_folder_is_named() {
+        let error = write_archive(&mut Vec::new(), Path::new("/no/such/folder"), 0).unwrap_err();
+        assert!(error.to_string().contains("/no/such/folder"), "{error}");
+    }
+
+    #[test]
+    fn a_choice_without_a_working_module_names_each() {
+        let error = load_one_of(Path::new("/no/such/folder"), "one.ko two.ko").unwrap_err();
+        let text = error.to_string();
+        assert!(text.contains("one.ko: ") && text.contains("nor two.ko: "), "{text}");
+    }
+
+    #[test]
+    fn a_test_run_is_not_the_appliance() {
+        assert!(!is_pid_one());
+        assert_eq!(arguments(), std::env::args_os().collect::<Vec<_>>());
+    }
+}

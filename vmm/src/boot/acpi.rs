@@ -1,0 +1,146 @@
+//! What the Linux guest is told of its machine.
+//!
+//! Debian's cloud kernel has no support for the older multiprocessor table; without ACPI it would
+//! run on the legacy interrupt controller and timer. The "hardware-reduced" form of ACPI
+//! (specification 6.5, section 4.1) is the smallest that gives a Linux everything it needs here:
+//! its processor and interrupt controllers, its serial port, and registers to switch off and
+//! restart. It needs no system control interrupt, no fixed hardware and no firmware behind it.
+
+use acpi_tables::aml::{
+    Device, EISAName, IO, Interrupt, Name, Package, Path, ResourceTemplate, Scope,
+};
+use acpi_tables::fadt::{FADTBuilder, Flags};
+use acpi_tables::gas::{AccessSize, AddressSpace, GAS};
+use acpi_tables::madt::{
+    EnabledStatus, IoApic, LocalInterruptController, MADT, ProcessorLocalApic,
+};
+use acpi_tables::rsdp::Rsdp;
+use acpi_tables::sdt::Sdt;
+use acpi_tables::xsdt::XSDT;
+use acpi_tables::{Aml, aml};
+use takt_devices::power::AcpiPower;
+use takt_devices::serial;
+use vm_memory::{Bytes, GuestAddress, GuestMemoryError, GuestMemoryMmap};
+
+/// Where the tables lie: in the area in which a PC's firmware keeps them.
+pub const TABLES: u64 = 0xe_0000;
+/// First port of the ACPI power registers.
+pub const POWER_PORT: u16 = 0x600;
+/// First port of the serial console, a PC's COM1.
+pub const SERIAL_PORT: u16 = 0x3f8;
+/// Its interrupt.
+pub const SERIAL_IRQ: u32 = 4;
+
+/// Addresses at which KVM's in-kernel interrupt controllers answer.
+const LOCAL_APIC: u32 = 0xfee0_0000;
+const IO_APIC: u32 = 0xfec0_0000;
+
+const OEM: [u8; 6] = *b"TAKT  ";
+const MACHINE: [u8; 8] = *b"TAKTLINX";
+const REVISION: u32 = 1;
+
+/// Boot architecture flags of the FADT: what a PC would have and this machine does not.
+mod absent {
+    pub const VGA: u16 = 1 << 2;
+    pub const MSI: u16 = 1 << 3;
+    pub const ASPM: u16 = 1 << 4;
+    pub const CMOS_CLOCK: u16 = 1 << 5;
+}
+/// Boot architecture flag: there is a keyboard controller, if only for its reset line.
+const HAS_8042: u16 = 1 << 1;
+
+/// Writes the tables to guest memory; returns the address of the first, for the boot parameters.
+///
+/// # Errors
+/// If the guest has no memory there.
+pub fn write(memory: &GuestMemoryMmap) -> Result<u64, GuestMemoryError> {
+    let mut next = TABLES + 64;
+    let mut put = |table: &dyn Aml| {
+        let mut bytes = Vec::new();
+        table.to_aml_bytes(&mut bytes);
+        let at = next;
+        memory.write_slice(&bytes, GuestAddress(at))?;
+        next = (at + bytes.len() as u64).next_multiple_of(64);
+        Ok::<u64, GuestMemoryError>(at)
+    };
+    let dsdt = put(&dsdt())?;
+    let fadt = put(&fadt(dsdt))?;
+    let madt = put(&madt())?;
+    let mut xsdt = XSDT::new(OEM, MACHINE, REVISION);
+    xsdt.add_entry(fadt);
+    xsdt.add_entry(madt);
+    let xsdt = put(&xsdt)?;
+    let mut rsdp = Vec::new();
+    Rsdp::new(OEM, xsdt).to_aml_bytes(&mut rsdp);
+    memory.write_slice(&rsdp, GuestAddress(TABLES))?;
+    Ok(TABLES)
+}
+
+fn fadt(dsdt: u64) -> impl Aml {
+    let register = |offset: u16| {
+        let port = u64::from(POWER_PORT + offset);
+        GAS::new(AddressSpace::SystemIo, 8, 0, AccessSize::ByteAccess, port)
+    };
+    let mut fadt = FADTBuilder::new(OEM, MACHINE, REVISION)
+        .dsdt_64(dsdt)
+        .flag(Flags::HwReducedAcpi)
+        .flag(Flags::ResetRegSup);
+    fadt.iapc_boot_arch =
+        (HAS_8042 | absent::VGA | absent::MSI | absent::ASPM | absent::CMOS_CLOCK).into();
+    fadt.sleep_control_reg = register(AcpiPower::SLEEP_CONTROL);
+    fadt.sleep_status_reg = register(AcpiPower::SLEEP_STATUS);
+    fadt.reset_reg = register(AcpiPower::RESET);
+    fadt.reset_value = AcpiPower::RESET_VALUE;
+    fadt.finalize()
+}
+
+fn madt() -> impl Aml {
+    let mut madt = MADT::new(OEM, MACHINE, REVISION, LocalInterruptController::Address(LOCAL_APIC));
+    madt.add_structure(ProcessorLocalApic::new(0, 0, EnabledStatus::Enabled));
+    madt.add_structure(IoApic::new(0, IO_APIC, 0));
+    madt
+}
+
+/// The machine's description in ACPI's own byte code: how to switch off, and the serial port.
+fn dsdt() -> Sdt {
+    let mut body = Vec::new();
+    let off = AcpiPower::SOFT_OFF;
+    Name::new(Path::new("_S5_"), &Package::new(vec![&off, &aml::ZERO, &aml::ZERO, &aml::ZERO]))
+        .to_aml_bytes(&mut body);
+    let hid = Name::new(Path::new("_HID"), &EISAName::new("PNP0501"));
+    let uid = Name::new(Path::new("_UID"), &aml::ZERO);
+    let interrupt = Interrupt::new(true, true, false, false, SERIAL_IRQ);
+    let ports = IO::new(SERIAL_PORT, SERIAL_PORT, 0, serial::PORTS as u8);
+    let resources = ResourceTemplate::new(vec![&interrupt, &ports]);
+    let crs = Name::new(Path::new("_CRS"), &resources);
+    let serial = Device::new(Path::new("COM1"), vec![&hid, &uid, &crs]);
+    Scope::new(Path::new("_SB_"), vec![&serial]).to_aml_bytes(&mut body);
+    let mut table = Sdt::new(*b"DSDT", 36, 2, OEM, MACHINE, REVISION);
+    table.append_slice(&body);
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_table_has_its_signature_and_a_good_checksum() {
+        let memory = GuestMemoryMmap::from_ranges(&[(GuestAddress(0), 1 << 20)]).unwrap();
+        let rsdp = write(&memory).unwrap();
+        let word = |at| memory.read_obj::<u32>(GuestAddress(at)).unwrap();
+        let long = |at| memory.read_obj::<u64>(GuestAddress(at)).unwrap();
+        let check = |at: u64| {
+            let mut bytes = vec![0; word(at + 4) as usize];
+            memory.read_slice(&mut bytes, GuestAddress(at)).unwrap();
+            assert_eq!(bytes.iter().fold(0u8, |sum, b| sum.wrapping_add(*b)), 0);
+            bytes[..4].to_vec()
+        };
+        let xsdt = long(rsdp + 24);
+        assert_eq!(check(xsdt), b"XSDT");
+        let (fadt, madt) = (long(xsdt + 36), long(xsdt + 44));
+        assert_eq!(check(fadt), b"FACP");
+        assert_eq!(check(madt), b"APIC");
+        assert_eq!(check(long(fadt + 140)), b"DSDT");
+    }
+}

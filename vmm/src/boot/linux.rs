@@ -1,0 +1,244 @@
+//! Booting an unmodified Linux by its 64-bit boot protocol.
+//!
+//! The kernel's `Documentation/arch/x86/boot.rst` gives the contract: a page of boot parameters,
+//! a memory map in it, the command line and the initial RAM disk somewhere in memory, and an entry
+//! in long mode with the parameters' address in RSI. A `bzImage` and an ELF `vmlinux` differ only
+//! in where the entry point is.
+//!
+//! | address | what |
+//! | --- | --- |
+//! | `0x0007_0000` | boot parameters |
+//! | `0x0002_0000` | command line |
+//! | `0x000e_0000` | ACPI tables |
+//! | `0x0010_0000` or where the kernel prefers | kernel |
+//! | end of low memory | initial RAM disk |
+
+use std::fs::File;
+use std::io;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+use linux_loader::cmdline::Cmdline;
+use linux_loader::configurator::linux::LinuxBootConfigurator;
+use linux_loader::configurator::{BootConfigurator, BootParams};
+use linux_loader::loader::bootparam::{boot_e820_entry, boot_params, setup_header};
+use linux_loader::loader::{BzImage, Elf, KernelLoader, load_cmdline};
+use thiserror::Error;
+use vm_memory::{Bytes, GuestAddress};
+
+use super::acpi;
+use super::elf::{self, ElfError};
+use super::long_mode::Entry;
+use crate::memory::{GuestMemory, HOLE_START};
+
+const BOOT_PARAMETERS: u64 = 0x7_0000;
+const COMMAND_LINE: u64 = 0x2_0000;
+/// Longest command line, without its NUL: `COMMAND_LINE_SIZE` of x86 Linux is 2048.
+const COMMAND_LINE_MAX: usize = 2047;
+/// End of conventional memory: above it lie what a PC calls the extended BIOS data and video.
+const LOW_RAM_END: u64 = 0x9_fc00;
+const HIGH_RAM_START: u64 = 0x10_0000;
+const PAGE: u64 = 4096;
+
+const E820_RAM: u32 = 1;
+const E820_RESERVED: u32 = 2;
+
+/// A Linux that cannot be started.
+#[derive(Debug, Error)]
+pub enum LinuxImageError {
+    /// A file cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the host said.
+        source: io::Error,
+    },
+    /// Neither a bzImage nor a usable ELF file.
+    #[error("{} is neither a bzImage nor an ELF kernel: {source}", path.display())]
+    Unknown {
+        /// The file.
+        path: PathBuf,
+        /// Why it is not an ELF kernel.
+        source: ElfError,
+    },
+    /// linux-loader refused the kernel.
+    #[error("the kernel {} cannot be loaded: {source}", path.display())]
+    Load {
+        /// The file.
+        path: PathBuf,
+        /// What linux-loader said.
+        source: linux_loader::loader::Error,
+    },
+    /// An old bzImage without the 64-bit entry point.
+    #[error("the kernel {} has no 64-bit entry point (boot protocol {version:#x}, 0x20c is needed)", path.display())]
+    TooOld {
+        /// The file.
+        path: PathBuf,
+        /// Its boot protocol version.
+        version: u16,
+    },
+    /// Kernel and RAM disk do not fit into memory together.
+    #[error(
+        "kernel and initrd do not fit: the kernel needs memory up to {kernel_end:#x}, the initrd of {initrd} bytes has to lie between there and {limit:#x}; raise `memory`"
+    )]
+    DoesNotFit {
+        /// End of what the kernel needs.
+        kernel_end: u64,
+        /// Size of the RAM disk.
+        initrd: u64,
+        /// End of the memory that the RAM disk may use.
+        limit: u64,
+    },
+    /// The command line is too long or has characters that cannot be there.
+    #[error("the command line cannot be used: {0}")]
+    CommandLine(String),
+    /// The boot parameters do not fit; the memory is absurdly small.
+    #[error("the boot parameters cannot be written: {0}")]
+    Parameters(String),
+}
+
+/// The loaded kernel, before its parameters are written.
+struct Kernel {
+    entry: u64,
+    header: setup_header,
+    /// End of the memory that it uses before it knows of its RAM disk.
+    end: u64,
+}
+
+/// Loads kernel, RAM disk and tables into memory.
+///
+/// # Errors
+/// See [`LinuxImageError`].
+pub fn load(
+    memory: &GuestMemory,
+    kernel: &Path,
+    initrd: Option<&Path>,
+    cmdline: &str,
+) -> Result<Entry, LinuxImageError> {
+    let mut parameters = boot_params::default();
+    let kernel = load_kernel(memory, kernel)?;
+    parameters.hdr = kernel.header;
+    // "Undefined boot loader", as the protocol calls one without a number of its own.
+    parameters.hdr.type_of_loader = 0xff;
+    parameters.hdr.cmd_line_ptr = COMMAND_LINE as u32;
+    parameters.hdr.cmdline_size = cmdline.len() as u32;
+    if let Some(path) = initrd {
+        let (address, bytes) = load_initrd(memory, path, &kernel)?;
+        parameters.hdr.ramdisk_image = address;
+        parameters.hdr.ramdisk_size = bytes;
+    }
+    write_cmdline(memory, cmdline)?;
+    parameters.acpi_rsdp_addr =
+        acpi::write(memory.regions()).map_err(|e| LinuxImageError::Parameters(e.to_string()))?;
+    write_memory_map(&mut parameters, memory);
+    LinuxBootConfigurator::write_bootparams(
+        &BootParams::new(&parameters, GuestAddress(BOOT_PARAMETERS)),
+        memory.regions(),
+    )
+    .map_err(|e| LinuxImageError::Parameters(e.to_string()))?;
+    Ok(Entry { rip: kernel.entry, rdi: 0, rsi: BOOT_PARAMETERS })
+}
+
+fn load_kernel(memory: &GuestMemory, path: &Path) -> Result<Kernel, LinuxImageError> {
+    let read = |source| LinuxImageError::Read { path: path.to_owned(), source };
+    let load = |source| LinuxImageError::Load { path: path.to_owned(), source };
+    let mut file = File::open(path).map_err(read)?;
+    let mut magic = [0; 4];
+    file.read_exact_at(&mut magic, 0x202).map_err(read)?;
+    if &magic == b"HdrS" {
+        return load_bzimage(memory, path, &mut file);
+    }
+    let bytes = std::fs::read(path).map_err(read)?;
+    let end = elf::check(&bytes, HIGH_RAM_START, low_ram_end(memory))
+        .map_err(|source| LinuxImageError::Unknown { path: path.to_owned(), source })?;
+    let loaded =
+        Elf::load(memory.regions(), None, &mut io::Cursor::new(&bytes), None).map_err(load)?;
+    // What a boot loader has to say of itself where the kernel brings no header.
+    let header = setup_header {
+        boot_flag: 0xaa55,
+        header: u32::from_le_bytes(*b"HdrS"),
+        version: 0x020c,
+        initrd_addr_max: u32::MAX,
+        ..Default::default()
+    };
+    Ok(Kernel { entry: loaded.kernel_load.0, header, end })
+}
+
+fn load_bzimage(
+    memory: &GuestMemory,
+    path: &Path,
+    file: &mut File,
+) -> Result<Kernel, LinuxImageError> {
+    /// Bit of `xloadflags` that announces the 64-bit entry point, 0x200 into the kernel.
+    const XLF_KERNEL_64: u16 = 1;
+    const ENTRY_64: u64 = 0x200;
+
+    let load = |source| LinuxImageError::Load { path: path.to_owned(), source };
+    let loaded = BzImage::load(memory.regions(), None, file, Some(GuestAddress(HIGH_RAM_START)))
+        .map_err(load)?;
+    let header = loaded.setup_header.unwrap_or_default();
+    let version = header.version;
+    if version < 0x020c || header.xloadflags & XLF_KERNEL_64 == 0 {
+        return Err(LinuxImageError::TooOld { path: path.to_owned(), version });
+    }
+    // Before it has read its parameters the kernel unpacks itself to its preferred address or
+    // where it was loaded, whichever is higher, and works in `init_size` bytes from there.
+    let unpacked = { header.pref_address }.max(loaded.kernel_load.0);
+    let end = unpacked.saturating_add(u64::from(header.init_size)).max(loaded.kernel_end);
+    Ok(Kernel { entry: loaded.kernel_load.0 + ENTRY_64, header, end })
+}
+
+/// Puts the RAM disk at the end of low memory. Returns its address and size.
+fn load_initrd(
+    memory: &GuestMemory,
+    path: &Path,
+    kernel: &Kernel,
+) -> Result<(u32, u32), LinuxImageError> {
+    let read = |source| LinuxImageError::Read { path: path.to_owned(), source };
+    let mut file = File::open(path).map_err(read)?;
+    let bytes = file.metadata().map_err(read)?.len();
+    let limit = low_ram_end(memory).min(u64::from(kernel.header.initrd_addr_max) + 1);
+    let does_not_fit = LinuxImageError::DoesNotFit { kernel_end: kernel.end, initrd: bytes, limit };
+    let start = limit.checked_sub(bytes).map(|start| start & !(PAGE - 1));
+    let (Some(start), Ok(size)) = (start.filter(|&s| s >= kernel.end), u32::try_from(bytes)) else {
+        return Err(does_not_fit);
+    };
+    memory
+        .regions()
+        .read_exact_volatile_from(GuestAddress(start), &mut file, bytes as usize)
+        .map_err(|e| read(io::Error::other(e)))?;
+    // Below `limit`, which is below 4 GiB.
+    Ok((start as u32, size))
+}
+
+fn write_cmdline(memory: &GuestMemory, text: &str) -> Result<(), LinuxImageError> {
+    let error = |e: &dyn std::fmt::Display| LinuxImageError::CommandLine(e.to_string());
+    let mut cmdline = Cmdline::new(COMMAND_LINE_MAX + 1).map_err(|e| error(&e))?;
+    if !text.is_empty() {
+        cmdline.insert_str(text).map_err(|e| error(&e))?;
+    }
+    load_cmdline(memory.regions(), GuestAddress(COMMAND_LINE), &cmdline).map_err(|e| error(&e))
+}
+
+/// End of the RAM below the device hole.
+fn low_ram_end(memory: &GuestMemory) -> u64 {
+    memory.ranges().next().map_or(0, |(_, bytes)| bytes.min(HOLE_START))
+}
+
+fn write_memory_map(parameters: &mut boot_params, memory: &GuestMemory) {
+    let low = [
+        (0, LOW_RAM_END, E820_RAM),
+        (acpi::TABLES, HIGH_RAM_START - acpi::TABLES, E820_RESERVED),
+        (HIGH_RAM_START, low_ram_end(memory).saturating_sub(HIGH_RAM_START), E820_RAM),
+    ];
+    let high = memory.ranges().skip(1).map(|(start, bytes)| (start, bytes, E820_RAM));
+    let mut count = 0;
+    for (slot, (addr, size, r#type)) in
+        parameters.e820_table.iter_mut().zip(low.into_iter().chain(high))
+    {
+        *slot = boot_e820_entry { addr, size, r#type };
+        count += 1;
+    }
+    parameters.e820_entries = count;
+}

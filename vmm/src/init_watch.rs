@@ -1,0 +1,103 @@
+//! Noticing that Linux has started its first process.
+//!
+//! An unmodified guest does not tell Takt so, but it tells its console: every kernel since 5.0
+//! prints "Run /init as init process" just before it leaves kernel mode for the first time. That
+//! line is watched for in the output; it is used for a figure in the report and nothing else,
+//! since a guest can print what it likes.
+
+use std::io::{self, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use takt_scheduler::time::Tsc;
+
+const BEFORE: &[u8] = b"Run /";
+const AFTER: &[u8] = b" as init process";
+/// Longer lines are not looked at.
+const LINE_MAX: usize = 160;
+
+/// When the line was seen.
+#[derive(Clone, Debug, Default)]
+pub struct InitSeen(Arc<AtomicU64>);
+
+impl InitSeen {
+    /// The instant at which the line was complete; `None` before that.
+    #[must_use]
+    pub fn instant(&self) -> Option<Tsc> {
+        Some(self.0.load(Ordering::Relaxed)).filter(|&tsc| tsc != 0).map(Tsc)
+    }
+}
+
+/// Passes console output on and watches it.
+pub struct InitWatch<W> {
+    out: W,
+    line: [u8; LINE_MAX],
+    length: usize,
+    seen: InitSeen,
+}
+
+impl<W: Write> InitWatch<W> {
+    /// Watches what goes to `out`.
+    pub fn new(out: W, seen: InitSeen) -> Self {
+        Self { out, line: [0; LINE_MAX], length: 0, seen }
+    }
+
+    fn watch(&mut self, byte: u8) {
+        if byte != b'\n' {
+            if let Some(slot) = self.line.get_mut(self.length) {
+                *slot = byte;
+            }
+            self.length = self.length.saturating_add(1);
+            return;
+        }
+        let line = self.line.get(..self.length).unwrap_or(&[]).trim_ascii_end();
+        self.length = 0;
+        let contains = |part: &[u8]| line.windows(part.len()).any(|w| w == part);
+        if self.seen.instant().is_none() && line.ends_with(AFTER) && contains(BEFORE) {
+            self.seen.0.store(Tsc::now().0, Ordering::Relaxed);
+        }
+    }
+}
+
+impl<W: Write> Write for InitWatch<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.out.write(bytes)?;
+        for &byte in bytes.iter().take(written) {
+            self.watch(byte);
+        }
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sees(text: &[u8]) -> bool {
+        let seen = InitSeen::default();
+        let mut out = Vec::new();
+        InitWatch::new(&mut out, seen.clone()).write_all(text).unwrap();
+        assert_eq!(out, text);
+        seen.instant().is_some()
+    }
+
+    #[test]
+    fn the_kernels_line_is_recognised() {
+        assert!(sees(b"[    1.234567] Run /init as init process\r\n"));
+        assert!(sees(b"noise\nRun /sbin/init as init process\n"));
+    }
+
+    #[test]
+    fn other_lines_are_not() {
+        assert!(!sees(b"Run /init as init process"));
+        assert!(!sees(b"  with arguments: Run /init as init process x\n"));
+        assert!(!sees(b" as init process\n"));
+        let mut long = vec![b'x'; 1 << 20];
+        long.extend(b"Run /init as init process\n");
+        assert!(!sees(&long));
+    }
+}

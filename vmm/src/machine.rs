@@ -1,0 +1,250 @@
+//! The virtual machine of one partition, as KVM objects.
+//!
+//! What a guest can see of a processor and a board is decided here, once, before its first
+//! instruction. The two kinds differ on purpose. Linux gets what it needs to run unmodified:
+//! interrupt controllers, timer, paravirtual clock. The PLC gets a processor, memory and ports,
+//! and nothing that could interrupt it.
+
+use kvm_bindings::{
+    CpuId, KVM_CPUID_FLAG_SIGNIFCANT_INDEX, KVM_MAX_CPUID_ENTRIES, KVM_PIT_SPEAKER_DUMMY,
+    KVM_VCPU_TSC_CTRL, KVM_VCPU_TSC_OFFSET, Msrs, kvm_device_attr, kvm_enable_cap, kvm_lapic_state,
+    kvm_msr_entry, kvm_pit_config,
+};
+use kvm_ioctls::{Cap, Kvm, VcpuFd, VmFd};
+use takt_scheduler::time::TscFrequency;
+use thiserror::Error;
+use vmm_sys_util::ioctl::ioctl_with_ref;
+
+use crate::memory::{GuestMemory, MemoryError};
+
+/// Three pages that KVM needs on Intel processors, in the hole below 4 GiB.
+const TSS_ADDRESS: usize = 0xfffb_d000;
+
+/// `KVM_CAP_HALT_POLL` of `include/uapi/linux/kvm.h`; kvm-ioctls has no name for it.
+const KVM_CAP_HALT_POLL: u32 = 182;
+
+/// kvm-ioctls offers this call on a vCPU for other architectures only.
+mod request {
+    use kvm_bindings::{KVMIO, kvm_device_attr};
+
+    vmm_sys_util::ioctl_iow_nr!(KVM_SET_DEVICE_ATTR, KVMIO, 0xe1, kvm_device_attr);
+}
+
+/// A virtual machine that KVM would not make, or not as it has to be.
+#[derive(Debug, Error)]
+pub enum MachineError {
+    /// `/dev/kvm` cannot be used.
+    #[error("cannot use /dev/kvm: {0}; is the kvm module loaded, and may this user open it?")]
+    Open(kvm_ioctls::Error),
+    /// This host's KVM lacks something.
+    #[error("this host's KVM lacks {0}")]
+    Missing(&'static str),
+    /// A call that sets the machine up failed.
+    #[error("KVM cannot {what}: {source}")]
+    Call {
+        /// What was attempted.
+        what: &'static str,
+        /// What KVM said.
+        source: kvm_ioctls::Error,
+    },
+    /// Memory could not be attached.
+    #[error(transparent)]
+    Memory(#[from] MemoryError),
+}
+
+/// Names the operation of a failed KVM call.
+fn cannot(what: &'static str) -> impl FnOnce(kvm_ioctls::Error) -> MachineError {
+    move |source| MachineError::Call { what, source }
+}
+
+/// Opens `/dev/kvm` and checks that it is what the rest relies on.
+///
+/// # Errors
+/// [`MachineError::Open`] or [`MachineError::Missing`].
+pub fn open_kvm() -> Result<Kvm, MachineError> {
+    let kvm = Kvm::new().map_err(MachineError::Open)?;
+    let needed = [
+        (Cap::Irqchip, "an in-kernel interrupt controller (KVM_CAP_IRQCHIP)"),
+        (Cap::Irqfd, "interrupts by eventfd (KVM_CAP_IRQFD)"),
+        (Cap::ImmediateExit, "immediate exit (KVM_CAP_IMMEDIATE_EXIT)"),
+        (Cap::ReadonlyMem, "read-only memory slots (KVM_CAP_READONLY_MEM)"),
+        (Cap::GetTscKhz, "the TSC's frequency (KVM_CAP_GET_TSC_KHZ)"),
+    ];
+    match needed.into_iter().find(|(cap, _)| !kvm.check_extension(*cap)) {
+        Some((_, name)) => Err(MachineError::Missing(name)),
+        None => Ok(kvm),
+    }
+}
+
+/// A virtual machine with one virtual processor and all of its memory.
+pub struct Machine {
+    /// The processor; its thread will own it.
+    pub vcpu: VcpuFd,
+    /// The machine, for devices' interrupts.
+    pub vm: VmFd,
+    /// Speed of the TSC, which host and guests share.
+    pub tsc: TscFrequency,
+}
+
+/// A machine for a PLC guest: no interrupt controller, so nothing is ever injected, and a halt is
+/// an exit.
+///
+/// # Errors
+/// See [`MachineError`].
+pub fn for_plc(kvm: &Kvm, memory: &GuestMemory) -> Result<Machine, MachineError> {
+    let vm = create(kvm, memory)?;
+    let vcpu = vm.create_vcpu(0).map_err(cannot("create a vCPU"))?;
+    vcpu.set_cpuid2(&supported(kvm)?).map_err(cannot("set the CPUID"))?;
+    finish(vm, vcpu)
+}
+
+/// A machine for Linux: interrupt controllers, timer, and the processor state that a PC's
+/// firmware would leave behind.
+///
+/// # Errors
+/// See [`MachineError`].
+pub fn for_linux(kvm: &Kvm, memory: &GuestMemory) -> Result<Machine, MachineError> {
+    let vm = create(kvm, memory)?;
+    vm.create_irq_chip().map_err(cannot("create the interrupt controllers"))?;
+    let pit = kvm_pit_config { flags: KVM_PIT_SPEAKER_DUMMY, ..Default::default() };
+    vm.create_pit2(pit).map_err(cannot("create the timer"))?;
+    // A halted Linux must give its CPU away at once, not poll on it for the next interrupt.
+    let no_polling = kvm_enable_cap { cap: KVM_CAP_HALT_POLL, ..Default::default() };
+    vm.enable_cap(&no_polling).map_err(cannot("switch halt polling off"))?;
+    let vcpu = vm.create_vcpu(0).map_err(cannot("create a vCPU"))?;
+    let mut cpuid = supported(kvm)?;
+    complete_for_linux(&mut cpuid);
+    vcpu.set_cpuid2(&cpuid).map_err(cannot("set the CPUID"))?;
+    set_firmware_state(&vcpu)?;
+    finish(vm, vcpu)
+}
+
+fn create(kvm: &Kvm, memory: &GuestMemory) -> Result<VmFd, MachineError> {
+    // The call is interrupted by any signal that is pending, and then simply has to be repeated.
+    let vm = loop {
+        match kvm.create_vm() {
+            Err(e) if e.errno() == libc::EINTR => {}
+            result => break result.map_err(cannot("create a virtual machine"))?,
+        }
+    };
+    vm.set_tss_address(TSS_ADDRESS).map_err(cannot("place its task state segment"))?;
+    memory.map_into(&vm)?;
+    Ok(vm)
+}
+
+fn finish(vm: VmFd, vcpu: VcpuFd) -> Result<Machine, MachineError> {
+    share_tsc(&vcpu)?;
+    let khz = vcpu.get_tsc_khz().map_err(cannot("tell the TSC's frequency"))?;
+    let tsc = TscFrequency::from_khz(khz).ok_or(MachineError::Missing("a usable TSC"))?;
+    Ok(Machine { vcpu, vm, tsc })
+}
+
+/// Sets the guest's TSC offset to 0: an instant stamped by any guest can be compared with one
+/// stamped by the host or by another guest.
+fn share_tsc(vcpu: &VcpuFd) -> Result<(), MachineError> {
+    let offset = 0u64;
+    let attribute = kvm_device_attr {
+        group: KVM_VCPU_TSC_CTRL,
+        attr: u64::from(KVM_VCPU_TSC_OFFSET),
+        addr: &raw const offset as u64,
+        flags: 0,
+    };
+    // SAFETY: the kernel reads the live attribute, and 8 bytes from the live `offset` it names.
+    let result = unsafe { ioctl_with_ref(vcpu, request::KVM_SET_DEVICE_ATTR(), &attribute) };
+    if result == 0 {
+        Ok(())
+    } else {
+        Err(cannot("let the guest share the host's TSC")(kvm_ioctls::Error::last()))
+    }
+}
+
+fn supported(kvm: &Kvm) -> Result<CpuId, MachineError> {
+    kvm.get_supported_cpuid(KVM_MAX_CPUID_ENTRIES).map_err(cannot("tell the CPUID it supports"))
+}
+
+/// Adds what KVM leaves to the VMM.
+fn complete_for_linux(cpuid: &mut CpuId) {
+    /// Leaf 1, ECX: KVM emulates it, but older hosts (6.1) do not announce it.
+    const TSC_DEADLINE_TIMER: u32 = 1 << 24;
+    /// Leaf 1, ECX: without it Linux looks for no hypervisor and finds neither kvmclock nor a
+    /// reason to trust its TSC.
+    const HYPERVISOR: u32 = 1 << 31;
+
+    for entry in cpuid.as_mut_slice() {
+        match entry.function {
+            1 => {
+                entry.ecx |= TSC_DEADLINE_TIMER | HYPERVISOR;
+                // Initial APIC id 0, one logical processor.
+                entry.ebx = entry.ebx & 0x0000_ffff | 1 << 16;
+            }
+            // Topology: one thread in one core, with x2APIC id 0.
+            0xb | 0x1f if entry.flags & KVM_CPUID_FLAG_SIGNIFCANT_INDEX != 0 => {
+                entry.eax = 0;
+                entry.ebx = u32::from(entry.index < 2);
+                entry.edx = 0;
+            }
+            _ => {}
+        }
+    }
+}
+
+/// What a firmware has done to the processor before it starts a kernel.
+fn set_firmware_state(vcpu: &VcpuFd) -> Result<(), MachineError> {
+    /// `IA32_MTRR_DEF_TYPE`: memory types are on, the default is write-back. Without it Linux
+    /// takes all memory for uncached.
+    const MTRR_DEF_TYPE: u32 = 0x2ff;
+    const MTRR_ENABLED_WRITE_BACK: u64 = 1 << 11 | 6;
+    /// `IA32_MISC_ENABLE`: fast string operations.
+    const MISC_ENABLE: u32 = 0x1a0;
+
+    let entry = |index, data| kvm_msr_entry { index, data, ..Default::default() };
+    let entries = [entry(MTRR_DEF_TYPE, MTRR_ENABLED_WRITE_BACK), entry(MISC_ENABLE, 1)];
+    let msrs = Msrs::from_entries(&entries)
+        .map_err(|_| MachineError::Missing("room for two model-specific registers"))?;
+    let set = vcpu.set_msrs(&msrs).map_err(cannot("set model-specific registers"))?;
+    if set != entries.len() {
+        return Err(MachineError::Missing("a model-specific register that Linux needs"));
+    }
+
+    let mut apic = vcpu.get_lapic().map_err(cannot("read the local APIC"))?;
+    wire_local_interrupts(&mut apic);
+    vcpu.set_lapic(&apic).map_err(cannot("set the local APIC"))
+}
+
+/// "Virtual wire mode": the legacy controller on pin LINT0, the non-maskable interrupt on LINT1.
+fn wire_local_interrupts(apic: &mut kvm_lapic_state) {
+    const LINT0: usize = 0x350;
+    const LINT1: usize = 0x360;
+    const DELIVER_EXTERNAL: u32 = 7 << 8;
+    const DELIVER_NMI: u32 = 4 << 8;
+
+    for (register, mode) in [(LINT0, DELIVER_EXTERNAL), (LINT1, DELIVER_NMI)] {
+        for (byte, value) in apic.regs[register..].iter_mut().zip(mode.to_le_bytes()) {
+            *byte = value as _;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kvm_bindings::kvm_cpuid_entry2;
+
+    #[test]
+    fn linux_is_told_of_its_hypervisor_and_of_one_processor() {
+        let leaf = |function, ebx| kvm_cpuid_entry2 { function, ebx, ..Default::default() };
+        let mut cpuid = CpuId::from_entries(&[leaf(1, 0x0708_1234), leaf(7, 5)]).unwrap();
+        complete_for_linux(&mut cpuid);
+        let [one, seven] = cpuid.as_slice() else { panic!() };
+        assert_eq!((one.ebx, one.ecx >> 31, one.ecx >> 24 & 1), (0x0001_1234, 1, 1));
+        assert_eq!((seven.ebx, seven.ecx), (5, 0));
+    }
+
+    #[test]
+    fn local_interrupts_are_wired_like_a_pc() {
+        let mut apic = kvm_lapic_state::default();
+        wire_local_interrupts(&mut apic);
+        assert_eq!(apic.regs[0x351] as u8, 7);
+        assert_eq!(apic.regs[0x361] as u8, 4);
+    }
+}

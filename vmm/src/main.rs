@@ -1,0 +1,145 @@
+//! The command line.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::{Parser, Subcommand};
+use takt::config::{self, PartitionFile};
+use takt::run::Options;
+use takt::{appliance, check, probe, run};
+
+/// Exit statuses; `--help` tells them.
+mod status {
+    pub const GOOD: u8 = 0;
+    pub const BAD_FILE_OR_USAGE: u8 = 2;
+    pub const HOST_CANNOT: u8 = 3;
+    pub const PARTITION_FAILED: u8 = 4;
+}
+
+const AFTER_HELP: &str = "\
+Exit status: 0 good; 2 bad partition file or usage; 3 the host cannot; 4 a partition failed.
+The console is Linux's: Ctrl-] q ends the run, Ctrl-] Ctrl-] types Ctrl-].";
+
+/// A PLC and an unmodified Linux side by side on one machine, neither trusting the other.
+#[derive(Parser)]
+#[command(name = "takt", version, after_help = AFTER_HELP)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Run the partitions of a file.
+    #[command(after_help = AFTER_HELP)]
+    Run {
+        /// The partition file.
+        file: PathBuf,
+        /// End by itself after this time, such as 10s or 500ms.
+        #[arg(long = "for", value_name = "DURATION", value_parser = duration)]
+        duration: Option<Duration>,
+        /// Write the report to this file as JSON.
+        #[arg(long, value_name = "OUT.json")]
+        report: Option<PathBuf>,
+        /// What the report says of how Takt was started.
+        #[arg(long, default_value = "direct")]
+        lane: String,
+    },
+    /// Check a partition file and draw its major frame.
+    Check {
+        /// The partition file.
+        file: PathBuf,
+        /// Print what scripts have to provide: memory in bytes, number of CPUs, files.
+        #[arg(long)]
+        needs: bool,
+    },
+    /// Tell whether this host's KVM runs guest kernels at hardware speed.
+    Probe,
+}
+
+fn duration(text: &str) -> Result<Duration, String> {
+    config::parse_duration(text).map(|ns| Duration::from_nanos(ns.0)).map_err(|e| e.to_string())
+}
+
+fn main() -> ExitCode {
+    let arguments = appliance::arguments();
+    if appliance::is_pid_one() {
+        appliance::main(|| command_line(arguments))
+    }
+    ExitCode::from(command_line(arguments))
+}
+
+/// Returns instead of exiting: as PID 1 the process must not end.
+fn command_line(arguments: Vec<OsString>) -> u8 {
+    let cli = match Cli::try_parse_from(arguments) {
+        Ok(cli) => cli,
+        Err(answer) => {
+            // Help and version are answers, everything else is wrong usage.
+            let status = if answer.use_stderr() { status::BAD_FILE_OR_USAGE } else { status::GOOD };
+            let _ = answer.print();
+            return status;
+        }
+    };
+    match cli.command {
+        Command::Run { file, duration, report, lane } => {
+            with_file(&file, Some(host_cpus()), |file| {
+                run_partitions(file, &Options { duration, report, lane })
+            })
+        }
+        Command::Check { file, needs: true } => with_file(&file, None, |file| {
+            print!("{}", check::needs(file));
+            status::GOOD
+        }),
+        Command::Check { file, needs: false } => with_file(&file, Some(host_cpus()), |file| {
+            print!("{}", check::report(file));
+            status::GOOD
+        }),
+        Command::Probe => match probe::probe() {
+            Ok(speed) => {
+                println!("{speed}");
+                if speed.is_hardware() { status::GOOD } else { status::HOST_CANNOT }
+            }
+            Err(error) => {
+                println!("no usable KVM: {error}");
+                status::HOST_CANNOT
+            }
+        },
+    }
+}
+
+fn with_file(
+    path: &std::path::Path,
+    host_cpus: Option<usize>,
+    then: impl FnOnce(&PartitionFile) -> u8,
+) -> u8 {
+    match config::load(path, host_cpus) {
+        Ok(file) => then(&file),
+        Err(error) => {
+            eprintln!("{error}");
+            status::BAD_FILE_OR_USAGE
+        }
+    }
+}
+
+fn run_partitions(file: &PartitionFile, options: &Options) -> u8 {
+    match run::run(file, options) {
+        Ok(report) => {
+            print!("\n{}", report.table());
+            let failed = report.partitions.iter().any(|p| p.failed);
+            if failed { status::PARTITION_FAILED } else { status::GOOD }
+        }
+        Err(error) => {
+            eprintln!("takt: {error}");
+            if error.is_users() { status::BAD_FILE_OR_USAGE } else { status::HOST_CANNOT }
+        }
+    }
+}
+
+/// Number of CPUs that the host has configured, whether or not this process may use them.
+fn host_cpus() -> usize {
+    // SAFETY: asks for a number.
+    let count = unsafe { libc::sysconf(libc::_SC_NPROCESSORS_CONF) };
+    usize::try_from(count).unwrap_or(1).max(1)
+}

@@ -1,0 +1,253 @@
+//! Guest memory: taken whole at start-up, and never again.
+//!
+//! Each region is a sealed memfd, mapped shared, prefaulted and (by the `mlockall` of `run`)
+//! locked: no page fault of the host's can fall into a window, and the memory that a partition
+//! has is known before its first instruction.
+
+use std::fs::File;
+use std::io;
+use std::marker::PhantomData;
+use std::os::fd::{AsRawFd, FromRawFd};
+use std::sync::Arc;
+
+use kvm_bindings::{KVM_MEM_READONLY, kvm_userspace_memory_region};
+use kvm_ioctls::VmFd;
+use takt_abi::memory::{INFORMATION, PAGE, STATUS};
+use thiserror::Error;
+use vm_memory::mmap::MmapRegionBuilder;
+use vm_memory::{
+    FileOffset, GuestAddress, GuestMemoryBackend, GuestMemoryMmap, GuestMemoryRegion,
+    GuestRegionMmap,
+};
+
+/// Where the hole for devices begins in the Linux guest's address space: RAM beyond it continues
+/// at 4 GiB.
+pub const HOLE_START: u64 = 0xc000_0000;
+/// Where RAM continues above the hole.
+pub const HOLE_END: u64 = 1 << 32;
+
+/// Guest memory could not be had.
+#[derive(Debug, Error)]
+pub enum MemoryError {
+    /// The host has no memory to give, or no file for it.
+    #[error("cannot allocate {bytes} bytes of guest memory: {source}")]
+    Allocate {
+        /// Size of the region.
+        bytes: u64,
+        /// What the host said.
+        source: io::Error,
+    },
+    /// The region cannot be mapped.
+    #[error("cannot map {bytes} bytes of guest memory: {reason}")]
+    Map {
+        /// Size of the region.
+        bytes: u64,
+        /// What vm-memory said.
+        reason: String,
+    },
+    /// KVM refused the memory slot.
+    #[error("KVM refused the memory slot at {address:#x}: {source}")]
+    Slot {
+        /// Guest-physical start.
+        address: u64,
+        /// What KVM said.
+        source: kvm_ioctls::Error,
+    },
+}
+
+/// All memory of one guest. The first region is RAM from address 0.
+#[derive(Clone)]
+pub struct GuestMemory {
+    regions: Arc<GuestMemoryMmap>,
+}
+
+impl GuestMemory {
+    /// RAM of a Linux guest, with a hole below 4 GiB.
+    ///
+    /// # Errors
+    /// See [`MemoryError`].
+    pub fn for_linux(bytes: u64) -> Result<Self, MemoryError> {
+        let low = bytes.min(HOLE_START);
+        let mut regions = vec![region(0, low)?];
+        if bytes > low {
+            regions.push(region(HOLE_END, bytes - low)?);
+        }
+        Self::from_regions(regions, bytes)
+    }
+
+    /// RAM of a PLC guest, and the two pages through which it is told its time and tells its own.
+    ///
+    /// # Errors
+    /// See [`MemoryError`].
+    pub fn for_plc(bytes: u64) -> Result<Self, MemoryError> {
+        let regions = vec![region(0, bytes)?, region(INFORMATION, PAGE)?, region(STATUS, PAGE)?];
+        Self::from_regions(regions, bytes)
+    }
+
+    fn from_regions(regions: Vec<GuestRegionMmap>, bytes: u64) -> Result<Self, MemoryError> {
+        let regions = GuestMemoryMmap::from_regions(regions)
+            .map_err(|e| MemoryError::Map { bytes, reason: e.to_string() })?;
+        Ok(Self { regions: Arc::new(regions) })
+    }
+
+    /// Gives all regions to a virtual machine. The information page becomes read-only there: a
+    /// guest's write to it is an exit, not a change.
+    ///
+    /// # Errors
+    /// [`MemoryError::Slot`].
+    pub fn map_into(&self, vm: &VmFd) -> Result<(), MemoryError> {
+        for (slot, region) in (0..).zip(self.regions.iter()) {
+            let address = region.start_addr().0;
+            let slot = kvm_userspace_memory_region {
+                slot,
+                flags: if address == INFORMATION { KVM_MEM_READONLY } else { 0 },
+                guest_phys_addr: address,
+                memory_size: region.len(),
+                userspace_addr: region.as_ptr() as u64,
+            };
+            // SAFETY: the slot names exactly one mapping that belongs to `regions`. The thread
+            // that runs the guest keeps a clone of `self` beside the vCPU, so that the mapping
+            // outlives every use that KVM makes of it.
+            unsafe { vm.set_user_memory_region(slot) }
+                .map_err(|source| MemoryError::Slot { address, source })?;
+        }
+        Ok(())
+    }
+
+    /// The regions, for loaders.
+    #[must_use]
+    pub fn regions(&self) -> &GuestMemoryMmap {
+        &self.regions
+    }
+
+    /// The ranges of RAM: guest-physical start and length.
+    pub fn ranges(&self) -> impl Iterator<Item = (u64, u64)> {
+        self.regions.iter().map(|r| (r.start_addr().0, r.len()))
+    }
+
+    /// The information page of a PLC guest; `None` for other guests.
+    #[must_use]
+    pub fn information(&self) -> Option<Page<takt_abi::Information>> {
+        self.page(INFORMATION)
+    }
+
+    /// The status page of a PLC guest; `None` for other guests.
+    #[must_use]
+    pub fn status(&self) -> Option<Page<takt_abi::Status>> {
+        self.page(STATUS)
+    }
+
+    fn page<T: PageContent>(&self, address: u64) -> Option<Page<T>> {
+        let region = self.regions.find_region(GuestAddress(address))?;
+        let fits = region.start_addr().0 == address && region.len() >= size_of::<T>() as u64;
+        fits.then(|| Page {
+            start: region.as_ptr().cast(),
+            _memory: self.clone(),
+            _content: PhantomData,
+        })
+    }
+}
+
+/// A zeroed, shared, prefaulted mapping of `bytes` at guest-physical `start`.
+fn region(start: u64, bytes: u64) -> Result<GuestRegionMmap, MemoryError> {
+    let allocate = |source| MemoryError::Allocate { bytes, source };
+    let map = |reason: String| MemoryError::Map { bytes, reason };
+    // SAFETY: the name is a literal C string; the call has no other memory effect.
+    let fd = unsafe {
+        libc::memfd_create(c"takt-guest".as_ptr(), libc::MFD_CLOEXEC | libc::MFD_ALLOW_SEALING)
+    };
+    if fd < 0 {
+        return Err(allocate(io::Error::last_os_error()));
+    }
+    // SAFETY: `fd` was just made and belongs to nobody else.
+    let file = unsafe { File::from_raw_fd(fd) };
+    file.set_len(bytes).map_err(allocate)?;
+    // A file that cannot shrink cannot turn an access of ours into a SIGBUS.
+    let seals = libc::F_SEAL_SHRINK | libc::F_SEAL_GROW | libc::F_SEAL_SEAL;
+    // SAFETY: a plain integer argument to a descriptor that we own.
+    if unsafe { libc::fcntl(file.as_raw_fd(), libc::F_ADD_SEALS, seals) } < 0 {
+        return Err(allocate(io::Error::last_os_error()));
+    }
+    let size = usize::try_from(bytes).map_err(|e| map(e.to_string()))?;
+    let mapping = MmapRegionBuilder::new(size)
+        .with_file_offset(FileOffset::new(file, 0))
+        .with_mmap_prot(libc::PROT_READ | libc::PROT_WRITE)
+        .with_mmap_flags(libc::MAP_SHARED | libc::MAP_POPULATE)
+        .build()
+        .map_err(|e| map(e.to_string()))?;
+    GuestRegionMmap::new(mapping, GuestAddress(start))
+        .ok_or_else(|| map(format!("it would pass the end of the address space at {start:#x}")))
+}
+
+/// What may lie in a [`Page`]: plain integers, any bit pattern of which is a value.
+///
+/// # Safety
+/// The type must be `Copy`, without padding, references or invalid bit patterns, and at most a
+/// page long.
+pub unsafe trait PageContent: Copy {}
+
+// SAFETY: `repr(C)`, made of u32 and u64 without padding (sizes asserted in takt-abi).
+unsafe impl PageContent for takt_abi::Information {}
+// SAFETY: as above.
+unsafe impl PageContent for takt_abi::Status {}
+
+/// One page that host and guest both see, as a value that is copied whole.
+///
+/// A copy out is a snapshot of what the guest claims: it can be torn or nonsense, never unsound.
+pub struct Page<T> {
+    start: *mut T,
+    _memory: GuestMemory,
+    _content: PhantomData<T>,
+}
+
+// SAFETY: the pointer is to memory that `_memory` keeps mapped, wherever the page is moved to.
+unsafe impl<T: PageContent> Send for Page<T> {}
+
+impl<T: PageContent> Page<T> {
+    /// Copies the content out.
+    #[must_use]
+    #[inline]
+    pub fn read(&self) -> T {
+        // SAFETY: mapped for as long as `_memory` lives, page-aligned, large enough (checked
+        // when the page was made), and any bit pattern is a T. Volatile, since a guest may write.
+        unsafe { self.start.read_volatile() }
+    }
+
+    /// Replaces the content.
+    #[inline]
+    pub fn write(&mut self, content: T) {
+        // SAFETY: as for `read`.
+        unsafe { self.start.write_volatile(content) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn linux_memory_leaves_the_hole_free() {
+        let ranges =
+            |bytes| GuestMemory::for_linux(bytes).map(|m| m.ranges().collect::<Vec<_>>()).unwrap();
+        assert_eq!(ranges(64 << 20), [(0, 64 << 20)]);
+    }
+
+    #[test]
+    fn a_plc_has_its_pages_and_linux_has_none() {
+        let memory = GuestMemory::for_plc(2 << 20).unwrap();
+        let mut page = memory.information().unwrap();
+        let mut information = page.read();
+        assert_eq!(information.magic, 0);
+        information.release = 7;
+        page.write(information);
+        assert_eq!(memory.information().unwrap().read().release, 7);
+        assert!(memory.status().is_some());
+        assert!(GuestMemory::for_linux(1 << 20).unwrap().information().is_none());
+    }
+
+    #[test]
+    fn memory_that_does_not_exist_is_an_error() {
+        assert!(GuestMemory::for_plc(u64::MAX).is_err());
+        assert!(GuestMemory::for_plc(1 << 50).is_err());
+    }
+}

@@ -1,0 +1,93 @@
+//! Does this host's KVM run a guest's kernel at hardware speed?
+//!
+//! That `/dev/kvm` exists says little: some hosts offer a KVM that *emulates* guest code in kernel
+//! mode, at a millionth of the speed of the processor. So a throw-away guest counts down a
+//! register in ring 0, and the time is taken.
+
+use std::fmt;
+use std::time::{Duration, Instant};
+
+use kvm_ioctls::VcpuExit;
+use thiserror::Error;
+use vm_memory::{Bytes, GuestAddress};
+
+use crate::boot::long_mode::{self, Entry, StartError};
+use crate::machine::{self, MachineError};
+use crate::memory::{GuestMemory, MemoryError};
+
+/// Rounds of the loop. At two instructions a round, hardware takes well under a millisecond, an
+/// emulator of a million instructions a second a fifth of a second.
+const ROUNDS: u32 = 100_000;
+/// Anything slower is no hardware.
+const LIMIT: Duration = Duration::from_millis(10);
+const CODE: u64 = 0x10_0000;
+const MEMORY: u64 = 2 << 20;
+
+/// What the probe found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Speed {
+    /// Time for [`ROUNDS`] rounds.
+    time: Duration,
+}
+
+impl Speed {
+    /// True if guest code in kernel mode runs on the processor itself.
+    #[must_use]
+    pub fn is_hardware(&self) -> bool {
+        self.time < LIMIT
+    }
+}
+
+impl fmt::Display for Speed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let verdict = if self.is_hardware() {
+            "KVM runs kernel-mode guest code at hardware speed"
+        } else {
+            "KVM emulates kernel-mode guest code"
+        };
+        let us = self.time.as_micros();
+        write!(f, "{verdict} ({ROUNDS} rounds of a loop took {us} us)")
+    }
+}
+
+/// The probe could not be made.
+#[derive(Debug, Error)]
+pub enum ProbeError {
+    /// No usable KVM.
+    #[error(transparent)]
+    Machine(#[from] MachineError),
+    /// No memory.
+    #[error(transparent)]
+    Memory(#[from] MemoryError),
+    /// The vCPU could not be started.
+    #[error(transparent)]
+    Start(#[from] StartError),
+    /// The guest did something else than count.
+    #[error("the probe's guest did not count to its end: {0}")]
+    Strayed(String),
+}
+
+/// Runs the probe.
+///
+/// # Errors
+/// See [`ProbeError`].
+pub fn probe() -> Result<Speed, ProbeError> {
+    let kvm = machine::open_kvm()?;
+    let memory = GuestMemory::for_plc(MEMORY)?;
+    let mut machine = machine::for_plc(&kvm, &memory)?;
+    // mov ecx, ROUNDS; 1: dec ecx; jnz 1b; hlt
+    let [a, b, c, d] = ROUNDS.to_le_bytes();
+    let code = [0xb9, a, b, c, d, 0xff, 0xc9, 0x75, 0xfc, 0xf4];
+    memory.regions().write_slice(&code, GuestAddress(CODE)).map_err(StartError::from)?;
+    let entry = Entry { rip: CODE, ..Entry::default() };
+    long_mode::start(&machine.vcpu, memory.regions(), entry)?;
+    let start = Instant::now();
+    loop {
+        match machine.vcpu.run() {
+            Ok(VcpuExit::Hlt) => return Ok(Speed { time: start.elapsed() }),
+            Ok(exit) => return Err(ProbeError::Strayed(format!("{exit:?}"))),
+            Err(e) if e.errno() == libc::EINTR => {}
+            Err(e) => return Err(ProbeError::Strayed(e.to_string())),
+        }
+    }
+}

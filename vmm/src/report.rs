@@ -1,0 +1,265 @@
+//! What a run tells at its end: a table for people and the same as JSON for programs.
+
+use std::fmt::Write;
+use std::fs;
+
+use serde::Serialize;
+
+use crate::statistics::Summary;
+
+/// Version of the JSON form: grows with every change that a reader could stumble over.
+pub const SCHEMA_VERSION: u32 = 1;
+
+/// A whole report. Field names are the JSON keys; times are nanoseconds.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// [`SCHEMA_VERSION`].
+    pub schema_version: u32,
+    /// How Takt was run; see `scripts/run`. It says what the times mean.
+    pub lane: String,
+    /// Where.
+    pub host: Host,
+    /// `name` of the partition file's system.
+    pub system: String,
+    /// From the epoch to the end of the run.
+    pub duration_ns: u64,
+    /// In the order of the partition file.
+    pub partitions: Vec<Partition>,
+}
+
+/// The machine below Takt.
+#[derive(Clone, Debug, Serialize)]
+pub struct Host {
+    /// Kernel release.
+    pub kernel: String,
+    /// True for a PREEMPT_RT kernel.
+    pub preempt_rt: bool,
+    /// Processor, as its kernel names it.
+    pub cpu: String,
+    /// Frequency of the time-stamp counter.
+    pub tsc_khz: u32,
+}
+
+/// One partition.
+#[derive(Clone, Debug, Serialize)]
+pub struct Partition {
+    /// Its name.
+    pub name: String,
+    /// `plc` or `linux`.
+    pub kind: &'static str,
+    /// How it ended.
+    pub end: String,
+    /// True if it ended by a failure of its own.
+    pub failed: bool,
+    /// CPU time of its thread, as a part of the run's duration.
+    pub cpu_share: f64,
+    /// Accesses to ports and memory that nothing answers.
+    pub illegal_accesses: u64,
+    /// Bytes of console output that were dropped.
+    pub console_dropped: u64,
+    /// Only for partitions with windows and a scan.
+    #[serde(flatten)]
+    pub releases: Option<Releases>,
+    /// Only for Linux: from the start of its vCPU to its first process; `null` if it did not get
+    /// there, or if its console does not show the kernel's messages.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub boot_to_init_ns: Option<Option<u64>>,
+}
+
+/// How a partition kept its time.
+#[derive(Clone, Debug, Serialize)]
+pub struct Releases {
+    /// Releases that happened.
+    pub releases: u64,
+    /// Windows that the guest needed to start up, before its first scan.
+    pub start_up_windows: u64,
+    /// Releases that never happened.
+    pub lost: u64,
+    /// Releases that came later than the guard can absorb.
+    pub late_releases: u64,
+    /// Windows that ended by a kick.
+    pub overruns: u64,
+    /// Windows that are in none of these figures because the event thread could not keep up.
+    pub unrecorded: u64,
+    /// From the release to the guest's start.
+    pub release_latency_ns: Option<Summary>,
+    /// From the guest's start to its end.
+    pub execution_ns: Option<Summary>,
+    /// From when the thread was to wake up to when it did.
+    pub wake_up_latency_ns: Option<Summary>,
+}
+
+impl Host {
+    /// Looks at the machine that this process runs on.
+    #[must_use]
+    pub fn current(tsc_khz: u32) -> Self {
+        let read = |path| fs::read_to_string(path).unwrap_or_default();
+        let cpuinfo = read("/proc/cpuinfo");
+        let model =
+            cpuinfo.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+        Self {
+            kernel: read("/proc/sys/kernel/osrelease").trim().to_owned(),
+            preempt_rt: read("/proc/sys/kernel/version").contains("PREEMPT_RT"),
+            cpu: model.map_or("unknown", |(_, name)| name.trim()).to_owned(),
+            tsc_khz,
+        }
+    }
+}
+
+impl Report {
+    /// The report as text, one line per figure and partition.
+    #[must_use]
+    pub fn table(&self) -> String {
+        let mut text = String::new();
+        let seconds = self.duration_ns as f64 / 1e9;
+        let rt = if self.host.preempt_rt { ", PREEMPT_RT" } else { "" };
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            text,
+            "{}: {seconds:.3} s, lane {}, kernel {}{rt}, TSC {:.3} MHz",
+            self.system,
+            self.lane,
+            self.host.kernel,
+            f64::from(self.host.tsc_khz) / 1e3,
+        );
+        for partition in &self.partitions {
+            partition.describe(&mut text);
+        }
+        text
+    }
+}
+
+impl Partition {
+    fn describe(&self, text: &mut String) {
+        let share = self.cpu_share * 100.0;
+        let _ =
+            writeln!(text, "\n{} ({}): {}, CPU share {share:.1} %", self.name, self.kind, self.end);
+        if let Some(boot) = self.boot_to_init_ns {
+            let _ = match boot {
+                Some(ns) => writeln!(text, "  boot to init   {:.3} s", ns as f64 / 1e9),
+                None => writeln!(text, "  boot to init   not seen"),
+            };
+        }
+        if let Some(r) = &self.releases {
+            let _ = writeln!(
+                text,
+                "  releases       {}   lost {}   late {}   overruns {}   (start-up: {} windows)",
+                r.releases, r.lost, r.late_releases, r.overruns, r.start_up_windows
+            );
+            if r.unrecorded > 0 {
+                let _ = writeln!(text, "  unrecorded     {} (not in these figures)", r.unrecorded);
+            }
+            let _ = writeln!(
+                text,
+                "  {:<18}{:>11}{:>11}{:>11}{:>11}{:>11}",
+                "in us", "min", "p50", "p99", "p99.9", "max"
+            );
+            describe_summary(text, "release latency", r.release_latency_ns);
+            describe_summary(text, "execution", r.execution_ns);
+            describe_summary(text, "wake-up latency", r.wake_up_latency_ns);
+        }
+        for (count, what) in [
+            (self.illegal_accesses, "accesses to ports or memory that nothing answers"),
+            (self.console_dropped, "bytes of console output dropped"),
+        ] {
+            if count > 0 {
+                let _ = writeln!(text, "  {count} {what}");
+            }
+        }
+    }
+}
+
+fn describe_summary(text: &mut String, name: &str, summary: Option<Summary>) {
+    let _ = write!(text, "  {name:<18}");
+    match summary {
+        None => text.push_str("          -"),
+        Some(s) => {
+            for ns in [s.min, s.p50, s.p99, s.p999, s.max] {
+                let _ = write!(text, "{:>11.3}", ns as f64 / 1e3);
+            }
+        }
+    }
+    text.push('\n');
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn report() -> Report {
+        let summary = Summary { min: 0, p50: 2, p99: 4, p999: 4, max: 1_500 };
+        Report {
+            schema_version: SCHEMA_VERSION,
+            lane: "lab".into(),
+            host: Host {
+                kernel: "6.1.0-rt".into(),
+                preempt_rt: true,
+                cpu: "QEMU".into(),
+                tsc_khz: 1_000_000,
+            },
+            system: "demo".into(),
+            duration_ns: 10_000_000_000,
+            partitions: vec![
+                Partition {
+                    name: "plc".into(),
+                    kind: "plc",
+                    end: "stopped by takt".into(),
+                    failed: false,
+                    cpu_share: 0.031,
+                    illegal_accesses: 0,
+                    console_dropped: 0,
+                    releases: Some(Releases {
+                        releases: 10_000,
+                        start_up_windows: 1,
+                        lost: 0,
+                        late_releases: 0,
+                        overruns: 0,
+                        unrecorded: 0,
+                        release_latency_ns: Some(summary),
+                        execution_ns: None,
+                        wake_up_latency_ns: Some(summary),
+                    }),
+                    boot_to_init_ns: None,
+                },
+                Partition {
+                    name: "linux".into(),
+                    kind: "linux",
+                    end: "stopped by takt".into(),
+                    failed: false,
+                    cpu_share: 0.9,
+                    illegal_accesses: 3,
+                    console_dropped: 0,
+                    releases: None,
+                    boot_to_init_ns: Some(None),
+                },
+            ],
+        }
+    }
+
+    #[test]
+    fn the_json_has_the_keys_that_its_readers_rely_on() {
+        let json = serde_json::to_value(report()).unwrap();
+        assert_eq!(json["schema_version"], 1);
+        let plc = &json["partitions"][0];
+        for key in ["name", "releases", "lost", "late_releases", "overruns", "cpu_share"] {
+            assert!(!plc[key].is_null(), "{key}");
+        }
+        for key in ["min", "p50", "p99", "p999", "max"] {
+            assert!(plc["release_latency_ns"][key].is_u64(), "{key}");
+        }
+        assert!(plc.get("boot_to_init_ns").is_none());
+        let linux = json["partitions"][1].as_object().unwrap();
+        assert!(linux["boot_to_init_ns"].is_null());
+        assert!(!linux.contains_key("releases"));
+    }
+
+    #[test]
+    fn the_table_shows_every_partition_and_what_went_wrong() {
+        let table = report().table();
+        assert!(table.contains("demo: 10.000 s, lane lab, kernel 6.1.0-rt, PREEMPT_RT"));
+        assert!(table.contains("releases       10000   lost 0   late 0   overruns 0"));
+        assert!(table.contains("release latency         0.000      0.002"), "{table}");
+        assert!(table.contains("boot to init   not seen"));
+        assert!(table.contains("3 accesses to ports or memory that nothing answers"));
+    }
+}

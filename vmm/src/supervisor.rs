@@ -1,0 +1,305 @@
+//! The event thread: keyboard, screen, clock of the run, and the account of each partition.
+//!
+//! It is an ordinary thread and may be as late as it likes: vCPU threads never wait for it. They
+//! leave what they have to tell in rings, and it looks at those many times a second. Only three
+//! things wake it in between: a key, a signal, and the end of a partition.
+
+use std::fs::File;
+use std::io::{self, Read, Stdin, Stdout};
+use std::os::fd::{AsRawFd, FromRawFd, RawFd};
+use std::sync::Arc;
+use std::sync::mpsc::Receiver;
+use std::time::Duration;
+
+use event_manager::{EventManager, EventOps, EventSet, Events, MutEventSubscriber, SubscriberOps};
+use rtrb::Consumer;
+use takt_devices::output::{OutputEnd, WaitingOutput};
+use takt_devices::serial::SerialPort;
+use takt_scheduler::table::PartitionId;
+use takt_scheduler::time::Nanos;
+use thiserror::Error;
+use vmm_sys_util::eventfd::EventFd;
+use vmm_sys_util::signal::{block_signal, create_sigset};
+use vmm_sys_util::timerfd::TimerFd;
+
+use crate::init_watch::InitWatch;
+use crate::statistics;
+use crate::terminal::{Keyboard, Lines, Screen, Typed};
+use crate::vcpu::Control;
+use crate::vcpu::guest::End;
+use crate::vcpu::windowed::WindowRecord;
+
+/// How often the rings are emptied. At the shortest major frame a ring of window records fills
+/// in a hundred times this.
+const TICK: Duration = Duration::from_millis(20);
+/// Signals that end a run.
+const ENDING: [libc::c_int; 4] = [libc::SIGINT, libc::SIGTERM, libc::SIGHUP, libc::SIGQUIT];
+
+/// The event thread could not be set up or lost its events.
+#[derive(Debug, Error)]
+pub enum SupervisorError {
+    /// The host refuses a descriptor.
+    #[error("cannot {what}: {source}")]
+    Host {
+        /// What was attempted.
+        what: &'static str,
+        /// What the host said.
+        source: io::Error,
+    },
+    /// The event loop failed.
+    #[error("the event loop failed: {0}")]
+    Events(event_manager::Error),
+}
+
+fn cannot(what: &'static str) -> impl FnOnce(io::Error) -> SupervisorError {
+    move |source| SupervisorError::Host { what, source }
+}
+
+/// What a vCPU's thread leaves behind.
+#[derive(Clone, Copy, Debug)]
+pub struct Finished {
+    /// Why it ended.
+    pub end: End,
+    /// CPU time that it used.
+    pub cpu_time: Nanos,
+    /// Accesses that nothing answers.
+    pub illegal_accesses: u64,
+    /// Records that did not fit into the ring.
+    pub unrecorded: u64,
+}
+
+/// What the event thread keeps of one partition.
+pub struct Account {
+    /// The name in front of its lines.
+    pub name: String,
+    /// For stopping it.
+    pub control: Arc<Control>,
+    /// Console output.
+    pub output: OutputEnd,
+    /// True if the output is a terminal's, to be shown unchanged.
+    pub is_terminal: bool,
+    /// One record for each window; `None` for a background partition.
+    pub records: Option<Consumer<WindowRecord>>,
+    /// Figures of a partition that tells of its scans.
+    pub releases: Option<statistics::Releases>,
+    /// Set once its thread has ended.
+    pub finished: Option<Finished>,
+    /// Output that is no whole line yet.
+    pub lines: Lines,
+}
+
+/// The serial port of the Linux guest, whose output goes through a ring to this thread.
+pub type Console = SerialPort<InitWatch<WaitingOutput>>;
+
+/// Blocks the signals that end a run, in this thread and all that it starts; they are then read
+/// from a descriptor.
+///
+/// # Errors
+/// If the host refuses the descriptor.
+pub fn take_signals() -> Result<File, SupervisorError> {
+    for signal in ENDING {
+        // Fails only for a signal that is blocked already, as a parent process may have done.
+        let _ = block_signal(signal);
+    }
+    let set = create_sigset(&ENDING)
+        .map_err(|e| cannot("make a set of signals")(io::Error::from_raw_os_error(e.errno())))?;
+    // SAFETY: the set is live and initialised; -1 asks for a new descriptor.
+    let fd = unsafe { libc::signalfd(-1, &raw const set, libc::SFD_CLOEXEC | libc::SFD_NONBLOCK) };
+    if fd < 0 {
+        return Err(cannot("read signals from a descriptor")(io::Error::last_os_error()));
+    }
+    // SAFETY: the descriptor is new and nobody else's.
+    Ok(unsafe { File::from_raw_fd(fd) })
+}
+
+/// The state of the event thread.
+pub struct Supervisor {
+    /// All partitions, by [`PartitionId`].
+    pub accounts: Vec<Account>,
+    /// The screen.
+    pub screen: Screen<Stdout>,
+    keyboard: Keyboard,
+    stdin: Stdin,
+    console: Option<Console>,
+    /// Typed bytes that the guest has not taken yet.
+    typed: Vec<u8>,
+    signals: File,
+    tick: TimerFd,
+    deadline: TimerFd,
+    /// Rung when a partition's thread ends.
+    ended: EventFd,
+    endings: Receiver<(PartitionId, Finished)>,
+    running: bool,
+}
+
+impl Supervisor {
+    /// A supervisor of these partitions, which learns of their ends from `endings` when `ended`
+    /// is rung.
+    ///
+    /// # Errors
+    /// If the host gives no timers.
+    pub fn new(
+        accounts: Vec<Account>,
+        screen: Screen<Stdout>,
+        console: Option<Console>,
+        signals: File,
+        ended: EventFd,
+        endings: Receiver<(PartitionId, Finished)>,
+    ) -> Result<Self, SupervisorError> {
+        let timer = || {
+            TimerFd::new()
+                .map_err(|e| cannot("make a timer")(io::Error::from_raw_os_error(e.errno())))
+        };
+        Ok(Self {
+            accounts,
+            screen,
+            keyboard: Keyboard::default(),
+            stdin: io::stdin(),
+            console,
+            typed: Vec::new(),
+            signals,
+            tick: timer()?,
+            deadline: timer()?,
+            ended,
+            endings,
+            running: true,
+        })
+    }
+
+    /// Looks after the run until it has lasted `duration` (if given), the user ends it, or no
+    /// partition runs any more.
+    ///
+    /// # Errors
+    /// If the event loop fails.
+    pub fn supervise(self, duration: Option<Duration>) -> Result<Self, SupervisorError> {
+        let arm = |timer: &mut TimerFd, first, interval| {
+            timer
+                .reset(first, interval)
+                .map_err(|e| cannot("arm a timer")(io::Error::from_raw_os_error(e.errno())))
+        };
+        let mut this = self;
+        arm(&mut this.tick, TICK, Some(TICK))?;
+        if let Some(duration) = duration {
+            arm(&mut this.deadline, duration.max(Duration::from_nanos(1)), None)?;
+        }
+        let mut events = EventManager::new().map_err(SupervisorError::Events)?;
+        let id = events.add_subscriber(this);
+        loop {
+            events.run().map_err(SupervisorError::Events)?;
+            if !events.subscriber_mut(id).map_err(SupervisorError::Events)?.running {
+                return events.remove_subscriber(id).map_err(SupervisorError::Events);
+            }
+        }
+    }
+
+    /// Takes everything out of the rings.
+    pub fn drain(&mut self) {
+        let mut buffer = Vec::new();
+        for account in &mut self.accounts {
+            buffer.clear();
+            account.output.drain_into(&mut buffer);
+            if account.is_terminal {
+                self.screen.raw(&buffer);
+            } else {
+                account.lines.add(&buffer, |line| self.screen.line(&account.name, line));
+            }
+            let Some(records) = &mut account.records else { continue };
+            while let Ok(record) = records.pop() {
+                if let Some(releases) = &mut account.releases {
+                    releases.add(&record);
+                }
+            }
+        }
+    }
+
+    /// Takes note of the partitions whose threads have ended.
+    pub fn note_endings(&mut self) {
+        while let Ok((id, finished)) = self.endings.try_recv() {
+            // What it said last comes before the news of its end.
+            self.drain();
+            if let Some(account) = self.accounts.get_mut(id.0) {
+                account.finished = Some(finished);
+                account.lines.finish(|line| self.screen.line(&account.name, line));
+                if finished.end != End::Stopped {
+                    self.screen.line("takt", &format!("{}: {}", account.name, finished.end));
+                }
+            }
+        }
+    }
+
+    fn on_key(&mut self) -> bool {
+        // While the guest does not take what was typed, the terminal keeps the rest.
+        let mut buffer = [0; 256];
+        let read = match self.stdin.lock().read(&mut buffer) {
+            Ok(0) | Err(_) => return false,
+            Ok(read) => read,
+        };
+        match self.keyboard.take(&buffer[..read]) {
+            Typed::Bytes(bytes) => self.typed.extend(bytes),
+            Typed::Quit(bytes) => {
+                self.typed.extend(bytes);
+                self.running = false;
+            }
+        }
+        self.deliver_typed();
+        true
+    }
+
+    fn deliver_typed(&mut self) {
+        let taken = match &self.console {
+            Some(console) => console.type_bytes(&self.typed),
+            // Nobody listens.
+            None => self.typed.len(),
+        };
+        self.typed.drain(..taken);
+    }
+
+    /// Reads a counter of 8 bytes, or a signal's description, just to be told once.
+    fn acknowledge(file: &mut File) {
+        let _ = file.read(&mut [0; 128]);
+    }
+}
+
+/// `Stdin` is buffered by the standard library: only reading through it sees all bytes, and it
+/// reads no more than one descriptor event announces.
+const STDIN: RawFd = libc::STDIN_FILENO;
+
+impl MutEventSubscriber for Supervisor {
+    fn init(&mut self, ops: &mut EventOps) {
+        let fds = [
+            self.signals.as_raw_fd(),
+            self.tick.as_raw_fd(),
+            self.deadline.as_raw_fd(),
+            self.ended.as_raw_fd(),
+        ];
+        for fd in fds {
+            if ops.add(Events::new_raw(fd, EventSet::IN)).is_err() {
+                // Without its events the loop would never end.
+                self.running = false;
+            }
+        }
+        // Not every standard input can be waited for: /dev/null and files cannot. Then nobody
+        // types.
+        let _ = ops.add(Events::new_raw(STDIN, EventSet::IN));
+    }
+
+    fn process(&mut self, events: Events, ops: &mut EventOps) {
+        let fd = events.fd();
+        if fd == STDIN {
+            if !self.on_key() {
+                let _ = ops.remove(Events::empty_raw(STDIN));
+            }
+        } else if fd == self.tick.as_raw_fd() {
+            let _ = self.tick.wait();
+            self.drain();
+            self.deliver_typed();
+        } else if fd == self.ended.as_raw_fd() {
+            let _ = self.ended.read();
+            self.note_endings();
+            self.running &= self.accounts.iter().any(|a| a.finished.is_none());
+        } else {
+            Self::acknowledge(&mut self.signals);
+            self.running = false;
+        }
+    }
+}

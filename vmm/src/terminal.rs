@@ -1,0 +1,204 @@
+//! The terminal: one screen and one keyboard for all guests.
+//!
+//! What is typed goes to Linux, byte by byte and unchanged, so the terminal is put into raw mode
+//! and put back at every end of the run, also at that of a panic. One key is kept back, so that
+//! there is always a way out: `Ctrl-]` and then `q` ends the run; `Ctrl-]` twice types it.
+//!
+//! Linux's output appears as it comes; a PLC's, and Takt's own, a line at a time with its name in
+//! front, never in the middle of another line of theirs.
+
+use std::io::{self, Write};
+use std::mem::MaybeUninit;
+use std::sync::Mutex;
+
+/// The key that is kept back: `Ctrl-]`.
+const ESCAPE: u8 = 0x1d;
+
+/// The terminal's settings before it was made raw.
+static SAVED: Mutex<Option<libc::termios>> = Mutex::new(None);
+
+/// Puts the terminal on standard input into raw mode; does nothing if it is none. Returns whether
+/// it is raw now.
+///
+/// # Errors
+/// What the terminal says.
+pub fn make_raw() -> io::Result<bool> {
+    let mut settings = MaybeUninit::<libc::termios>::uninit();
+    // SAFETY: isatty and tcgetattr look at descriptor 0; the latter fills in the structure.
+    let known = unsafe {
+        libc::isatty(libc::STDIN_FILENO) == 1
+            && libc::tcgetattr(libc::STDIN_FILENO, settings.as_mut_ptr()) == 0
+    };
+    if !known {
+        return Ok(false);
+    }
+    // SAFETY: tcgetattr succeeded, so it is filled in.
+    let saved = unsafe { settings.assume_init() };
+    let mut raw = saved;
+    // SAFETY: changes a live structure, and then descriptor 0 by it.
+    let result = unsafe {
+        libc::cfmakeraw(&raw mut raw);
+        libc::tcsetattr(libc::STDIN_FILENO, libc::TCSANOW, &raw const raw)
+    };
+    if result != 0 {
+        return Err(io::Error::last_os_error());
+    }
+    if let Ok(mut slot) = SAVED.lock() {
+        *slot = Some(saved);
+    }
+    let default = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        restore();
+        default(panic);
+    }));
+    Ok(true)
+}
+
+/// Puts the terminal back as it was; harmless if it was never changed.
+pub fn restore() {
+    if let Some(saved) = SAVED.lock().ok().and_then(|mut slot| slot.take()) {
+        // SAFETY: the structure is the one that tcgetattr filled in. An error leaves a terminal
+        // that is gone, and nothing to put back.
+        unsafe { libc::tcsetattr(libc::STDIN_FILENO, libc::TCSADRAIN, &raw const saved) };
+    }
+}
+
+/// What the keyboard asks for.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Typed {
+    /// These bytes are for the guest.
+    Bytes(Vec<u8>),
+    /// The run shall end. What was typed before that is in the bytes.
+    Quit(Vec<u8>),
+}
+
+/// Finds the escape in what is typed.
+#[derive(Debug, Default)]
+pub struct Keyboard {
+    escaped: bool,
+}
+
+impl Keyboard {
+    /// Splits typed bytes into what the guest gets and what Takt does.
+    pub fn take(&mut self, typed: &[u8]) -> Typed {
+        let mut bytes = Vec::with_capacity(typed.len());
+        for &byte in typed {
+            match (std::mem::take(&mut self.escaped), byte) {
+                (false, ESCAPE) => self.escaped = true,
+                (true, b'q') => return Typed::Quit(bytes),
+                (true, ESCAPE) | (false, _) => bytes.push(byte),
+                (true, _) => bytes.extend([ESCAPE, byte]),
+            }
+        }
+        Typed::Bytes(bytes)
+    }
+}
+
+/// The screen.
+pub struct Screen<W: Write> {
+    out: W,
+    line_end: &'static str,
+    at_line_start: bool,
+}
+
+impl<W: Write> Screen<W> {
+    /// A screen that is written to `out`; `raw` says that the terminal does not add carriage
+    /// returns by itself.
+    pub fn new(out: W, raw: bool) -> Self {
+        Self { out, line_end: if raw { "\r\n" } else { "\n" }, at_line_start: true }
+    }
+
+    /// Shows what a guest wrote, unchanged.
+    ///
+    /// Nobody may be left to read it, which is no reason to end a run: errors are dropped here
+    /// and in [`line`](Self::line).
+    pub fn raw(&mut self, bytes: &[u8]) {
+        if let Some(last) = bytes.last() {
+            let _ = self.out.write_all(bytes).and_then(|()| self.out.flush());
+            self.at_line_start = matches!(last, b'\n' | b'\r');
+        }
+    }
+
+    /// Shows one line, with its author in front.
+    pub fn line(&mut self, author: &str, text: &str) {
+        let start = if self.at_line_start { "" } else { self.line_end };
+        let _ = write!(self.out, "{start}[{author}] {text}{}", self.line_end)
+            .and_then(|()| self.out.flush());
+        self.at_line_start = true;
+    }
+}
+
+/// Cuts a PLC's output into lines, however its writes were cut.
+#[derive(Debug, Default)]
+pub struct Lines {
+    partial: Vec<u8>,
+}
+
+/// A line longer than this is shown in pieces, so that a guest cannot make it grow.
+const LINE_MAX: usize = 512;
+
+impl Lines {
+    /// Adds output and calls `show` with each line that is complete. Bytes that are no printable
+    /// text are shown escaped: a guest cannot play with the terminal.
+    pub fn add(&mut self, bytes: &[u8], mut show: impl FnMut(&str)) {
+        for &byte in bytes {
+            if byte != b'\n' {
+                self.partial.push(byte);
+            }
+            if byte == b'\n' || self.partial.len() >= LINE_MAX {
+                self.flush(&mut show);
+            }
+        }
+    }
+
+    /// Shows what is left of an unfinished line.
+    pub fn finish(&mut self, mut show: impl FnMut(&str)) {
+        if !self.partial.is_empty() {
+            self.flush(&mut show);
+        }
+    }
+
+    fn flush(&mut self, show: &mut impl FnMut(&str)) {
+        let line = self.partial.strip_suffix(b"\r").unwrap_or(&self.partial);
+        show(&line.escape_ascii().to_string());
+        self.partial.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_escape_ends_the_run_and_can_be_typed() {
+        let mut keyboard = Keyboard::default();
+        assert_eq!(keyboard.take(b"ls\x1d"), Typed::Bytes(b"ls".into()));
+        assert_eq!(keyboard.take(b"\x1d-\x1dx"), Typed::Bytes(b"\x1d-\x1dx".into()));
+        assert_eq!(keyboard.take(b"q"), Typed::Bytes(b"q".into()));
+        assert_eq!(keyboard.take(b"a\x1dqb"), Typed::Quit(b"a".into()));
+    }
+
+    #[test]
+    fn a_line_never_starts_in_the_middle_of_another() {
+        let mut screen = Screen::new(Vec::new(), true);
+        screen.line("takt", "start");
+        screen.raw(b"linux# ");
+        screen.line("plc", "cycle 1");
+        screen.raw(b"x\r\n");
+        screen.line("plc", "cycle 2");
+        let shown = String::from_utf8(screen.out).unwrap();
+        assert_eq!(shown, "[takt] start\r\nlinux# \r\n[plc] cycle 1\r\nx\r\n[plc] cycle 2\r\n");
+    }
+
+    #[test]
+    fn lines_are_whole_bounded_and_harmless() {
+        let mut lines = Lines::default();
+        let mut shown = Vec::new();
+        lines.add(b"hel", |l| shown.push(l.to_owned()));
+        lines.add(b"lo\r\n\x1b[2Jgone\n", |l| shown.push(l.to_owned()));
+        lines.add(&[b'x'; LINE_MAX + 1], |l| shown.push(l.to_owned()));
+        lines.finish(|l| shown.push(l.to_owned()));
+        assert_eq!(shown[..2], ["hello", "\\x1b[2Jgone"]);
+        assert_eq!((shown[2].len(), shown[3].as_str()), (LINE_MAX, "x"));
+    }
+}

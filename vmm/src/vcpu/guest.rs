@@ -1,0 +1,162 @@
+//! What the loops that run a vCPU know of the guest in it.
+
+use std::fmt;
+
+use kvm_ioctls::VcpuExit;
+use takt_abi::{Exception, exception_name};
+use takt_scheduler::table::Release;
+use takt_scheduler::time::{Timebase, Tsc};
+
+/// Why a guest runs no more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// Takt ended the run.
+    Stopped,
+    /// The guest switched itself off.
+    PoweredOff,
+    /// A PLC guest ended itself with an exit code.
+    Exited(u32),
+    /// A PLC guest reported an exception.
+    Exception(Exception),
+    /// The guest asked to be restarted.
+    Reset,
+    /// The processor shut down: an exception while handling a double fault.
+    TripleFault,
+    /// A guest without interrupts halted: it would never wake up.
+    Halted,
+    /// KVM could not go on with this guest.
+    Kvm(KvmFailure),
+}
+
+/// How KVM gave up on a guest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum KvmFailure {
+    /// The processor refused to enter the guest, with its reason.
+    Entry(u64),
+    /// KVM could not emulate an instruction, or met a state it does not know.
+    Internal,
+    /// An exit that no guest of this kind should cause.
+    UnexpectedExit,
+    /// `KVM_RUN` failed with this `errno`.
+    Errno(i32),
+}
+
+impl End {
+    /// True if the partition did not end as it should.
+    #[must_use]
+    pub const fn is_failure(&self) -> bool {
+        !matches!(self, End::Stopped | End::PoweredOff | End::Exited(0))
+    }
+}
+
+impl fmt::Display for End {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            End::Stopped => f.write_str("stopped by takt"),
+            End::PoweredOff => f.write_str("powered off"),
+            End::Exited(code) => write!(f, "ended itself with code {code}"),
+            End::Exception(e) => {
+                let name = exception_name(e.vector).unwrap_or("reserved vector");
+                write!(
+                    f,
+                    "{name} (vector {}, error code {:#x}) at rip {:#x}, rsp {:#x}, rflags {:#x}, cr2 {:#x}",
+                    e.vector, e.error_code, e.rip, e.rsp, e.rflags, e.cr2
+                )
+            }
+            End::Reset => f.write_str("asked for a restart, which this version does not do"),
+            End::TripleFault => f.write_str("triple fault"),
+            End::Halted => f.write_str("halted with no interrupt that could wake it"),
+            End::Kvm(KvmFailure::Entry(reason)) => {
+                write!(f, "the processor refused to enter the guest (reason {reason:#x})")
+            }
+            End::Kvm(KvmFailure::Internal) => f.write_str("KVM internal error"),
+            End::Kvm(KvmFailure::UnexpectedExit) => f.write_str("unexpected exit from KVM"),
+            End::Kvm(KvmFailure::Errno(errno)) => {
+                write!(f, "KVM_RUN failed: {}", std::io::Error::from_raw_os_error(*errno))
+            }
+        }
+    }
+}
+
+/// What follows from an exit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// Back into the guest.
+    Resume,
+    /// The guest gives the rest of its window away.
+    Done,
+    /// The guest runs no more.
+    Ended(End),
+}
+
+/// When a guest says that it started and finished the scan of one release.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Scan {
+    /// Start of the scan.
+    pub start: Tsc,
+    /// Its end; earlier than `start` while the scan runs.
+    pub done: Tsc,
+}
+
+/// A guest, as seen by the thread that runs its vCPU.
+pub trait Guest {
+    /// Tells the guest of the window that comes next.
+    fn announce(&mut self, release: &Release, base: &Timebase);
+
+    /// Answers an exit.
+    fn handle(&mut self, exit: VcpuExit<'_>) -> Step;
+
+    /// What the guest claims of the release with this sequence number, or `None` if it does not
+    /// claim to have started it. A claim, not a fact.
+    fn claim(&self, sequence: u64) -> Option<Scan>;
+
+    /// True if the guest is expected to say "done" in each window. One that is not simply uses
+    /// all of its windows, and their ends are no overruns.
+    fn says_done(&self) -> bool;
+
+    /// Accesses to ports and memory that nothing answers.
+    fn illegal_accesses(&self) -> u64;
+}
+
+/// The exits that mean the same for every guest.
+pub(super) fn handle_common(exit: &VcpuExit<'_>) -> Step {
+    Step::Ended(match exit {
+        VcpuExit::Hlt => End::Halted,
+        VcpuExit::Shutdown => End::TripleFault,
+        VcpuExit::FailEntry(reason, _) => End::Kvm(KvmFailure::Entry(*reason)),
+        VcpuExit::InternalError => End::Kvm(KvmFailure::Internal),
+        _ => End::Kvm(KvmFailure::UnexpectedExit),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_an_orderly_end_is_no_failure() {
+        for good in [End::Stopped, End::PoweredOff, End::Exited(0)] {
+            assert!(!good.is_failure());
+        }
+        for bad in [End::Exited(1), End::Reset, End::TripleFault, End::Halted] {
+            assert!(bad.is_failure());
+        }
+    }
+
+    #[test]
+    fn an_exception_is_told_with_its_frame() {
+        let exception = Exception {
+            vector: 14,
+            error_code: 2,
+            rip: 0x10_0040,
+            rsp: 0x20_0000,
+            rflags: 2,
+            cr2: 0,
+        };
+        let text = End::Exception(exception).to_string();
+        assert!(
+            text.starts_with("page fault (vector 14, error code 0x2) at rip 0x100040"),
+            "{text}"
+        );
+    }
+}

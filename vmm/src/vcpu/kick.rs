@@ -1,0 +1,110 @@
+//! The kick: taking a vCPU's thread out of guest mode, whatever the guest does.
+//!
+//! A signal makes KVM leave the guest, but a signal that arrives just *before* `KVM_RUN` would be
+//! handled and forgotten, and the guest entered with nobody left to end it. So the handler sets
+//! `kvm_run.immediate_exit`, which makes that next `KVM_RUN` return at once. The protocol:
+//!
+//! 1. the kicker makes its reason visible (window's end passed, stop flag set), then signals;
+//! 2. the vCPU's thread clears `immediate_exit`, *then* looks for reasons, then enters.
+//!
+//! A kick before the clearing is seen in step 2 by its reason; a kick after it leaves
+//! `immediate_exit` set. None is lost. The handler finds the flag through a pointer that is local
+//! to the thread and null whenever there is no vCPU, so a late signal does nothing.
+
+use std::cell::Cell;
+use std::marker::PhantomData;
+use std::ptr;
+use std::sync::atomic::{Ordering, compiler_fence};
+
+use kvm_ioctls::VcpuFd;
+use libc::{c_int, c_void, siginfo_t};
+use vmm_sys_util::signal::{SIGRTMIN, register_signal_handler};
+
+thread_local! {
+    /// `immediate_exit` of the vCPU that this thread owns.
+    static IMMEDIATE_EXIT: Cell<*mut u8> = const { Cell::new(ptr::null_mut()) };
+}
+
+extern "C" fn handler(_: c_int, _: *mut siginfo_t, _: *mut c_void) {
+    IMMEDIATE_EXIT.with(|flag| {
+        let flag = flag.get();
+        if !flag.is_null() {
+            // SAFETY: `Kickable` set the pointer to a byte of this thread's own vCPU mapping and
+            // clears it before the mapping goes. The thread is stopped in this handler, so its
+            // own accesses do not run at the same time; the kernel reads the byte as it is.
+            unsafe { flag.write_volatile(1) }
+        }
+    });
+}
+
+/// Installs the handler; once, before any vCPU thread starts.
+///
+/// # Errors
+/// What `sigaction` says.
+pub fn install() -> Result<(), vmm_sys_util::errno::Error> {
+    register_signal_handler(SIGRTMIN(), handler)
+}
+
+/// Signals a thread of this process. A thread that is gone is nobody's concern: its id is not
+/// found, or belongs to a thread whose pointer is null.
+pub(super) fn send(thread: i32) {
+    // SAFETY: tgkill only sends a signal; it touches no memory. The handler is installed.
+    unsafe { libc::syscall(libc::SYS_tgkill, libc::getpid(), thread, SIGRTMIN()) };
+}
+
+/// The id under which [`send`] reaches the calling thread.
+pub(super) fn this_thread() -> i32 {
+    // SAFETY: gettid has no preconditions and no effect.
+    unsafe { libc::gettid() }
+}
+
+/// A vCPU that can be kicked, on the thread that made it so.
+pub struct Kickable {
+    vcpu: VcpuFd,
+    /// The pointer is this thread's, so the value must stay on it.
+    _not_send: PhantomData<*mut u8>,
+}
+
+impl Kickable {
+    /// Takes over a vCPU for the calling thread.
+    #[must_use]
+    pub fn new(mut vcpu: VcpuFd) -> Self {
+        let flag = &raw mut vcpu.get_kvm_run().immediate_exit;
+        IMMEDIATE_EXIT.set(flag);
+        Self { vcpu, _not_send: PhantomData }
+    }
+
+    /// Forgets earlier kicks. Whatever reason there was for one must be looked for *after* this.
+    pub fn clear(&mut self) {
+        self.vcpu.set_kvm_immediate_exit(0);
+        // The handler runs on this very thread, so it is only the compiler that could move the
+        // store past the reads that follow.
+        compiler_fence(Ordering::SeqCst);
+    }
+
+    /// The vCPU.
+    pub fn vcpu(&mut self) -> &mut VcpuFd {
+        &mut self.vcpu
+    }
+
+    /// Runs the vCPU without entering the guest: what KVM does on a thread's first `KVM_RUN`,
+    /// such as starting a worker, must not fall into a window, and a SCHED_DEADLINE thread is
+    /// refused it (`EAGAIN`).
+    ///
+    /// # Errors
+    /// Whatever KVM says other than that it came back at once.
+    pub fn prime(&mut self) -> Result<(), kvm_ioctls::Error> {
+        self.vcpu.set_kvm_immediate_exit(1);
+        match self.vcpu.run() {
+            Err(e) if e.errno() != libc::EINTR => Err(e),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Drop for Kickable {
+    fn drop(&mut self) {
+        IMMEDIATE_EXIT.set(ptr::null_mut());
+        compiler_fence(Ordering::SeqCst);
+    }
+}

@@ -1,0 +1,102 @@
+//! The Linux guest's side of the loop: the few devices that are emulated for it.
+
+use kvm_ioctls::VcpuExit;
+use takt_devices::ports::PortBus;
+use takt_devices::power::{PowerLine, PowerRequest};
+use takt_scheduler::table::Release;
+use takt_scheduler::time::Timebase;
+
+use super::guest::{End, Guest, Scan, Step, handle_common};
+
+/// A Linux guest.
+pub struct LinuxGuest {
+    ports: PortBus,
+    power: PowerLine,
+    stray_memory: u64,
+}
+
+impl LinuxGuest {
+    /// A guest with these devices; `power` is the line that some of them pull.
+    #[must_use]
+    pub fn new(ports: PortBus, power: PowerLine) -> Self {
+        Self { ports, power, stray_memory: 0 }
+    }
+}
+
+/// Width of one access, from the bytes of an exit: KVM hands a string instruction over whole,
+/// and Linux makes those to none of these devices, so anything that is no single access is taken
+/// byte by byte.
+fn width(bytes: usize) -> usize {
+    if matches!(bytes, 2 | 4) { bytes } else { 1 }
+}
+
+impl Guest for LinuxGuest {
+    /// An unmodified Linux knows nothing of windows.
+    fn announce(&mut self, _: &Release, _: &Timebase) {}
+
+    fn handle(&mut self, exit: VcpuExit<'_>) -> Step {
+        match exit {
+            VcpuExit::IoOut(port, data) => {
+                self.ports.write(port, width(data.len()), data);
+                match self.power.request() {
+                    None => Step::Resume,
+                    Some(PowerRequest::Off) => Step::Ended(End::PoweredOff),
+                    Some(PowerRequest::Reset) => Step::Ended(End::Reset),
+                }
+            }
+            VcpuExit::IoIn(port, data) => {
+                self.ports.read(port, width(data.len()), data);
+                Step::Resume
+            }
+            VcpuExit::MmioRead(_, data) => {
+                data.fill(0xff);
+                self.stray_memory += 1;
+                Step::Resume
+            }
+            VcpuExit::MmioWrite(..) => {
+                self.stray_memory += 1;
+                Step::Resume
+            }
+            other => handle_common(&other),
+        }
+    }
+
+    fn claim(&self, _: u64) -> Option<Scan> {
+        None
+    }
+
+    fn says_done(&self) -> bool {
+        false
+    }
+
+    fn illegal_accesses(&self) -> u64 {
+        self.ports.unclaimed() + self.stray_memory
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use takt_devices::power::AcpiPower;
+
+    #[test]
+    fn a_power_request_ends_the_guest() {
+        for (offset, value, end) in [(0, 0x34, End::PoweredOff), (2, 1, End::Reset)] {
+            let power = PowerLine::default();
+            let mut ports = PortBus::default();
+            ports.attach(0x600..=0x602, Box::new(AcpiPower(power.clone()))).unwrap();
+            let mut guest = LinuxGuest::new(ports, power);
+            assert_eq!(guest.handle(VcpuExit::IoOut(0x601, &[value])), Step::Resume);
+            let step = guest.handle(VcpuExit::IoOut(0x600 + offset, &[value]));
+            assert_eq!(step, Step::Ended(end));
+        }
+    }
+
+    #[test]
+    fn memory_without_a_device_reads_as_ones() {
+        let mut guest = LinuxGuest::new(PortBus::default(), PowerLine::default());
+        let mut data = [0; 4];
+        assert_eq!(guest.handle(VcpuExit::MmioRead(0xd000_0000, &mut data)), Step::Resume);
+        assert_eq!((data, guest.illegal_accesses()), ([0xff; 4], 1));
+    }
+}

@@ -1,0 +1,79 @@
+//! Virtual processors and the threads that run them.
+//!
+//! ```text
+//!            windowed partition                       background partition
+//!
+//!          +--> sleeping --------+                   +--> in the guest --+
+//!          |       | release     | stop              |       | exit,     | stop,
+//!     done,|       | - guard     |                   +-------+ signal    | end
+//!     kick |       v             v                                       v
+//!          +--- in the guest --> ended                                 ended
+//!                  | exit   end of guest
+//!                  +---> handled, back in
+//! ```
+//!
+//! A windowed vCPU is taken out of its guest by its own doorbell ("done"), or by the kick at its
+//! window's end ([`kicker`]). Either way it sleeps to its next release, and the processor falls to
+//! the background partition by itself, because nothing of a higher class is runnable.
+//!
+//! What the thread of a windowed vCPU may do between its start and its end is little: sleep, run
+//! the guest, answer an exit, write one record into a ring. It does not allocate, log, or wait
+//! for another thread.
+
+pub mod background;
+pub mod guest;
+pub mod kick;
+pub mod kicker;
+pub mod linux;
+pub mod plc;
+pub mod thread;
+pub mod windowed;
+
+use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
+
+use takt_scheduler::time::Tsc;
+
+/// What other threads may know of a vCPU's thread and ask of it.
+#[derive(Debug, Default)]
+pub struct Control {
+    stop: AtomicBool,
+    /// End of the window that is being run, as a TSC value; 0 outside a window.
+    running_until: AtomicU64,
+    /// Kernel's id of the thread; 0 before it has one.
+    thread: AtomicI32,
+}
+
+impl Control {
+    /// Asks the thread to end, whatever its guest does.
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::SeqCst);
+        self.kick();
+    }
+
+    /// True once [`stop`](Self::stop) was called.
+    #[must_use]
+    pub fn stopping(&self) -> bool {
+        self.stop.load(Ordering::SeqCst)
+    }
+
+    /// Takes the thread out of its guest if the window it runs is over.
+    pub fn end_window(&self, now: Tsc) {
+        let until = self.running_until.load(Ordering::SeqCst);
+        if until != 0 && until <= now.0 {
+            self.kick();
+        }
+    }
+
+    fn kick(&self) {
+        kick::send(self.thread.load(Ordering::SeqCst));
+    }
+
+    /// The thread enters a window. Must come before its last look at the clock.
+    fn enter_window(&self, end: Tsc) {
+        self.running_until.store(end.0, Ordering::SeqCst);
+    }
+
+    fn leave_window(&self) {
+        self.running_until.store(0, Ordering::SeqCst);
+    }
+}

@@ -1,0 +1,214 @@
+//! The PLC guest's side of the loop: its pages, its doorbells, its console.
+
+use kvm_ioctls::VcpuExit;
+use takt_abi::memory::{TEXT, TEXT_BYTES};
+use takt_abi::{Information, MAGIC, Status, VERSION, port};
+use takt_devices::output::DroppingOutput;
+use takt_scheduler::table::Release;
+use takt_scheduler::time::{Nanos, Timebase, Tsc};
+use vm_memory::{Bytes, GuestAddress};
+
+use super::guest::{End, Guest, Scan, Step, handle_common};
+use crate::memory::{GuestMemory, Page};
+
+/// A PLC guest.
+pub struct PlcGuest {
+    memory: GuestMemory,
+    information: Page<Information>,
+    status: Page<Status>,
+    /// The fixed part of the information page.
+    announced: Information,
+    console: DroppingOutput,
+    illegal: u64,
+}
+
+impl PlcGuest {
+    /// The guest in `memory`; `None` if that was not made for a PLC.
+    #[must_use]
+    pub fn new(
+        memory: &GuestMemory,
+        memory_bytes: u64,
+        tsc_khz: u32,
+        frame: Nanos,
+        console: DroppingOutput,
+    ) -> Option<Self> {
+        let announced = Information {
+            magic: MAGIC,
+            version: VERSION,
+            memory_bytes,
+            tsc_khz: u64::from(tsc_khz),
+            major_frame_ns: frame.0,
+            release: 0,
+            frame: 0,
+            release_tsc: 0,
+            window_end_tsc: 0,
+        };
+        let (information, status) = (memory.information()?, memory.status()?);
+        let memory = memory.clone();
+        Some(Self { memory, information, status, announced, console, illegal: 0 })
+    }
+
+    fn port_write(&mut self, port: u16, data: &[u8]) -> Step {
+        match (port, data) {
+            (port::DONE, [_, _, _, _]) => Step::Done,
+            (port::CONSOLE, &[a, b, c, d]) => self.print(u32::from_le_bytes([a, b, c, d])),
+            (port::EXCEPTION, [_, _, _, _]) => {
+                Step::Ended(End::Exception(self.status.read().exception))
+            }
+            (port::EXIT, &[a, b, c, d]) => {
+                Step::Ended(End::Exited(u32::from_le_bytes([a, b, c, d])))
+            }
+            _ => self.illegal(),
+        }
+    }
+
+    /// Takes the first `length` bytes of the text area.
+    fn print(&mut self, length: u32) -> Step {
+        let mut text = [0; TEXT_BYTES];
+        let Some(text) = text.get_mut(..length as usize) else { return self.illegal() };
+        match self.memory.regions().read_slice(text, GuestAddress(TEXT)) {
+            Ok(()) => {
+                self.console.write(text);
+                Step::Resume
+            }
+            Err(_) => self.illegal(),
+        }
+    }
+
+    fn illegal(&mut self) -> Step {
+        self.illegal += 1;
+        Step::Resume
+    }
+}
+
+impl Guest for PlcGuest {
+    fn announce(&mut self, release: &Release, base: &Timebase) {
+        self.announced.release = release.sequence;
+        self.announced.frame = release.frame;
+        self.announced.release_tsc = base.instant(release.start).0;
+        self.announced.window_end_tsc = base.instant(release.end).0;
+        self.information.write(self.announced);
+    }
+
+    fn handle(&mut self, exit: VcpuExit<'_>) -> Step {
+        match exit {
+            VcpuExit::IoOut(port, data) => self.port_write(port, data),
+            VcpuExit::IoIn(_, data) => {
+                data.fill(0xff);
+                self.illegal()
+            }
+            VcpuExit::MmioRead(_, data) => {
+                data.fill(0xff);
+                self.illegal()
+            }
+            // Also a write to the read-only information page.
+            VcpuExit::MmioWrite(..) => self.illegal(),
+            other => handle_common(&other),
+        }
+    }
+
+    fn claim(&self, sequence: u64) -> Option<Scan> {
+        let status = self.status.read();
+        (status.started == sequence.wrapping_add(1))
+            .then_some(Scan { start: Tsc(status.start_tsc), done: Tsc(status.done_tsc) })
+    }
+
+    fn says_done(&self) -> bool {
+        true
+    }
+
+    fn illegal_accesses(&self) -> u64 {
+        self.illegal
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use takt_devices::output;
+    use takt_scheduler::time::TscFrequency;
+
+    fn guest() -> (PlcGuest, GuestMemory, output::OutputEnd) {
+        let memory = GuestMemory::for_plc(2 << 20).unwrap();
+        let (console, end) = output::dropping();
+        let guest =
+            PlcGuest::new(&memory, 2 << 20, 1_000_000, Nanos::from_millis(1), console).unwrap();
+        (guest, memory, end)
+    }
+
+    #[test]
+    fn the_information_page_tells_the_next_window() {
+        let (mut guest, memory, _end) = guest();
+        let base =
+            Timebase { epoch: Tsc(5_000), frequency: TscFrequency::from_khz(2_000_000).unwrap() };
+        let release = Release { sequence: 7, frame: 3, start: Nanos(3_000), end: Nanos(3_300) };
+        guest.announce(&release, &base);
+        let page = memory.information().unwrap().read();
+        assert_eq!((page.magic, page.version, page.release, page.frame), (MAGIC, VERSION, 7, 3));
+        assert_eq!((page.release_tsc, page.window_end_tsc), (11_000, 11_600));
+    }
+
+    #[test]
+    fn doorbells_are_32_bits_wide_and_anything_else_is_illegal() {
+        let (mut guest, _memory, _end) = guest();
+        assert_eq!(guest.handle(VcpuExit::IoOut(port::DONE, &[0; 4])), Step::Done);
+        let exited = Step::Ended(End::Exited(0x0403_0201));
+        assert_eq!(guest.handle(VcpuExit::IoOut(port::EXIT, &[1, 2, 3, 4])), exited);
+        assert_eq!(guest.illegal_accesses(), 0);
+        for data in [&[][..], &[0], &[0; 2], &[0; 8]] {
+            assert_eq!(guest.handle(VcpuExit::IoOut(port::DONE, data)), Step::Resume);
+        }
+        assert_eq!(guest.illegal_accesses(), 4);
+    }
+
+    #[test]
+    fn a_text_is_printed_up_to_the_length_that_was_said() {
+        let (mut guest, memory, mut end) = guest();
+        memory.regions().write_slice(b"level 1.2\nnot this", GuestAddress(TEXT)).unwrap();
+        let mut say = |length: u32| {
+            guest.handle(VcpuExit::IoOut(port::CONSOLE, &length.to_le_bytes()));
+            guest.illegal_accesses()
+        };
+        assert_eq!((say(10), say(0)), (0, 0));
+        assert_eq!((say(TEXT_BYTES as u32 + 1), say(u32::MAX)), (1, 2));
+        let mut seen = Vec::new();
+        end.drain_into(&mut seen);
+        assert_eq!(seen, b"level 1.2\n");
+    }
+
+    #[test]
+    fn what_nobody_answers_reads_as_ones_and_is_counted() {
+        let (mut guest, _memory, _end) = guest();
+        let mut data = [0; 4];
+        assert_eq!(guest.handle(VcpuExit::IoIn(0x60, &mut data)), Step::Resume);
+        assert_eq!(data, [0xff; 4]);
+        let mut data = [0; 8];
+        assert_eq!(guest.handle(VcpuExit::MmioRead(0xfee0_0000, &mut data)), Step::Resume);
+        assert_eq!(data, [0xff; 8]);
+        assert_eq!(guest.handle(VcpuExit::MmioWrite(0xc000_0000, &data)), Step::Resume);
+        assert_eq!(guest.illegal_accesses(), 3);
+    }
+
+    #[test]
+    fn a_claim_is_for_one_release_only() {
+        let (guest, memory, _end) = guest();
+        assert_eq!(guest.claim(0), None);
+        let mut page = memory.status().unwrap();
+        let mut status = page.read();
+        (status.started, status.start_tsc, status.done_tsc) = (8, 10, 20);
+        page.write(status);
+        assert_eq!(guest.claim(7), Some(Scan { start: Tsc(10), done: Tsc(20) }));
+        assert_eq!((guest.claim(6), guest.claim(8)), (None, None));
+    }
+
+    #[test]
+    fn an_exception_comes_with_the_frame_that_the_guest_recorded() {
+        let (mut guest, memory, _end) = guest();
+        let mut page = memory.status().unwrap();
+        let mut status = page.read();
+        status.exception.vector = 14;
+        page.write(status);
+        let step = guest.handle(VcpuExit::IoOut(port::EXCEPTION, &[0; 4]));
+        assert_eq!(step, Step::Ended(End::Exception(status.exception)));
+    }
+}

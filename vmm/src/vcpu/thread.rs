@@ -1,0 +1,224 @@
+//! Starting threads so that either all of them run or none does.
+//!
+//! Each thread does everything that can fail, reports, and then waits for the epoch. If one
+//! fails, the others are let go without ever having entered their guest.
+
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::{Builder, JoinHandle};
+
+use kvm_ioctls::VcpuFd;
+use takt_scheduler::enforce::{become_deadline, pin_to};
+use takt_scheduler::reservation::Reservation;
+use takt_scheduler::table::Cpu;
+use takt_scheduler::time::{Nanos, Timebase};
+use thiserror::Error;
+
+use super::Control;
+use super::kick::{self, Kickable};
+
+/// All memory is locked, so a stack costs what it may grow to; these threads need little.
+const STACK: usize = 128 * 1024;
+
+/// Where and how a thread runs.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// The only CPU it may use.
+    pub cpu: Cpu,
+    /// Its SCHED_DEADLINE reservation; `None` for the ordinary class.
+    pub reservation: Option<Reservation>,
+}
+
+/// A thread could not be made what it has to be.
+#[derive(Debug, Error)]
+pub enum ThreadError {
+    /// The host gives no thread.
+    #[error("cannot start thread {name}: {source}")]
+    Spawn {
+        /// The thread.
+        name: String,
+        /// What the host said.
+        source: io::Error,
+    },
+    /// The thread could not be pinned.
+    #[error("cannot pin thread {name} to CPU {cpu}: {source}; is that CPU online, and in this process's cpuset?", cpu = cpu.0)]
+    Pin {
+        /// The thread.
+        name: String,
+        /// The CPU.
+        cpu: Cpu,
+        /// What the host said.
+        source: io::Error,
+    },
+    /// The thread could not become a deadline thread.
+    #[error("cannot give thread {name} its SCHED_DEADLINE reservation of {} in {} on CPU {cpu}: {source}; {}", reservation.runtime, reservation.period, remedy(source), cpu = cpu.0)]
+    Deadline {
+        /// The thread.
+        name: String,
+        /// The CPU.
+        cpu: Cpu,
+        /// What was asked for.
+        reservation: Reservation,
+        /// What the host said.
+        source: io::Error,
+    },
+    /// KVM could not run the vCPU at all.
+    #[error("thread {name} cannot run its vCPU: {source}")]
+    Vcpu {
+        /// The thread.
+        name: String,
+        /// What KVM said.
+        source: kvm_ioctls::Error,
+    },
+    /// The thread ended before it could report.
+    #[error("thread {name} died while starting")]
+    Died {
+        /// The thread.
+        name: String,
+    },
+}
+
+/// What to do about a refused reservation.
+fn remedy(error: &io::Error) -> &'static str {
+    match error.raw_os_error() {
+        Some(libc::EPERM) => {
+            "run as root (CAP_SYS_NICE), and on a host with several CPUs give Takt's CPUs a scheduling domain of their own, for example with the kernel parameter isolcpus=domain,managed_irq,N"
+        }
+        Some(libc::EBUSY) => {
+            "the CPU's real-time bandwidth is taken: end other SCHED_DEADLINE threads or make the windows shorter"
+        }
+        Some(libc::EINVAL) => {
+            "the host's bounds are in /proc/sys/kernel/sched_deadline_period_{min,max}_us"
+        }
+        _ => "see sched(7)",
+    }
+}
+
+/// A thread that is ready and waits for the epoch.
+pub struct Ready<T> {
+    start: Sender<Timebase>,
+    handle: JoinHandle<Option<T>>,
+}
+
+impl<T> Ready<T> {
+    /// Lets it run.
+    pub fn start(self, base: Timebase) -> Running<T> {
+        // If the thread is gone, joining it tells.
+        let _ = self.start.send(base);
+        Running { handle: self.handle }
+    }
+}
+
+/// A thread that runs.
+pub struct Running<T> {
+    handle: JoinHandle<Option<T>>,
+}
+
+impl<T> Running<T> {
+    /// Waits for its end; `None` if it did not get to run.
+    pub fn join(self) -> Option<T> {
+        self.handle.join().ok().flatten()
+    }
+}
+
+/// Starts a thread that runs a vCPU.
+///
+/// # Errors
+/// See [`ThreadError`].
+pub fn vcpu<T: Send + 'static>(
+    name: &str,
+    place: Place,
+    control: Arc<Control>,
+    vcpu: VcpuFd,
+    body: impl FnOnce(&mut Kickable, Timebase) -> T + Send + 'static,
+) -> Result<Ready<T>, ThreadError> {
+    let failed = name.to_owned();
+    let prepare = move || {
+        let mut kickable = Kickable::new(vcpu);
+        kickable.prime().map_err(|source| ThreadError::Vcpu { name: failed, source })?;
+        Ok(kickable)
+    };
+    spawn(name, place, control, prepare, |mut kickable, base| body(&mut kickable, base))
+}
+
+/// Starts a thread that runs no vCPU.
+///
+/// # Errors
+/// See [`ThreadError`].
+pub fn plain<T: Send + 'static>(
+    name: &str,
+    place: Place,
+    control: Arc<Control>,
+    body: impl FnOnce(Timebase) -> T + Send + 'static,
+) -> Result<Ready<T>, ThreadError> {
+    spawn(name, place, control, || Ok(()), |(), base| body(base))
+}
+
+fn spawn<P, T: Send + 'static>(
+    name: &str,
+    place: Place,
+    control: Arc<Control>,
+    prepare: impl FnOnce() -> Result<P, ThreadError> + Send + 'static,
+    body: impl FnOnce(P, Timebase) -> T + Send + 'static,
+) -> Result<Ready<T>, ThreadError> {
+    let (report, reported) = channel();
+    let (start, started): (Sender<Timebase>, Receiver<Timebase>) = channel();
+    let thread_name = name.to_owned();
+    let run = move || {
+        control.thread.store(kick::this_thread(), Ordering::SeqCst);
+        let prepared = pin(&thread_name, place)
+            .and_then(|()| prepare())
+            .and_then(|p| reserve(&thread_name, place).map(|()| p));
+        match prepared {
+            Err(error) => {
+                let _ = report.send(Err(error));
+                None
+            }
+            Ok(prepared) => {
+                report.send(Ok(())).ok()?;
+                let base = started.recv().ok()?;
+                Some(body(prepared, base))
+            }
+        }
+    };
+    let handle = Builder::new()
+        .name(name.to_owned())
+        .stack_size(STACK)
+        .spawn(run)
+        .map_err(|source| ThreadError::Spawn { name: name.to_owned(), source })?;
+    match reported.recv() {
+        Ok(Ok(())) => Ok(Ready { start, handle }),
+        Ok(Err(error)) => Err(error),
+        Err(_) => Err(ThreadError::Died { name: name.to_owned() }),
+    }
+}
+
+fn pin(name: &str, place: Place) -> Result<(), ThreadError> {
+    pin_to(place.cpu).map_err(|source| ThreadError::Pin {
+        name: name.to_owned(),
+        cpu: place.cpu,
+        source,
+    })
+}
+
+/// Last, since a deadline thread may not do much of what comes before.
+fn reserve(name: &str, place: Place) -> Result<(), ThreadError> {
+    let Some(reservation) = place.reservation else { return Ok(()) };
+    become_deadline(reservation).map_err(|source| ThreadError::Deadline {
+        name: name.to_owned(),
+        cpu: place.cpu,
+        reservation,
+        source,
+    })
+}
+
+/// CPU time that the calling thread has used since it started.
+#[must_use]
+pub fn cpu_time() -> Nanos {
+    let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    // SAFETY: fills in a live timespec; cannot fail for the calling thread's own clock.
+    unsafe { libc::clock_gettime(libc::CLOCK_THREAD_CPUTIME_ID, &raw mut time) };
+    Nanos(time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64)
+}
