@@ -43,8 +43,12 @@ pub trait Program {
 }
 
 /// Runs a program for ever, once per release.
+///
+/// What the guest did to start up may have reached into a window, at any point of it. The first
+/// "done" gives the rest of that window back, so that the first scan starts at a release.
 pub fn run(mut program: impl Program) -> ! {
     let mut history = History::default();
+    port::write(DONE, 0);
     loop {
         let (information, start) = wait();
         pages::publish_start(information.release, start);

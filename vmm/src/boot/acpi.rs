@@ -46,8 +46,6 @@ mod absent {
     pub const ASPM: u16 = 1 << 4;
     pub const CMOS_CLOCK: u16 = 1 << 5;
 }
-/// Boot architecture flag: there is a keyboard controller, if only for its reset line.
-const HAS_8042: u16 = 1 << 1;
 
 /// Writes the tables to guest memory; returns the address of the first, for the boot parameters.
 ///
@@ -85,8 +83,9 @@ fn fadt(dsdt: u64) -> impl Aml {
         .dsdt_64(dsdt)
         .flag(Flags::HwReducedAcpi)
         .flag(Flags::ResetRegSup);
-    fadt.iapc_boot_arch =
-        (HAS_8042 | absent::VGA | absent::MSI | absent::ASPM | absent::CMOS_CLOCK).into();
+    // The flag for a keyboard controller is not set: Linux would look half a second for one. Its
+    // reset line is used without it.
+    fadt.iapc_boot_arch = (absent::VGA | absent::MSI | absent::ASPM | absent::CMOS_CLOCK).into();
     fadt.sleep_control_reg = register(AcpiPower::SLEEP_CONTROL);
     fadt.sleep_status_reg = register(AcpiPower::SLEEP_STATUS);
     fadt.reset_reg = register(AcpiPower::RESET);

@@ -1,0 +1,138 @@
+# Runs the appliance in QEMU, with a partition file and all that it names.
+# Sourced; expects packages.sh. The caller sets:
+#   lane       nested, lab or emulated
+#   files      the partition file and the images it names, as absolute paths
+#   memory     bytes that the guests need together
+#   cpus       CPUs that the partition file uses
+#   command    what takt is to do there, as an array; it may write into /out
+#   work       an empty folder for temporary files
+# shellcheck shell=bash
+
+appliance=$root/target/appliance
+
+# What the appliance needs beside its guests and its files: the kernel, its tables and takt.
+overhead=$((160 << 20))
+
+# run_appliance: runs it to its end, with the console on standard input and output, and leaves
+# in $status the exit status that takt had there.
+run_appliance() {
+    local options=() words word qemu outcome=0
+    append_files
+    # loglevel=3 leaves the console to takt unless the kernel is dying. The kernel's tests of its
+    # own cryptography would take longer than all the rest of its start.
+    words="console=ttyS0 loglevel=3 panic=-1 nokaslr cryptomgr.notests --"
+    for word in "${command[@]}"; do
+        words+=" $(kernel_word "$word")"
+    done
+    machine_options
+    options+=(-m "$(machine_memory)M" -nodefaults -no-user-config -display none -no-reboot
+        -kernel "$appliance/vmlinux" -initrd "$work/initrd" -append "$words"
+        # Without signal=off, Ctrl-C would end QEMU instead of reaching takt.
+        -chardev "stdio,id=console,signal=off,logfile=$work/console.log" -serial chardev:console
+        -serial "file:$work/results")
+
+    remember_terminal
+    # In the background, with this script waiting, a signal to the script ends QEMU at once; and
+    # if the script is killed, the kernel ends QEMU.
+    setpriv --pdeathsig TERM \
+        timeout --foreground "${TAKT_TIMEOUT:-0}" \
+        setpriv --pdeathsig KILL \
+        qemu-system-x86_64 "${options[@]}" <&0 &
+    qemu=$!
+    trap 'kill "$qemu" 2>/dev/null; exit 1' INT TERM HUP
+    wait "$qemu" || outcome=$?
+    trap - INT TERM HUP
+    restore_terminal
+    read_status "$outcome"
+}
+
+# machine_options: sets what differs from lane to lane.
+machine_options() {
+    # Without constant_tsc, which QEMU's own CPU does not offer, kvm-amd refuses a PREEMPT_RT
+    # kernel. Linux takes it for granted on a machine that looks like VMware's.
+    local emulated=(-machine "q35,vmport=on" -smbios "type=1,serial=VMware-42"
+        -cpu "max,-hypervisor")
+    case $lane in
+    nested)
+        options=(-accel kvm -machine q35 -cpu host -smp "$cpus")
+        ;;
+    lab)
+        # One guest instruction is one nanosecond, whatever else this machine does.
+        options=(-accel "tcg,thread=single" -icount "shift=0,sleep=off" -rtc "clock=vm"
+            "${emulated[@]}" -smp 1)
+        ;;
+    emulated)
+        options=(-accel "tcg,thread=multi" "${emulated[@]}" -smp "$cpus")
+        ;;
+    esac
+}
+
+# append_files: the appliance's initramfs with $files at the paths that they have here, so that
+# relative paths in the partition file mean the same. The kernel does not make missing folders,
+# hence their entries; links are followed, since their targets are not there.
+append_files() {
+    local path
+    for path in "${files[@]}"; do
+        while [[ $path != / ]]; do
+            printf '%s\0' ".$path"
+            path=$(dirname "$path")
+        done
+    done | LC_ALL=C sort -zu >"$work/files"
+    {
+        cat "$appliance/initrd.img"
+        (cd / && cpio --null --create --format=newc --dereference --quiet --owner=0:0) \
+            <"$work/files"
+    } >"$work/initrd"
+}
+
+# kernel_word WORD: WORD as the kernel's command line must have it to reach takt whole.
+kernel_word() {
+    case $1 in
+    *\"*) fail "a quotation mark cannot be passed to the appliance: $1" ;;
+    *[[:space:]]*) echo "\"$1\"" ;;
+    *) echo "$1" ;;
+    esac
+}
+
+# machine_memory: prints the machine's memory in MiB. The initramfs counts twice, as the archive
+# and as the files unpacked from it.
+machine_memory() {
+    local bytes
+    bytes=$((memory + overhead + 2 * $(stat -c %s "$work/initrd")))
+    echo $(((bytes >> 20) / 64 * 64 + 64))
+}
+
+remember_terminal() {
+    terminal=
+    if [[ -t 0 ]]; then
+        terminal=$(stty -g)
+    fi
+}
+
+restore_terminal() {
+    if [[ -n ${terminal-} ]]; then
+        stty "$terminal"
+    fi
+}
+
+# read_status OUTCOME: sets $status from the result archive. Its last file is the status, so
+# an archive without one is a run that broke off.
+read_status() {
+    local log
+    status=$(result status 2>/dev/null) || status=
+    [[ ! $status =~ ^[0-9]+$ ]] || return 0
+    status=3
+    mkdir -p "$root/target/failed"
+    log=$(mktemp "$root/target/failed/console.XXXXXX")
+    cp "$work/console.log" "$log" 2>/dev/null || true
+    if (($1 == 124)); then
+        echo "${0##*/}: no result within $TAKT_TIMEOUT s; the console is in $log" >&2
+    else
+        echo "${0##*/}: the appliance ended without a result; its console is in $log" >&2
+    fi
+}
+
+# result NAME: prints a file that takt wrote into the appliance's /out.
+result() {
+    cpio --extract --to-stdout --quiet "$1" <"$work/results"
+}
