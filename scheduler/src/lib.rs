@@ -8,6 +8,7 @@
 //! * [`enforce`] is the one thin layer that turns an instant into a kernel call: pinning,
 //!   SCHED_DEADLINE, and the absolute sleep on the TSC.
 
+pub mod analysis;
 pub mod enforce;
 pub mod reservation;
 pub mod table;

@@ -1,0 +1,70 @@
+//! What a user does with Takt, and sees.
+
+use takt_tests::{System, Value, long, root, run};
+
+#[test]
+fn both_guests_run_from_the_shipped_file() {
+    let (duration, releases) = if long() { ("60s", 59_990) } else { ("6s", 5_990) };
+    let outcome = run(&root().join("configs/plc-and-linux.toml"), Some(duration), &[]);
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("Linux version ");
+    outcome.assert_shows("/init: Takt Linux guest, kernel ");
+    outcome.assert_shows("linux# ");
+    outcome.assert_shows("[plc] Takt PLC guest");
+    outcome.assert_plc_kept_its_time(releases);
+    // The lab is deterministic; the guarded release waits in a loop of five instructions.
+    assert!(outcome.number("plc", "release_latency_ns.max") <= 10, "{}", outcome.output);
+    assert!(outcome.number("linux", "boot_to_init_ns") > 0);
+    let share = outcome.partition("linux")["cpu_share"].as_f64().unwrap_or(0.0);
+    assert!(share > 0.05, "Linux's share is {share}\n{}", outcome.output);
+    let report = &outcome.report;
+    assert_eq!((&report["schema_version"], &report["lane"]), (&Value::from(1), &"lab".into()));
+    assert_eq!(report["host"]["preempt_rt"], true);
+}
+
+#[test]
+fn the_console_is_usable_and_the_escape_ends_the_run() {
+    let dialogue = [
+        ("linux# ", "echo six times seven is $((6 * 7))\n"),
+        ("seven is 42", "\x1d\x1dtyped\n"),
+        ("typed", "\x1dq"),
+    ];
+    let outcome = System::default().run_typing("console", None, &dialogue);
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_plc_kept_its_time(1000);
+}
+
+#[test]
+fn a_second_kernel_boots_with_nothing_but_the_path_changed() {
+    let second = System { kernel: "guest/vmlinuz-generic", memory: "256MiB", ..System::default() };
+    let outcome = second.run_typing("second-kernel", Some("20s"), &[("linux# ", "\x1dq")]);
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("/init: Takt Linux guest, kernel ");
+    outcome.assert_plc_kept_its_time(1000);
+}
+
+#[test]
+fn an_elf_kernel_boots_too() {
+    let elf = System { kernel: "appliance/vmlinux", memory: "256MiB", ..System::default() };
+    let outcome = elf.run_typing("elf-kernel", Some("20s"), &[("linux# ", "\x1dq")]);
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("/init: Takt Linux guest, kernel ");
+    outcome.assert_shows("PREEMPT_RT");
+    outcome.assert_plc_kept_its_time(1000);
+}
+
+#[test]
+fn the_plc_keeps_its_cycle_when_linux_switches_off() {
+    let outcome = System { exec: "poweroff -f", ..System::default() }.run("poweroff", "4s");
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("[takt] linux: powered off");
+    outcome.assert_plc_kept_its_time(3990);
+}
+
+#[test]
+fn a_linux_that_wants_to_restart_is_a_failure_of_its_partition_only() {
+    let outcome = System { exec: "reboot -f", ..System::default() }.run("reboot", "4s");
+    assert_eq!(outcome.status, 4, "{}", outcome.output);
+    outcome.assert_shows("[takt] linux: asked for a restart");
+    outcome.assert_plc_kept_its_time(3990);
+}
