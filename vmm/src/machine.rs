@@ -169,6 +169,11 @@ fn complete_for_linux(cpuid: &mut CpuId) {
     /// Leaf 1, ECX: without it Linux looks for no hypervisor and finds neither kvmclock nor a
     /// reason to trust its TSC.
     const HYPERVISOR: u32 = 1 << 31;
+    /// KVM's own features, and those that are withheld (`Documentation/virt/kvm/x86/cpuid.rst`):
+    /// asynchronous page faults, which locked memory does not have, and the paravirtual end of
+    /// interrupt; see `docs/decisions/0005-no-paravirtual-eoi.md`.
+    const KVM_FEATURES: u32 = 0x4000_0001;
+    const WITHHELD: u32 = 1 << 4 | 1 << 6 | 1 << 10 | 1 << 14;
 
     for entry in cpuid.as_mut_slice() {
         match entry.function {
@@ -183,6 +188,7 @@ fn complete_for_linux(cpuid: &mut CpuId) {
                 entry.ebx = u32::from(entry.index < 2);
                 entry.edx = 0;
             }
+            KVM_FEATURES => entry.eax &= !WITHHELD,
             _ => {}
         }
     }
@@ -233,9 +239,11 @@ mod tests {
     #[test]
     fn linux_is_told_of_its_hypervisor_and_of_one_processor() {
         let leaf = |function, ebx| kvm_cpuid_entry2 { function, ebx, ..Default::default() };
-        let mut cpuid = CpuId::from_entries(&[leaf(1, 0x0708_1234), leaf(7, 5)]).unwrap();
+        let kvm = kvm_cpuid_entry2 { function: 0x4000_0001, eax: u32::MAX, ..Default::default() };
+        let mut cpuid = CpuId::from_entries(&[leaf(1, 0x0708_1234), leaf(7, 5), kvm]).unwrap();
         complete_for_linux(&mut cpuid);
-        let [one, seven] = cpuid.as_slice() else { panic!() };
+        let [one, seven, kvm] = cpuid.as_slice() else { panic!() };
+        assert_eq!(kvm.eax >> 6 & 1, 0, "paravirtual end of interrupt");
         assert_eq!((one.ebx, one.ecx >> 31, one.ecx >> 24 & 1), (0x0001_1234, 1, 1));
         assert_eq!((seven.ebx, seven.ecx), (5, 0));
     }
