@@ -7,7 +7,8 @@
 //!
 //! The kicker is a deadline thread itself, since only such a thread preempts another one, and
 //! only one with an *earlier absolute deadline* does. At a window's end the vCPU thread's deadline
-//! is still `period - guard - window` away: the kicker's relative deadline is half of that.
+//! is still `period - guard - window` away: the kicker's relative deadline is half of that. It also
+//! is no longer than the time between two window ends, since each end needs the whole budget.
 
 use crate::table::{Cpu, Role, Table};
 use crate::time::Nanos;
@@ -69,9 +70,9 @@ impl CpuReservations {
             let runtime = busy.plus(KICK_MARGIN).min(period);
             partitions.push((id, Reservation { runtime, period }));
         }
-        let kicker = (!partitions.is_empty()).then(|| Reservation {
+        let kicker = table.releases_on(cpu).map(|all| Reservation {
             runtime: KICKER_RUNTIME,
-            period: Nanos(slack.0 / 2).max(KICKER_PERIOD_MIN),
+            period: Nanos(slack.0 / 2).min(all.shortest_between_ends()).max(KICKER_PERIOD_MIN),
         });
         CpuReservations { partitions, kicker }
     }
@@ -122,6 +123,21 @@ mod tests {
         let r = one_plc(&[(0, 300)]);
         // At the window's end the vCPU thread, woken 20 us early, still has 680 us.
         assert!(r.kicker.unwrap().period < us(1000 - 20 - 300));
+    }
+
+    #[test]
+    fn the_kicker_has_its_whole_budget_for_each_windows_end() {
+        // Ends at 100 us, 300 us and, in the next frame, 1100 us.
+        assert_eq!(one_plc(&[(0, 100), (250, 50)]).kicker.unwrap().period, us((250 - 120) / 2));
+        let placements =
+            [0, 1].map(|_| Placement { cpu: Cpu(0), role: Role::Windowed { guard: us(20) } });
+        let window = |partition, offset| Window {
+            partition: PartitionId(partition),
+            offset: us(offset),
+            duration: us(100),
+        };
+        let table = Table::new(us(2000), &placements, &[window(0, 0), window(1, 200)]).unwrap();
+        assert_eq!(CpuReservations::of(&table, Cpu(0)).kicker.unwrap().period, us(200));
     }
 
     #[test]

@@ -200,6 +200,14 @@ impl Releases {
         self.windows.iter().map(|(offset, end)| end.less(*offset)).max().unwrap_or(Nanos::ZERO)
     }
 
+    /// Shortest time from the end of one window to the end of the next.
+    #[must_use]
+    pub fn shortest_between_ends(&self) -> Nanos {
+        let ends = self.windows.iter().map(|(_, end)| *end);
+        let next = ends.clone().skip(1).chain([self.frame.plus(self.windows[0].1)]);
+        ends.zip(next).map(|(a, b)| b.less(a)).min().unwrap_or(self.frame)
+    }
+
     /// Shortest time from the start of one window to the start of the next.
     #[must_use]
     pub fn shortest_period(&self) -> Nanos {

@@ -48,12 +48,18 @@ impl Outcome {
         assert!(self.output.contains(text), "not shown: {text}\n{}", self.output);
     }
 
-    /// Fails unless the PLC kept every release.
-    pub fn assert_plc_kept_its_time(&self, at_least: u64) {
+    /// A partition's part of the CPU, from 0 to 1.
+    #[must_use]
+    pub fn share(&self, partition: &str) -> f64 {
+        self.partition(partition)["cpu_share"].as_f64().unwrap_or(-1.0)
+    }
+
+    /// Fails unless a PLC kept every release, and there were at least so many.
+    pub fn assert_kept_its_time(&self, partition: &str, at_least: u64) {
         for key in ["lost", "late_releases", "overruns", "unrecorded"] {
-            assert_eq!(self.number("plc", key), 0, "{key}\n{}", self.output);
+            assert_eq!(self.number(partition, key), 0, "{key}\n{}", self.output);
         }
-        let releases = self.number("plc", "releases");
+        let releases = self.number(partition, "releases");
         assert!(releases >= at_least, "{releases} releases\n{}", self.output);
     }
 }
@@ -64,9 +70,15 @@ pub fn root() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
 }
 
+/// A file below `target/`, where the scripts put the images.
+#[must_use]
+pub fn target(path: &str) -> PathBuf {
+    root().join("target").join(path)
+}
+
 /// A folder for partition files and reports of tests.
 fn scratch() -> PathBuf {
-    let folder = root().join("target/tests");
+    let folder = target("tests");
     fs::create_dir_all(&folder).expect("the target folder is writable");
     folder
 }
@@ -118,14 +130,7 @@ impl Default for System {
 }
 
 impl System {
-    /// One whose PLC is a test guest.
-    #[must_use]
-    pub fn with_plc(name: &str) -> Self {
-        Self { plc: Some(plc_image(name)), ..Self::default() }
-    }
-
     fn toml(&self) -> String {
-        let target = root().join("target");
         let image = self.plc.as_ref().map_or(String::new(), |p| format!("image = {p:?}\n"));
         let exec = match self.exec {
             "" => String::new(),
@@ -141,6 +146,7 @@ name = "plc"
 kind = "plc"
 cpu = 0
 memory = "4MiB"
+release_guard = "10us"
 {image}
 [[partition]]
 name = "linux"
@@ -159,8 +165,8 @@ offset = "0us"
 duration = "300us"
 "#,
             memory = self.memory,
-            kernel = target.join(self.kernel),
-            initrd = target.join(self.initrd),
+            kernel = target(self.kernel),
+            initrd = target(self.initrd),
         )
     }
 
@@ -178,10 +184,21 @@ duration = "300us"
         duration: Option<&str>,
         dialogue: &[(&str, &str)],
     ) -> Outcome {
-        let file = scratch().join(format!("{name}.toml"));
-        fs::write(&file, self.toml()).expect("the partition file can be written");
-        run(&file, duration, dialogue)
+        run_text(name, &self.toml(), duration, dialogue)
     }
+}
+
+/// Runs a partition file that is given as text.
+#[must_use]
+pub fn run_text(
+    name: &str,
+    text: &str,
+    duration: Option<&str>,
+    dialogue: &[(&str, &str)],
+) -> Outcome {
+    let file = scratch().join(format!("{name}.toml"));
+    fs::write(&file, text).expect("the partition file can be written");
+    run(&file, duration, dialogue)
 }
 
 /// Runs a partition file in the lab.

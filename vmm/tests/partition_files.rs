@@ -110,9 +110,10 @@ fn what_is_not_a_small_regular_file_is_not_read() {
     assert!(error(&large).contains("at most 1048576 bytes"), "{}", error(&large));
 }
 
-/// An empty folder of this test's own.
+/// An empty folder of this test's own: tests run side by side, each in a thread of its name.
 fn scratch(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let test = std::thread::current().name().unwrap_or("main").to_owned();
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(test).join(name);
     let _ = fs::remove_dir_all(&folder);
     fs::create_dir_all(&folder).unwrap();
     folder

@@ -10,6 +10,7 @@
 //! | `0x0007_0000` | boot parameters |
 //! | `0x0002_0000` | command line |
 //! | `0x000e_0000` | ACPI tables |
+//! | `0x000f_fff0` | all the firmware there is: a restart |
 //! | `0x0010_0000` or where the kernel prefers | kernel |
 //! | end of low memory | initial RAM disk |
 
@@ -23,6 +24,7 @@ use linux_loader::configurator::linux::LinuxBootConfigurator;
 use linux_loader::configurator::{BootConfigurator, BootParams};
 use linux_loader::loader::bootparam::{boot_e820_entry, boot_params, setup_header};
 use linux_loader::loader::{BzImage, Elf, KernelLoader, load_cmdline};
+use takt_devices::power::AcpiPower;
 use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress};
 
@@ -39,6 +41,16 @@ const COMMAND_LINE_MAX: usize = 2047;
 const LOW_RAM_END: u64 = 0x9_fc00;
 const HIGH_RAM_START: u64 = 0x10_0000;
 const PAGE: u64 = 4096;
+
+/// Where a PC's processor starts, and where a Linux on hardware-reduced ACPI jumps in real mode to
+/// restart: it tries neither the reset register nor the keyboard controller before
+/// (`arch/x86/kernel/reboot.c`, `efi_reboot_required`).
+const RESTART_VECTOR: u64 = 0xf_fff0;
+/// `mov dx, reset register; mov al, reset value; out dx, al; 1: hlt; jmp 1b`
+const RESTART: [u8; 9] = {
+    let [low, high] = (acpi::POWER_PORT + AcpiPower::RESET).to_le_bytes();
+    [0xba, low, high, 0xb0, AcpiPower::RESET_VALUE, 0xee, 0xf4, 0xeb, 0xfd]
+};
 
 const E820_RAM: u32 = 1;
 const E820_RESERVED: u32 = 2;
@@ -129,6 +141,10 @@ pub fn load(
         parameters.hdr.ramdisk_size = bytes;
     }
     write_cmdline(memory, cmdline)?;
+    memory
+        .regions()
+        .write_slice(&RESTART, GuestAddress(RESTART_VECTOR))
+        .map_err(|e| LinuxImageError::Parameters(e.to_string()))?;
     parameters.acpi_rsdp_addr =
         acpi::write(memory.regions()).map_err(|e| LinuxImageError::Parameters(e.to_string()))?;
     write_memory_map(&mut parameters, memory);

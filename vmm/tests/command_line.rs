@@ -1,0 +1,81 @@
+//! The command line as a user or a script meets it: statuses, streams, and that nothing starts.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+const FOLDER: &str = "tests/partition_files";
+
+fn takt(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_takt")).args(arguments).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+#[test]
+fn a_bad_file_gives_status_2_one_message_and_starts_nothing() {
+    let mut count = 0;
+    for entry in fs::read_dir(FOLDER).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap();
+        // One fixture is about a machine of two CPUs, which this one need not be.
+        let skipped = name.starts_with("good-") || name == "cpu-that-this-machine-lacks.toml";
+        if path.extension().is_none_or(|e| e != "toml") || skipped {
+            continue;
+        }
+        count += 1;
+        let absolute = Path::new(FOLDER).canonicalize().unwrap();
+        let expected = fs::read_to_string(path.with_extension("err")).unwrap();
+        let expected = expected.replace("$FOLDER", absolute.to_str().unwrap());
+        for command in ["run", "check"] {
+            let output = takt(&[command, path.to_str().unwrap()]);
+            assert_eq!(output.status.code(), Some(2), "{name}");
+            assert_eq!(text(&output.stdout), "", "{name}");
+            assert_eq!(text(&output.stderr), expected, "{name}");
+        }
+    }
+    assert!(count >= 100, "the fixtures are gone: {count} left");
+}
+
+#[test]
+fn a_good_file_is_drawn() {
+    let output = takt(&["check", "tests/partition_files/good-plc-alone.toml"]);
+    assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
+    assert!(text(&output.stdout).contains("CPU 0"), "{}", text(&output.stdout));
+}
+
+#[test]
+fn wrong_usage_gives_status_2_and_says_so_on_standard_error() {
+    for arguments in [
+        &[][..],
+        &["fly"],
+        &["run"],
+        &["run", "x.toml", "--for", "soon"],
+        &["run", "x.toml", "--for", "-1s"],
+        &["check"],
+        &["check", "a.toml", "b.toml"],
+    ] {
+        let output = takt(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(!output.stderr.is_empty() && output.stdout.is_empty(), "{arguments:?}");
+    }
+}
+
+#[test]
+fn help_and_version_are_answers() {
+    for arguments in [&["--help"][..], &["run", "--help"], &["--version"]] {
+        let output = takt(arguments);
+        assert_eq!((output.status.code(), output.stderr.len()), (Some(0), 0), "{arguments:?}");
+    }
+    let help = text(&takt(&["run", "--help"]).stdout);
+    assert!(help.contains("Ctrl-] q") && help.contains("Exit status"), "{help}");
+}
+
+#[test]
+fn the_probe_says_what_it_found_in_one_line() {
+    let output = takt(&["probe"]);
+    assert!(matches!(output.status.code(), Some(0 | 3)), "{output:?}");
+    assert_eq!(text(&output.stdout).lines().count(), 1, "{output:?}");
+}
