@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use takt_tests::{Outcome, System, long, plc_image, run_text, target};
+use takt_tests::{Outcome, System, plc_image, run_text, target};
 
 /// Test guests that each have a window in a frame of 2 ms: name, offset and duration in us.
 const BAD: [(&str, u32, u32); 5] = [
@@ -47,8 +47,8 @@ fn bad_neighbours(duration: &str) -> Outcome {
 
 #[test]
 fn bad_neighbours_are_confined_counted_and_reported() {
-    let (duration, frames) = if long() { ("60s", 30_000) } else { ("5s", 2_500) };
-    let outcome = bad_neighbours(duration);
+    let frames = 2_500;
+    let outcome = bad_neighbours("5s");
 
     // The good one notices nothing, and Linux gets to its shell.
     outcome.assert_kept_its_time("plc", frames - 5);
