@@ -127,6 +127,7 @@ struct Preparation<'a> {
     bell: EventFd,
     /// Set when the run is over: nobody takes console output any more.
     closing: Arc<AtomicBool>,
+    /// The first machine's, for all: a kernel refines its figure for some time after it has booted.
     frequency: Option<TscFrequency>,
     console: Option<Console>,
 }
@@ -192,7 +193,8 @@ impl Preparation<'_> {
         long_mode::start(&machine.vcpu, memory.regions(), entry)?;
         let (console, output) = output::dropping();
         let frame = self.file.table().frame();
-        let guest = PlcGuest::new(&memory, bytes, machine.tsc.khz(), frame, console)
+        let tsc = *self.frequency.get_or_insert(machine.tsc);
+        let guest = PlcGuest::new(&memory, bytes, tsc.khz(), frame, console)
             .ok_or(MachineError::Missing("the PLC guest's pages"))?;
         self.spawn(partition, machine, memory, guest, output, None)
     }
@@ -237,7 +239,7 @@ impl Preparation<'_> {
         init: Option<InitSeen>,
     ) -> Result<Prepared, RunError> {
         let Machine { vcpu, vm, tsc } = machine;
-        self.frequency = Some(tsc);
+        let tsc = *self.frequency.get_or_insert(tsc);
         let (id, cpu, name) = (partition.id(), partition.cpu(), partition.name().to_owned());
         let control: Arc<Control> = Arc::default();
         let ending =
