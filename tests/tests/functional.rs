@@ -15,9 +15,11 @@ fn both_guests_run_from_the_shipped_file() {
     // The lab is deterministic; the guarded release waits in a loop of five instructions.
     assert!(outcome.number("plc", "release_latency_ns.max") <= 10, "{}", outcome.output);
     assert!(outcome.number("linux", "boot_to_init_ns") > 0);
-    let share = outcome.share("linux");
-    assert!(share > 0.05, "Linux's share is {share}\n{}", outcome.output);
     let report = &outcome.report;
+    // Booting takes Linux more than a second of CPU time; what it does with the rest is idle.
+    let seconds = report["duration_ns"].as_f64().unwrap_or(0.0) / 1e9;
+    let share = outcome.share("linux");
+    assert!(share * seconds > 1.0, "Linux's share is {share}\n{}", outcome.output);
     assert_eq!((&report["schema_version"], &report["lane"]), (&Value::from(1), &"lab".into()));
     assert_eq!(report["host"]["preempt_rt"], true);
 }
