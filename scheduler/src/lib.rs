@@ -2,7 +2,7 @@
 //!
 //! The crate has two halves with a hard line between them:
 //!
-//! * [`time`], [`table`] and [`reservation`] are arithmetic over values: no clock is read, no call
+//! * [`time`], [`table`], [`reservation`] and [`analysis`] are arithmetic over values: no clock is read, no call
 //!   is made, so every rule can be tested exhaustively and the same code answers `takt check` and
 //!   drives the running system. "Now" is always an argument.
 //! * [`enforce`] is the one thin layer that turns an instant into a kernel call: pinning,
