@@ -13,8 +13,8 @@
 use crate::table::{Cpu, Role, Table};
 use crate::time::Nanos;
 
-/// Budget beyond guard and window, so that a kick lands before the throttle does. The kick's way
-/// was at most 33 us on one instruction-counted CPU; see `docs/timing.md`.
+/// Budget beyond guard and window, so that a kick, which takes some tens of microseconds to get
+/// through, lands before the throttle does.
 pub const KICK_MARGIN: Nanos = Nanos::from_micros(50);
 /// Budget of the kicker for one kick.
 pub const KICKER_RUNTIME: Nanos = Nanos::from_micros(20);

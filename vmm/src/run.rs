@@ -6,7 +6,7 @@
 
 use std::fs;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -178,16 +178,17 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
 impl Preparation<'_> {
     fn partition(&mut self, partition: &Partition) -> Result<Prepared, RunError> {
         match partition.kind() {
-            Kind::Plc { .. } => self.plc(partition),
-            Kind::Linux { .. } => self.linux(partition),
+            Kind::Plc { image } => self.plc(partition, image.as_deref()),
+            Kind::Linux { kernel, initrd, cmdline } => {
+                self.linux(partition, kernel, initrd.as_deref(), cmdline)
+            }
         }
     }
 
-    fn plc(&mut self, partition: &Partition) -> Result<Prepared, RunError> {
-        let Kind::Plc { image } = partition.kind() else { unreachable!("matched by the caller") };
+    fn plc(&mut self, partition: &Partition, image: Option<&Path>) -> Result<Prepared, RunError> {
         let bytes = partition.memory_bytes();
         let memory = GuestMemory::for_plc(bytes)?;
-        let entry = boot::plc::load(&memory, bytes, image.as_deref())
+        let entry = boot::plc::load(&memory, bytes, image)
             .map_err(|source| RunError::Plc { partition: partition.name().to_owned(), source })?;
         let machine = machine::for_plc(&self.kvm, &memory)?;
         long_mode::start(&machine.vcpu, memory.regions(), entry)?;
@@ -199,12 +200,15 @@ impl Preparation<'_> {
         self.spawn(partition, machine, memory, guest, output, None)
     }
 
-    fn linux(&mut self, partition: &Partition) -> Result<Prepared, RunError> {
-        let Kind::Linux { kernel, initrd, cmdline } = partition.kind() else {
-            unreachable!("matched by the caller")
-        };
+    fn linux(
+        &mut self,
+        partition: &Partition,
+        kernel: &Path,
+        initrd: Option<&Path>,
+        cmdline: &str,
+    ) -> Result<Prepared, RunError> {
         let memory = GuestMemory::for_linux(partition.memory_bytes())?;
-        let entry = boot::linux::load(&memory, kernel, initrd.as_deref(), cmdline)
+        let entry = boot::linux::load(&memory, kernel, initrd, cmdline)
             .map_err(|source| RunError::Linux { partition: partition.name().to_owned(), source })?;
         let machine = machine::for_linux(&self.kvm, &memory)?;
         long_mode::start(&machine.vcpu, memory.regions(), entry)?;
