@@ -7,6 +7,7 @@ pub mod appliance;
 pub mod boot;
 pub mod check;
 pub mod config;
+pub mod cpuset;
 pub mod init_watch;
 pub mod machine;
 pub mod memory;

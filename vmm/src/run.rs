@@ -30,6 +30,7 @@ use crate::boot::linux::LinuxImageError;
 use crate::boot::long_mode::{self, StartError};
 use crate::boot::plc::PlcImageError;
 use crate::config::{Kind, Partition, PartitionFile};
+use crate::cpuset::{CpusetError, Domains};
 use crate::init_watch::{InitSeen, InitWatch};
 use crate::machine::{self, Machine, MachineError};
 use crate::memory::{GuestMemory, MemoryError};
@@ -75,6 +76,8 @@ pub enum RunError {
     Linux { partition: String, source: LinuxImageError },
     #[error(transparent)]
     Start(#[from] StartError),
+    #[error(transparent)]
+    Cpuset(#[from] CpusetError),
     #[error(transparent)]
     Thread(#[from] ThreadError),
     #[error(transparent)]
@@ -123,6 +126,7 @@ impl Ending {
 struct Preparation<'a> {
     file: &'a PartitionFile,
     kvm: Kvm,
+    domains: &'a Domains,
     sender: Sender<(PartitionId, Finished)>,
     bell: EventFd,
     /// Set when the run is over: nobody takes console output any more.
@@ -142,11 +146,14 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     kick::install()
         .map_err(|e| io::Error::from_raw_os_error(e.errno()))
         .map_err(|source| RunError::Host { what: "install the kick's signal handler", source })?;
+    // Dropped after all threads have been let go.
+    let domains = Domains::set_up(file.table())?;
     let (sender, endings) = channel();
     let bell = eventfd()?;
     let mut preparation = Preparation {
         file,
         kvm: machine::open_kvm()?,
+        domains: &domains,
         sender,
         bell: clone(&bell)?,
         closing: Arc::default(),
@@ -256,7 +263,7 @@ impl Preparation<'_> {
                 let reservations = CpuReservations::of(table, cpu).partitions;
                 let reservation = reservations.iter().find(|(p, _)| *p == id).map(|(_, r)| *r);
                 let (mut producer, consumer) = RingBuffer::<WindowRecord>::new(RECORDS);
-                let place = Place { cpu, reservation };
+                let place = Place { cpu, domain: self.domains.entry(cpu), reservation };
                 let body = move |kickable: &mut kick::Kickable, base: Timebase| {
                     // The machine's memory and descriptor live as long as its processor.
                     let _machine = (memory, vm);
@@ -270,7 +277,7 @@ impl Preparation<'_> {
                 (thread::vcpu(&name, place, control.clone(), vcpu, body)?, Some(consumer))
             }
             _ => {
-                let place = Place { cpu, reservation: None };
+                let place = Place { cpu, domain: self.domains.entry(cpu), reservation: None };
                 let body = move |kickable: &mut kick::Kickable, _: Timebase| {
                     let _machine = (memory, vm);
                     let end = background::run(kickable, &mut guest, &own);
@@ -307,7 +314,8 @@ impl Preparation<'_> {
             let windows = kicker::Windows { releases, owners };
             let control: Arc<Control> = Arc::default();
             let own = control.clone();
-            let place = Place { cpu, reservation: CpuReservations::of(table, cpu).kicker };
+            let reservation = CpuReservations::of(table, cpu).kicker;
+            let place = Place { cpu, domain: self.domains.entry(cpu), reservation };
             let body = move |base: Timebase| kicker::run(&windows, &base, &own);
             let Cpu(number) = cpu;
             let thread = thread::plain(&format!("kicker-{number}"), place, control.clone(), body)?;

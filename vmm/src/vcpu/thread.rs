@@ -18,15 +18,18 @@ use thiserror::Error;
 
 use super::Control;
 use super::kick::{self, Kickable};
+use crate::cpuset::Entry;
 
 /// All memory is locked, so a stack costs what it may grow to; these threads need little.
 const STACK: usize = 128 * 1024;
 
 /// Where and how a thread runs.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Place {
     /// The only CPU it may use.
     pub cpu: Cpu,
+    /// The scheduling domain of that CPU, if it has one of its own.
+    pub domain: Option<Entry>,
     /// Its SCHED_DEADLINE reservation; `None` for the ordinary class.
     pub reservation: Option<Reservation>,
 }
@@ -42,8 +45,18 @@ pub enum ThreadError {
         /// What the host said.
         source: io::Error,
     },
+    /// The thread could not enter its CPU's scheduling domain.
+    #[error("thread {name} cannot enter the scheduling domain of CPU {cpu}: {source}; has somebody changed Takt's cgroups?", cpu = cpu.0)]
+    Enter {
+        /// The thread.
+        name: String,
+        /// The CPU.
+        cpu: Cpu,
+        /// What the host said.
+        source: io::Error,
+    },
     /// The thread could not be pinned.
-    #[error("cannot pin thread {name} to CPU {cpu}: {source}; is that CPU online, and in this process's cpuset?", cpu = cpu.0)]
+    #[error("cannot pin thread {name} to CPU {cpu}: {source}; is that CPU online, in this process's cpuset, and in no cgroup takt-cpu{cpu} that a killed takt has left?", cpu = cpu.0)]
     Pin {
         /// The thread.
         name: String,
@@ -84,7 +97,7 @@ pub enum ThreadError {
 fn remedy(error: &io::Error) -> &'static str {
     match error.raw_os_error() {
         Some(libc::EPERM) => {
-            "run as root (CAP_SYS_NICE), and on a host with several CPUs give Takt's CPUs a scheduling domain of their own, for example with the kernel parameter isolcpus=domain,managed_irq,N"
+            "run as root (CAP_SYS_NICE); if this is root, somebody has changed the CPU's scheduling domain (cpuset.cpus.partition) since Takt looked"
         }
         Some(libc::EBUSY) => {
             "the CPU's real-time bandwidth is taken: end other SCHED_DEADLINE threads or make the windows shorter"
@@ -168,9 +181,9 @@ fn spawn<P, T: Send + 'static>(
     let thread_name = name.to_owned();
     let run = move || {
         control.thread.store(kick::this_thread(), Ordering::SeqCst);
-        let prepared = pin(&thread_name, place)
+        let prepared = pin(&thread_name, &place)
             .and_then(|()| prepare())
-            .and_then(|p| reserve(&thread_name, place).map(|()| p));
+            .and_then(|p| reserve(&thread_name, &place).map(|()| p));
         match prepared {
             Err(error) => {
                 let _ = report.send(Err(error));
@@ -195,7 +208,14 @@ fn spawn<P, T: Send + 'static>(
     }
 }
 
-fn pin(name: &str, place: Place) -> Result<(), ThreadError> {
+fn pin(name: &str, place: &Place) -> Result<(), ThreadError> {
+    if let Some(domain) = &place.domain {
+        domain.enter().map_err(|source| ThreadError::Enter {
+            name: name.to_owned(),
+            cpu: place.cpu,
+            source,
+        })?;
+    }
     pin_to(place.cpu).map_err(|source| ThreadError::Pin {
         name: name.to_owned(),
         cpu: place.cpu,
@@ -204,7 +224,7 @@ fn pin(name: &str, place: Place) -> Result<(), ThreadError> {
 }
 
 /// Last, since a deadline thread may not do much of what comes before.
-fn reserve(name: &str, place: Place) -> Result<(), ThreadError> {
+fn reserve(name: &str, place: &Place) -> Result<(), ThreadError> {
     let Some(reservation) = place.reservation else { return Ok(()) };
     become_deadline(reservation).map_err(|source| ThreadError::Deadline {
         name: name.to_owned(),

@@ -1,0 +1,167 @@
+//! The few things that are asked of the kernel to set a CPU apart.
+//!
+//! They are a trait, because what matters in [`setup`](super::setup) is the order of the steps and
+//! what happens when one is refused, and a test must be able to refuse any of them.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::thread;
+use std::time::Duration;
+
+use takt_scheduler::enforce::{become_deadline, pin_to};
+use takt_scheduler::reservation::Reservation;
+use takt_scheduler::table::Cpu;
+use takt_scheduler::time::Nanos;
+
+use super::mounts::{self, HierarchyError};
+
+/// A share of one per cent: small enough to be free on any CPU that is worth running on. What the
+/// thread has used of it stays reserved for up to a period after its end.
+const TRIAL: Reservation =
+    Reservation { runtime: Nanos::from_micros(100), period: Nanos::from_millis(10) };
+/// All memory is locked, so a stack costs what it may grow to.
+const STACK: usize = 64 * 1024;
+const PAUSE: Duration = Duration::from_millis(1);
+
+/// A cgroup hierarchy and its scheduler. Paths are relative to the root cgroup, with `""` for it.
+pub trait Kernel {
+    /// What a file says.
+    fn read(&self, path: &str) -> io::Result<String>;
+    /// Writes to a file that is there.
+    fn write(&self, path: &str, text: &str) -> io::Result<()>;
+    /// Makes a cgroup.
+    fn make(&self, path: &str) -> io::Result<()>;
+    /// Removes a cgroup, which must have no threads.
+    fn remove(&self, path: &str) -> io::Result<()>;
+    /// The cgroup that this process is in.
+    fn home(&self) -> io::Result<String>;
+    /// The name of a thread.
+    fn name_of(&self, thread: &str) -> String;
+    /// Why a thread cannot be a deadline thread on this CPU, if it cannot, when it has entered
+    /// `cgroup` first.
+    fn refusal(&self, cpu: Cpu, cgroup: Option<&str>) -> io::Result<Option<io::Error>>;
+    /// Waits a little for something that is about to happen.
+    fn pause(&self);
+    /// For error texts, and for threads to enter.
+    fn full_path(&self, path: &str) -> PathBuf;
+}
+
+/// A cgroup that threads of this process may enter.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    threads: PathBuf,
+}
+
+impl Entry {
+    /// Threads enter by this file.
+    #[must_use]
+    pub(super) fn by(threads: PathBuf) -> Self {
+        Self { threads }
+    }
+
+    /// Moves the calling thread there. Must come before it is pinned, which the move overwrites.
+    ///
+    /// # Errors
+    /// What the kernel says.
+    pub fn enter(&self) -> io::Result<()> {
+        // 0 is whoever writes (kernel/cgroup/cgroup.c, `cgroup_procs_write_start`).
+        overwrite(&self.threads, "0")
+    }
+}
+
+/// Why a thread that is pinned to `cpu` cannot be a deadline thread, if it is a matter of its
+/// scheduling domain: `EPERM`, or not even the pinning is possible, as when a killed Takt has left
+/// the CPU set apart. Whatever else is wrong, the thread that it matters to will tell better.
+///
+/// # Errors
+/// If the host gives no thread to try with.
+pub fn refusal(cpu: Cpu, entry: Option<Entry>) -> io::Result<Option<io::Error>> {
+    let attempt = move || -> io::Result<()> {
+        if let Some(entry) = entry {
+            entry.enter()?;
+        }
+        pin_to(cpu)?;
+        match become_deadline(TRIAL) {
+            Err(error) if error.raw_os_error() == Some(libc::EPERM) => Err(error),
+            _ => Ok(()),
+        }
+    };
+    let thread = thread::Builder::new().name("trial".into()).stack_size(STACK).spawn(attempt)?;
+    match thread.join() {
+        Ok(result) => Ok(result.err()),
+        Err(_) => Err(io::Error::other("the thread died")),
+    }
+}
+
+/// The host's cgroup v2 hierarchy.
+pub struct Cgroup2 {
+    root: PathBuf,
+    /// Locked while this value lives. Two processes that both find, enable and take back what
+    /// they share could not know what is whose.
+    _lock: File,
+}
+
+impl Cgroup2 {
+    /// Finds it, and keeps other Takts from changing it.
+    ///
+    /// # Errors
+    /// See [`HierarchyError`].
+    pub fn find() -> Result<Self, HierarchyError> {
+        let root = mounts::find()?;
+        let unreadable = |source| HierarchyError::Read { path: root.clone(), source };
+        let lock = File::open(&root).map_err(unreadable)?;
+        match lock.try_lock() {
+            Ok(()) => Ok(Self { root, _lock: lock }),
+            Err(fs::TryLockError::WouldBlock) => Err(HierarchyError::Locked { path: root }),
+            Err(fs::TryLockError::Error(source)) => Err(unreadable(source)),
+        }
+    }
+}
+
+impl Kernel for Cgroup2 {
+    fn read(&self, path: &str) -> io::Result<String> {
+        fs::read_to_string(self.full_path(path))
+    }
+
+    fn write(&self, path: &str, text: &str) -> io::Result<()> {
+        overwrite(&self.full_path(path), text)
+    }
+
+    fn make(&self, path: &str) -> io::Result<()> {
+        fs::create_dir(self.full_path(path))
+    }
+
+    fn remove(&self, path: &str) -> io::Result<()> {
+        fs::remove_dir(self.full_path(path))
+    }
+
+    fn home(&self) -> io::Result<String> {
+        let all = fs::read_to_string("/proc/self/cgroup")?;
+        let own = all.lines().find_map(|line| line.strip_prefix("0::/"));
+        own.map(str::to_owned).ok_or_else(|| io::Error::other("no line for cgroup v2"))
+    }
+
+    fn name_of(&self, thread: &str) -> String {
+        fs::read_to_string(format!("/proc/{thread}/comm"))
+            .map_or_else(|_| "?".into(), |name| name.trim_end().to_owned())
+    }
+
+    fn refusal(&self, cpu: Cpu, cgroup: Option<&str>) -> io::Result<Option<io::Error>> {
+        let entry = cgroup.map(|path| Entry::by(self.full_path(path).join("cgroup.threads")));
+        refusal(cpu, entry)
+    }
+
+    fn pause(&self) {
+        thread::sleep(PAUSE);
+    }
+
+    fn full_path(&self, path: &str) -> PathBuf {
+        self.root.join(path)
+    }
+}
+
+/// Writes without making the file: for a missing one, the kernel then says that it is missing.
+fn overwrite(path: &PathBuf, text: &str) -> io::Result<()> {
+    OpenOptions::new().write(true).open(path)?.write_all(text.as_bytes())
+}
