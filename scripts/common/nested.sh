@@ -65,7 +65,11 @@ machine_options() {
             "${emulated[@]}" -smp 1)
         ;;
     emulated)
-        options=(-accel "tcg,thread=multi" "${emulated[@]}" -smp "$cpus")
+        # With nested paging, a Linux guest that runs beside a PLC on another CPU has died of a
+        # triple fault early in its start, most times: QEMU 7.2's walk of its page tables finds
+        # reserved bits set. KVM's shadow page tables need no such walk. The last -cpu counts.
+        options=(-accel "tcg,thread=multi" "${emulated[@]}" -cpu "max,-hypervisor,npt=off"
+            -smp "$cpus")
         ;;
     esac
 }
