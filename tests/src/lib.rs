@@ -1,4 +1,5 @@
-//! Runs whole systems: a partition file, in the appliance, in the instruction-counted lab.
+//! Runs whole systems: a partition file, in the appliance, in the instruction-counted lab, or in
+//! the `emulated` lane where several CPUs are needed.
 //!
 //! A test writes a partition file, says what is typed at the console, and looks at what a user
 //! would see: the output, the exit status and the report. In the lab nothing depends on how fast
@@ -19,7 +20,7 @@ const TIMEOUT_S: &str = "900";
 /// What a run left behind.
 #[derive(Debug)]
 pub struct Outcome {
-    /// Exit status of `scripts/lab`, which is that of `takt`.
+    /// Exit status of `scripts/run`, which is that of `takt`.
     pub status: i32,
     /// All that appeared on the console, and what the scripts said.
     pub output: String,
@@ -204,11 +205,27 @@ pub fn run_text(
 /// Runs a partition file in the lab.
 #[must_use]
 pub fn run(file: &Path, duration: Option<&str>, dialogue: &[(&str, &str)]) -> Outcome {
+    run_in_lane("lab", file, duration, dialogue)
+}
+
+/// Runs a partition file in a lane of `scripts/run`. Outside the lab, no time may be asserted.
+#[must_use]
+pub fn run_in_lane(
+    lane: &str,
+    file: &Path,
+    duration: Option<&str>,
+    dialogue: &[(&str, &str)],
+) -> Outcome {
     let report = file.with_extension("json");
     let report = scratch().join(report.file_name().expect("a partition file has a name"));
     let _ = fs::remove_file(&report);
-    let mut command = Command::new(root().join("scripts/lab"));
-    command.arg(file).arg("--report").arg(&report).env("TAKT_TIMEOUT", TIMEOUT_S);
+    let mut command = Command::new(root().join("scripts/run"));
+    command
+        .args(["--lane", lane])
+        .arg(file)
+        .arg("--report")
+        .arg(&report)
+        .env("TAKT_TIMEOUT", TIMEOUT_S);
     if let Some(duration) = duration {
         command.args(["--for", duration]);
     }
@@ -218,9 +235,9 @@ pub fn run(file: &Path, duration: Option<&str>, dialogue: &[(&str, &str)]) -> Ou
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
-        .expect("scripts/lab starts");
+        .expect("scripts/run starts");
     let output = converse(&mut child, dialogue);
-    let status = child.wait().expect("scripts/lab ends").code().unwrap_or(-1);
+    let status = child.wait().expect("scripts/run ends").code().unwrap_or(-1);
     let report = fs::read_to_string(&report)
         .ok()
         .and_then(|text| serde_json::from_str(&text).ok())
