@@ -131,6 +131,7 @@ fn duration(ticks: u64, tsc_khz: u64) -> Duration {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use takt_abi::start::{COLD, NORMAL};
     use takt_abi::{MAGIC, VERSION};
 
     const KHZ: u64 = 2_994_374;
@@ -146,6 +147,12 @@ mod tests {
             frame: release,
             release_tsc,
             window_end_tsc: release_tsc.saturating_add(KHZ / 4),
+            next_release_tsc: release_tsc.saturating_add(KHZ),
+            next_window_end_tsc: release_tsc.saturating_add(KHZ * 5 / 4),
+            schedule: 0,
+            start_mode: COLD,
+            start_condition: NORMAL,
+            reserved: 0,
         }
     }
 

@@ -2,14 +2,18 @@
 //!
 //! The crate has two halves with a hard line between them:
 //!
-//! * [`time`], [`table`], [`reservation`] and [`analysis`] are arithmetic over values: no clock is read, no call
-//!   is made, so every rule can be tested exhaustively and the same code answers `takt check` and
-//!   drives the running system. "Now" is always an argument.
+//! * [`time`], [`table`], [`schedules`], [`timetable`], [`switch`], [`reservation`] and [`analysis`]
+//!   are arithmetic over values: no clock is read, no call is made, so every rule can be tested
+//!   exhaustively and the same code answers `takt check` and drives the running system. "Now" is
+//!   always an argument.
 //! * [`enforce`] is the one thin layer that turns an instant into a kernel call: pinning,
 //!   SCHED_DEADLINE, and the absolute sleep on the TSC.
 
 pub mod analysis;
 pub mod enforce;
 pub mod reservation;
+pub mod schedules;
+pub mod switch;
 pub mod table;
 pub mod time;
+pub mod timetable;

@@ -1,4 +1,4 @@
-//! What a table asks of SCHED_DEADLINE.
+//! What the schedules ask of SCHED_DEADLINE.
 //!
 //! The kernel's constant-bandwidth server is the second fence around a window: the first is the
 //! kick at its end. The reservation must therefore *exceed* the window by what the kick takes to
@@ -9,8 +9,12 @@
 //! only one with an *earlier absolute deadline* does. At a window's end the vCPU thread's deadline
 //! is still `period - guard - window` away: the kicker's relative deadline is half of that. It also
 //! is no longer than the time between two window ends, since each end needs the whole budget.
+//!
+//! A reservation is made once, at the start, and serves under every schedule: the kernel could
+//! refuse a new one in the middle of a run.
 
-use crate::table::{Cpu, Role, Table};
+use crate::schedules::Schedules;
+use crate::table::{Cpu, PartitionId, Role};
 use crate::time::Nanos;
 
 /// Budget beyond guard and window, so that a kick, which takes some tens of microseconds to get
@@ -47,30 +51,31 @@ impl Reservation {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CpuReservations {
     /// For each windowed partition of this CPU.
-    pub partitions: Vec<(crate::table::PartitionId, Reservation)>,
+    pub partitions: Vec<(PartitionId, Reservation)>,
     /// For the thread that ends windows; `None` where there are none.
     pub kicker: Option<Reservation>,
 }
 
 impl CpuReservations {
-    /// Derives them from the table.
+    /// Derives them from the schedules.
     #[must_use]
-    pub fn of(table: &Table, cpu: Cpu) -> CpuReservations {
+    pub fn of(schedules: &Schedules, cpu: Cpu) -> CpuReservations {
         let mut partitions = Vec::new();
         let mut slack = Nanos(u64::MAX);
-        for (i, placement) in table.placements().iter().enumerate() {
+        for (i, placement) in schedules.placements().iter().enumerate() {
             let Role::Windowed { guard } = placement.role else { continue };
-            let id = crate::table::PartitionId(i);
-            let Some(releases) = table.releases_of(id).filter(|_| placement.cpu == cpu) else {
+            let id = PartitionId(i);
+            let Some(timetable) = schedules.timetable_of(id).filter(|_| placement.cpu == cpu)
+            else {
                 continue;
             };
-            let busy = guard.plus(releases.longest());
-            let period = releases.shortest_period();
+            let busy = guard.plus(timetable.longest());
+            let period = timetable.shortest_period();
             slack = slack.min(period.less(busy));
             let runtime = busy.plus(KICK_MARGIN).min(period);
             partitions.push((id, Reservation { runtime, period }));
         }
-        let kicker = table.releases_on(cpu).map(|all| Reservation {
+        let kicker = schedules.timetable_on(cpu).map(|all| Reservation {
             runtime: KICKER_RUNTIME,
             period: Nanos(slack.0 / 2).min(all.shortest_between_ends()).max(KICKER_PERIOD_MIN),
         });
@@ -88,7 +93,7 @@ impl CpuReservations {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::table::{PartitionId, Placement, Window};
+    use crate::table::{Placement, Window};
 
     fn us(n: u64) -> Nanos {
         Nanos::from_micros(n)
@@ -105,9 +110,11 @@ mod tests {
                 partition: PartitionId(0),
                 offset: us(offset),
                 duration: us(duration),
+                period: us(1000),
             })
             .collect();
-        CpuReservations::of(&Table::new(us(1000), &placements, &windows).unwrap(), Cpu(0))
+        let schedules = Schedules::new(us(1000), &placements, &[&windows]).unwrap();
+        CpuReservations::of(&schedules, Cpu(0))
     }
 
     #[test]
@@ -135,9 +142,11 @@ mod tests {
             partition: PartitionId(partition),
             offset: us(offset),
             duration: us(100),
+            period: us(2000),
         };
-        let table = Table::new(us(2000), &placements, &[window(0, 0), window(1, 200)]).unwrap();
-        assert_eq!(CpuReservations::of(&table, Cpu(0)).kicker.unwrap().period, us(200));
+        let windows = [window(0, 0), window(1, 200)];
+        let schedules = Schedules::new(us(2000), &placements, &[&windows]).unwrap();
+        assert_eq!(CpuReservations::of(&schedules, Cpu(0)).kicker.unwrap().period, us(200));
     }
 
     #[test]
@@ -147,9 +156,26 @@ mod tests {
     }
 
     #[test]
+    fn one_reservation_serves_under_every_schedule() {
+        let placements = [Placement { cpu: Cpu(0), role: Role::Windowed { guard: us(20) } }];
+        let window = |offset, duration| Window {
+            partition: PartitionId(0),
+            offset: us(offset),
+            duration: us(duration),
+            period: us(1000),
+        };
+        let (short, long) = ([window(400, 100)], [window(0, 300)]);
+        let schedules = Schedules::new(us(1000), &placements, &[&short, &long]).unwrap();
+        let r = CpuReservations::of(&schedules, Cpu(0));
+        // The longest window, and at a switch the one at 0 comes 600 us after the one at 400 us.
+        assert_eq!(r.partitions[0].1, Reservation { runtime: us(370), period: us(600) });
+    }
+
+    #[test]
     fn a_cpu_without_windows_needs_nothing() {
-        let table = Table::new(us(1000), &[Placement { cpu: Cpu(0), role: Role::Background }], &[]);
-        let r = CpuReservations::of(&table.unwrap(), Cpu(0));
+        let background = Placement { cpu: Cpu(0), role: Role::Background };
+        let schedules = Schedules::new(us(1000), &[background], &[&[]]).unwrap();
+        let r = CpuReservations::of(&schedules, Cpu(0));
         assert_eq!((r.kicker, r.permille()), (None, 0));
     }
 }

@@ -8,6 +8,9 @@
 //! wake-up's own latency is over when the release comes. The guard is time of that partition too,
 //! so it may not reach into another partition's window. Windows and guards are laid on a circle,
 //! since the guard of a window at offset 0 lies at the end of the frame before.
+//!
+//! A table is one schedule. [`crate::schedules`] puts several beside each other, and
+//! [`crate::timetable`] says when the releases come.
 
 use thiserror::Error;
 
@@ -19,6 +22,17 @@ pub const FRAME_MAX: Nanos = Nanos::from_millis(60_000);
 pub const FRAME_MIN: Nanos = Nanos::from_micros(100);
 /// Shortest window, for the same reason.
 pub const WINDOW_MIN: Nanos = Nanos::from_micros(10);
+/// Longest guard: it is taken from the others, so more than this hides a broken host.
+pub const GUARD_MAX: Nanos = Nanos::from_millis(1);
+/// Most windows of one schedule in a frame, repetitions counted.
+pub const WINDOWS_MAX: usize = 4096;
+/// How long after its window's end a partition that has to be kicked out can still hold the CPU:
+/// the guest itself stops within a microsecond, its thread takes until then to fall asleep. At most
+/// 26 us in the lab, see `docs/timing.md`.
+pub const KICK_TIME: Nanos = Nanos::from_micros(30);
+/// What the end of a window can cost the background beyond the window: a kick, the exit from the
+/// guest and the way to sleep of two threads. Measured in the lab, see `docs/timing.md`.
+pub const WINDOW_COST: Nanos = Nanos::from_micros(30);
 
 /// A partition, by its position in the partition file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -49,7 +63,7 @@ pub struct Placement {
     pub role: Role,
 }
 
-/// One window of the major frame.
+/// A window of the major frame, or one that repeats within it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window {
     /// Owner.
@@ -58,6 +72,9 @@ pub struct Window {
     pub offset: Nanos,
     /// Length.
     pub duration: Nanos,
+    /// Time from one repetition to the next; the frame, for a window that comes once in it. In a
+    /// [`Table`] every window is of the latter kind.
+    pub period: Nanos,
 }
 
 impl Window {
@@ -92,6 +109,32 @@ pub enum TableError {
         /// Its length.
         duration: Nanos,
     },
+    /// The frame is no multiple of a window's period.
+    #[error("the period of {period} does not divide the major frame of {frame}")]
+    Period {
+        /// The window.
+        window: usize,
+        /// Its period.
+        period: Nanos,
+        /// The frame.
+        frame: Nanos,
+    },
+    /// A window that repeats passes the end of its period.
+    #[error("the window ends at {end}, past the end of its period of {period}")]
+    PastPeriod {
+        /// The window.
+        window: usize,
+        /// Where it ends.
+        end: Nanos,
+        /// Its period.
+        period: Nanos,
+    },
+    /// More windows than [`WINDOWS_MAX`].
+    #[error("there are more than {WINDOWS_MAX} windows in a major frame")]
+    TooMany {
+        /// The window that is one too many, or one of its repetitions is.
+        window: usize,
+    },
     /// A window passes the end of the frame.
     #[error("the window ends at {end}, past the end of the major frame at {frame}")]
     PastFrame {
@@ -114,9 +157,10 @@ pub enum TableError {
         /// Where the later one starts.
         start: Nanos,
     },
-    /// The guard before a window reaches into another window on that CPU.
+    /// The guard before a window reaches into another window on that CPU, or into the time that
+    /// the end of another partition's window can take.
     #[error(
-        "the release guard of {guard} needs a gap of that length before the window, but there is {gap}"
+        "the release guard of {guard} needs a gap of {room} before the window, but there is {gap}"
     )]
     NoRoomForGuard {
         /// The window whose guard has no room.
@@ -125,6 +169,8 @@ pub enum TableError {
         before: usize,
         /// The guard.
         guard: Nanos,
+        /// The least time between the two windows.
+        room: Nanos,
         /// The time between the two windows.
         gap: Nanos,
     },
@@ -144,77 +190,6 @@ pub enum TableError {
         /// The window.
         window: usize,
     },
-    /// A partition that is not the background has no window: it would never run.
-    #[error("the partition would never run: it has no window and is not the background")]
-    NeverRuns {
-        /// The partition.
-        partition: PartitionId,
-    },
-}
-
-/// One release of a partition: the start of one of its windows, in one frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Release {
-    /// Counts the partition's windows since the epoch, from 0.
-    pub sequence: u64,
-    /// Number of the major frame, from 0.
-    pub frame: u64,
-    /// Start of the window, since the epoch.
-    pub start: Nanos,
-    /// End of the window, since the epoch.
-    pub end: Nanos,
-}
-
-/// The releases of one partition, for ever.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Releases {
-    frame: Nanos,
-    /// Offset and end of each window, in order; never empty.
-    windows: Box<[(Nanos, Nanos)]>,
-}
-
-impl Releases {
-    /// The release with this sequence number.
-    #[must_use]
-    pub fn nth(&self, sequence: u64) -> Release {
-        let per_frame = self.windows.len() as u64;
-        let frame = sequence / per_frame;
-        let (offset, end) = self.windows[(sequence % per_frame) as usize];
-        let base = Nanos(frame.saturating_mul(self.frame.0));
-        Release { sequence, frame, start: base.plus(offset), end: base.plus(end) }
-    }
-
-    /// The first release whose window ends after `now` (an offset from the epoch). Takes the
-    /// same time however far ahead `now` is, so that a late host never loops to catch up.
-    #[must_use]
-    pub fn first_ending_after(&self, now: Nanos) -> Release {
-        let frame = now.0 / self.frame.0;
-        let within = Nanos(now.0 % self.frame.0);
-        let over = self.windows.iter().take_while(|(_, end)| *end <= within).count();
-        self.nth(frame.saturating_mul(self.windows.len() as u64).saturating_add(over as u64))
-    }
-
-    /// Length of the longest window.
-    #[must_use]
-    pub fn longest(&self) -> Nanos {
-        self.windows.iter().map(|(offset, end)| end.less(*offset)).max().unwrap_or(Nanos::ZERO)
-    }
-
-    /// Shortest time from the end of one window to the end of the next.
-    #[must_use]
-    pub fn shortest_between_ends(&self) -> Nanos {
-        let ends = self.windows.iter().map(|(_, end)| *end);
-        let next = ends.clone().skip(1).chain([self.frame.plus(self.windows[0].1)]);
-        ends.zip(next).map(|(a, b)| b.less(a)).min().unwrap_or(self.frame)
-    }
-
-    /// Shortest time from the start of one window to the start of the next.
-    #[must_use]
-    pub fn shortest_period(&self) -> Nanos {
-        let starts = self.windows.iter().map(|(offset, _)| *offset);
-        let next = starts.clone().skip(1).chain([self.frame.plus(self.windows[0].0)]);
-        starts.zip(next).map(|(a, b)| b.less(a)).min().unwrap_or(self.frame)
-    }
 }
 
 /// A sound schedule.
@@ -239,32 +214,28 @@ impl Table {
         if !(FRAME_MIN..=FRAME_MAX).contains(&frame) {
             return Err(TableError::Frame { frame });
         }
+        check_roles(placements)?;
+        let mut expanded: Vec<(usize, Window)> = Vec::new();
         for (window, w) in windows.iter().enumerate() {
-            let owner =
-                placements.get(w.partition.0).ok_or(TableError::NoSuchPartition { window })?;
-            if owner.role == Role::Background {
-                return Err(TableError::BackgroundWindow { window });
+            check_window(frame, placements, window, w)?;
+            let repetitions = frame.0 / w.period.0;
+            if repetitions > (WINDOWS_MAX - expanded.len()) as u64 {
+                return Err(TableError::TooMany { window });
             }
-            if w.duration < WINDOW_MIN {
-                return Err(TableError::TooShort { window, duration: w.duration });
-            }
-            if w.end() > frame {
-                return Err(TableError::PastFrame { window, end: w.end(), frame });
-            }
+            expanded.extend((0..repetitions).map(|n| {
+                let offset = w.offset.plus(Nanos(n * w.period.0));
+                (window, Window { offset, period: frame, ..*w })
+            }));
         }
-        check_roles(placements, windows)?;
-
-        let mut order: Vec<usize> = (0..windows.len()).collect();
-        order.sort_by_key(|&i| (placements[windows[i].partition.0].cpu, windows[i].offset));
-        for on_cpu in order.chunk_by(|&a, &b| {
-            placements[windows[a].partition.0].cpu == placements[windows[b].partition.0].cpu
-        }) {
-            check_cpu(frame, placements, windows, on_cpu)?;
+        expanded.sort_by_key(|(_, w)| (placements[w.partition.0].cpu, w.offset));
+        let cpu = |w: &Window| placements[w.partition.0].cpu;
+        for on_cpu in expanded.chunk_by(|(_, a), (_, b)| cpu(a) == cpu(b)) {
+            check_cpu(frame, placements, on_cpu)?;
         }
         Ok(Table {
             frame,
             placements: placements.into(),
-            windows: order.iter().map(|&i| windows[i]).collect(),
+            windows: expanded.into_iter().map(|(_, w)| w).collect(),
         })
     }
 
@@ -301,37 +272,24 @@ impl Table {
         self.placements.iter().position(role).map(PartitionId)
     }
 
-    /// The releases of a partition; `None` for a background partition, which has none.
-    #[must_use]
-    pub fn releases_of(&self, partition: PartitionId) -> Option<Releases> {
-        self.releases(self.windows.iter().filter(|w| w.partition == partition))
+    /// The windows of a partition, in order of time.
+    pub fn windows_of(&self, partition: PartitionId) -> impl Iterator<Item = &Window> {
+        self.windows.iter().filter(move |w| w.partition == partition)
     }
 
-    /// The windows of all partitions on a CPU as one sequence, in the order of
-    /// [`windows_on`](Self::windows_on); `None` where there are none.
-    #[must_use]
-    pub fn releases_on(&self, cpu: Cpu) -> Option<Releases> {
-        self.releases(self.windows_on(cpu))
-    }
-
-    fn releases<'a>(&self, windows: impl Iterator<Item = &'a Window>) -> Option<Releases> {
-        let windows: Box<[_]> = windows.map(|w| (w.offset, w.end())).collect();
-        (!windows.is_empty()).then_some(Releases { frame: self.frame, windows })
-    }
-
-    /// Time per frame that is a partition's own: its windows, or for a background partition all
-    /// that the windows and guards of its CPU leave, whatever their owners do.
+    /// Time per frame that is a partition's own, whatever the others do: its windows, or for a
+    /// background partition what the windows of its CPU, their guards and the cost of ending them
+    /// ([`WINDOW_COST`]) leave.
     #[must_use]
     pub fn guaranteed(&self, partition: PartitionId) -> Nanos {
         let placement = self.placements[partition.0];
         match placement.role {
             Role::Windowed { .. } => {
-                let own = self.windows.iter().filter(|w| w.partition == partition);
-                own.fold(Nanos::ZERO, |sum, w| sum.plus(w.duration))
+                self.windows_of(partition).fold(Nanos::ZERO, |sum, w| sum.plus(w.duration))
             }
             Role::Background => {
                 let claimed = self.windows_on(placement.cpu).fold(Nanos::ZERO, |sum, w| {
-                    sum.plus(w.duration).plus(guard_of(&self.placements, w))
+                    sum.plus(w.duration).plus(guard_of(&self.placements, w)).plus(WINDOW_COST)
                 });
                 self.frame.less(claimed)
             }
@@ -339,59 +297,86 @@ impl Table {
     }
 }
 
-fn guard_of(placements: &[Placement], window: &Window) -> Nanos {
+pub(crate) fn guard_of(placements: &[Placement], window: &Window) -> Nanos {
     match placements[window.partition.0].role {
         Role::Windowed { guard } => guard,
         Role::Background => Nanos::ZERO,
     }
 }
 
-/// At most one background per CPU, and nobody who never runs.
-fn check_roles(placements: &[Placement], windows: &[Window]) -> Result<(), TableError> {
-    for (i, p) in placements.iter().enumerate() {
-        match p.role {
-            Role::Background => {
-                let same = |q: &Placement| q.cpu == p.cpu && q.role == Role::Background;
-                if let Some(first) = placements[..i].iter().position(same) {
-                    return Err(TableError::TwoBackgrounds {
-                        first: PartitionId(first),
-                        second: PartitionId(i),
-                        cpu: p.cpu,
-                    });
-                }
-            }
-            Role::Windowed { .. } => {
-                if !windows.iter().any(|w| w.partition.0 == i) {
-                    return Err(TableError::NeverRuns { partition: PartitionId(i) });
-                }
-            }
+/// The least time from the end of the window `before` to the start of `window`: the guard, so that
+/// the release is exact, and before it the time in which another partition may have to be kicked
+/// out. Without a guard nothing is promised that this could break.
+pub(crate) fn room_before(placements: &[Placement], window: &Window, before: &Window) -> Nanos {
+    let guard = guard_of(placements, window);
+    let other = window.partition != before.partition && guard > Nanos::ZERO;
+    guard.plus(if other { KICK_TIME } else { Nanos::ZERO })
+}
+
+/// What concerns one window alone.
+fn check_window(
+    frame: Nanos,
+    placements: &[Placement],
+    window: usize,
+    w: &Window,
+) -> Result<(), TableError> {
+    let owner = placements.get(w.partition.0).ok_or(TableError::NoSuchPartition { window })?;
+    if owner.role == Role::Background {
+        return Err(TableError::BackgroundWindow { window });
+    }
+    if w.duration < WINDOW_MIN {
+        return Err(TableError::TooShort { window, duration: w.duration });
+    }
+    if w.period == Nanos::ZERO || !frame.0.is_multiple_of(w.period.0) {
+        return Err(TableError::Period { window, period: w.period, frame });
+    }
+    if w.end() > frame {
+        return Err(TableError::PastFrame { window, end: w.end(), frame });
+    }
+    if w.end() > w.period {
+        return Err(TableError::PastPeriod { window, end: w.end(), period: w.period });
+    }
+    Ok(())
+}
+
+/// At most one background per CPU.
+fn check_roles(placements: &[Placement]) -> Result<(), TableError> {
+    for (i, p) in placements.iter().enumerate().filter(|(_, p)| p.role == Role::Background) {
+        let same = |q: &Placement| q.cpu == p.cpu && q.role == Role::Background;
+        if let Some(first) = placements[..i].iter().position(same) {
+            return Err(TableError::TwoBackgrounds {
+                first: PartitionId(first),
+                second: PartitionId(i),
+                cpu: p.cpu,
+            });
         }
     }
     Ok(())
 }
 
-/// No overlap, and room for each guard. `order` holds the windows of one CPU by offset.
+/// No overlap, and room for each guard. `windows` are those of one CPU by offset, each with its
+/// position in the input.
 fn check_cpu(
     frame: Nanos,
     placements: &[Placement],
-    windows: &[Window],
-    order: &[usize],
+    windows: &[(usize, Window)],
 ) -> Result<(), TableError> {
-    for pair in order.windows(2) {
-        let (earlier, later) = (pair[0], pair[1]);
-        let (end, start) = (windows[earlier].end(), windows[later].offset);
+    for pair in windows.windows(2) {
+        let [(earlier, a), (later, b)] = [pair[0], pair[1]];
+        let (end, start) = (a.end(), b.offset);
         if start < end {
             return Err(TableError::Overlap { earlier, later, end, start });
         }
     }
     // The window before the first one is the last one of the frame before.
-    let before = order.iter().cycle().skip(order.len() - 1);
-    for (i, (&window, &before)) in order.iter().zip(before).enumerate() {
-        let guard = guard_of(placements, &windows[window]);
-        let start = if i == 0 { frame } else { Nanos::ZERO }.plus(windows[window].offset);
-        let gap = start.less(windows[before].end());
-        if gap < guard {
-            return Err(TableError::NoRoomForGuard { window, before, guard, gap });
+    let before = windows.iter().cycle().skip(windows.len() - 1);
+    for (i, (&(window, w), &(before, b))) in windows.iter().zip(before).enumerate() {
+        let room = room_before(placements, &w, &b);
+        let start = if i == 0 { frame } else { Nanos::ZERO }.plus(w.offset);
+        let gap = start.less(b.end());
+        if gap < room {
+            let guard = guard_of(placements, &w);
+            return Err(TableError::NoRoomForGuard { window, before, guard, room, gap });
         }
     }
     Ok(())

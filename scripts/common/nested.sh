@@ -29,7 +29,9 @@ run_appliance() {
         -kernel "$appliance/vmlinux" -initrd "$work/initrd" -append "$words"
         # Without signal=off, Ctrl-C would end QEMU instead of reaching takt.
         -chardev "stdio,id=console,signal=off,logfile=$work/console.log" -serial chardev:console
-        -serial "file:$work/results")
+        # Where takt leaves its results; its other end is vmm/src/appliance/result_port.rs.
+        -chardev "file,id=results,path=$work/results"
+        -device "isa-debugcon,iobase=0x402,chardev=results")
 
     remember_terminal
     # In the background, with this script waiting, a signal to the script ends QEMU at once; and

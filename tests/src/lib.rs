@@ -5,6 +5,8 @@
 //! would see: the output, the exit status and the report. In the lab nothing depends on how fast
 //! or how busy the machine below is, so figures may be asserted.
 
+mod file;
+
 use std::fs;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -12,6 +14,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 use std::thread;
 
+pub use file::{BUSY, File, System};
 pub use serde_json::Value;
 
 /// Real time after which a run is given up. It is never what a test waits for.
@@ -24,8 +27,10 @@ pub struct Outcome {
     pub status: i32,
     /// All that appeared on the console, and what the scripts said.
     pub output: String,
-    /// The report.
+    /// The report; null if there is none.
     pub report: Value,
+    /// The trace's events; null if there is none.
+    pub trace: Value,
 }
 
 impl Outcome {
@@ -53,6 +58,20 @@ impl Outcome {
     #[must_use]
     pub fn share(&self, partition: &str) -> f64 {
         self.partition(partition)["cpu_share"].as_f64().unwrap_or(-1.0)
+    }
+
+    /// A background partition's part of the time that the windows left.
+    #[must_use]
+    pub fn received(&self, partition: &str) -> f64 {
+        let of = |key| self.number(partition, key) as f64;
+        of("donation.received_ns") / of("donation.offered_ns")
+    }
+
+    /// Latest less earliest start after a release, in ns.
+    #[must_use]
+    pub fn jitter_ns(&self, partition: &str) -> u64 {
+        let of = |key| self.number(partition, key);
+        of("release_latency_ns.max") - of("release_latency_ns.min")
     }
 
     /// Fails unless a PLC kept every release, and there were at least so many.
@@ -103,146 +122,111 @@ pub fn plc_image(name: &str) -> PathBuf {
     folder.join("target/x86_64-unknown-linux-gnu/release").join(name)
 }
 
-/// A partition file: a PLC with a window of 300 us in 1 ms, and Linux in the background.
+/// A run of a partition file. In the lab, unless another lane is named; outside it, no time may be
+/// asserted.
 #[derive(Clone, Debug)]
-pub struct System {
-    /// Image of the PLC; `None` for the built-in one.
-    pub plc: Option<PathBuf>,
-    /// Kernel of Linux, below `target/`.
-    pub kernel: &'static str,
-    /// Initial RAM disk, below `target/`.
-    pub initrd: &'static str,
-    /// Memory of Linux.
-    pub memory: &'static str,
-    /// Commands that Linux executes before it gives a shell.
-    pub exec: &'static str,
+pub struct Run<'a> {
+    verb: Option<&'a str>,
+    file: PathBuf,
+    lane: &'a str,
+    options: Vec<&'a str>,
+    dialogue: &'a [(&'a str, &'a str)],
+    traced: bool,
 }
 
-impl Default for System {
-    fn default() -> Self {
-        Self {
-            plc: None,
-            kernel: "guest/vmlinuz",
-            initrd: "guest/initrd.img",
-            memory: "128MiB",
-            exec: "",
-        }
+impl<'a> Run<'a> {
+    /// Of a file of the repository.
+    #[must_use]
+    pub fn of(file: &str) -> Self {
+        let file = root().join(file);
+        Self { verb: None, file, lane: "lab", options: Vec::new(), dialogue: &[], traced: false }
     }
-}
 
-impl System {
-    fn toml(&self) -> String {
-        let image = self.plc.as_ref().map_or(String::new(), |p| format!("image = {p:?}\n"));
-        let exec = match self.exec {
-            "" => String::new(),
-            commands => format!(" takt.exec=\\\"{commands}\\\""),
+    /// Of a partition file that is written for the test of this name.
+    #[must_use]
+    pub fn of_text(name: &str, text: &str) -> Self {
+        let file = scratch().join(format!("{name}.toml"));
+        fs::write(&file, text).expect("the partition file can be written");
+        Self { file, ..Self::of("") }
+    }
+
+    /// Ends after this time.
+    #[must_use]
+    pub fn lasting(mut self, duration: &'a str) -> Self {
+        self.options.extend(["--for", duration]);
+        self
+    }
+
+    /// In another lane.
+    #[must_use]
+    pub fn in_lane(self, lane: &'a str) -> Self {
+        Self { lane, ..self }
+    }
+
+    /// With another option for `scripts/run`.
+    #[must_use]
+    pub fn with(mut self, option: &'a str) -> Self {
+        self.options.push(option);
+        self
+    }
+
+    /// As `scripts/run jitter`.
+    #[must_use]
+    pub fn for_jitter(self) -> Self {
+        Self { verb: Some("jitter"), ..self }
+    }
+
+    /// With a trace.
+    #[must_use]
+    pub fn traced(self) -> Self {
+        Self { traced: true, ..self }
+    }
+
+    /// With somebody who types: each text after the console has shown another.
+    #[must_use]
+    pub fn typing(self, dialogue: &'a [(&'a str, &'a str)]) -> Self {
+        Self { dialogue, ..self }
+    }
+
+    /// Runs it.
+    #[must_use]
+    pub fn run(&self) -> Outcome {
+        let name = self.file.file_stem().expect("a partition file has a name").to_owned();
+        let output_file = |kind: &str| {
+            let mut name = name.clone();
+            name.push(kind);
+            let path = scratch().join(name);
+            let _ = fs::remove_file(&path);
+            path
         };
-        format!(
-            r#"version = 1
-[system]
-name = "test"
-major_frame = "1ms"
-[[partition]]
-name = "plc"
-kind = "plc"
-cpu = 0
-memory = "4MiB"
-release_guard = "10us"
-{image}
-[[partition]]
-name = "linux"
-kind = "linux"
-cpu = 0
-background = true
-memory = "{memory}"
-kernel = {kernel:?}
-initrd = {initrd:?}
-cmdline = "console=ttyS0{exec}"
-[[schedule]]
-name = "normal"
-[[schedule.window]]
-partition = "plc"
-offset = "0us"
-duration = "300us"
-"#,
-            memory = self.memory,
-            kernel = target(self.kernel),
-            initrd = target(self.initrd),
-        )
-    }
-
-    /// Runs it for a time, with nobody at the console.
-    #[must_use]
-    pub fn run(&self, name: &str, duration: &str) -> Outcome {
-        self.run_typing(name, Some(duration), &[])
-    }
-
-    /// Runs it with somebody who types: each text after the console has shown another.
-    #[must_use]
-    pub fn run_typing(
-        &self,
-        name: &str,
-        duration: Option<&str>,
-        dialogue: &[(&str, &str)],
-    ) -> Outcome {
-        run_text(name, &self.toml(), duration, dialogue)
+        let (report, trace) = (output_file(".json"), output_file(".trace.json"));
+        let mut command = Command::new(root().join("scripts/run"));
+        command
+            .args(self.verb)
+            .args(["--lane", self.lane])
+            .arg(&self.file)
+            .arg("--report")
+            .arg(&report);
+        if self.traced {
+            command.arg("--trace").arg(&trace);
+        }
+        command.args(&self.options).env("TAKT_TIMEOUT", TIMEOUT_S);
+        let stdin = if self.dialogue.is_empty() { Stdio::null() } else { Stdio::piped() };
+        let mut child = command
+            .stdin(stdin)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("scripts/run starts");
+        let output = converse(&mut child, self.dialogue);
+        let status = child.wait().expect("scripts/run ends").code().unwrap_or(-1);
+        Outcome { status, output, report: read_json(&report), trace: read_json(&trace) }
     }
 }
 
-/// Runs a partition file that is given as text.
-#[must_use]
-pub fn run_text(
-    name: &str,
-    text: &str,
-    duration: Option<&str>,
-    dialogue: &[(&str, &str)],
-) -> Outcome {
-    let file = scratch().join(format!("{name}.toml"));
-    fs::write(&file, text).expect("the partition file can be written");
-    run(&file, duration, dialogue)
-}
-
-/// Runs a partition file in the lab.
-#[must_use]
-pub fn run(file: &Path, duration: Option<&str>, dialogue: &[(&str, &str)]) -> Outcome {
-    run_in_lane("lab", file, duration, dialogue)
-}
-
-/// Runs a partition file in a lane of `scripts/run`. Outside the lab, no time may be asserted.
-#[must_use]
-pub fn run_in_lane(
-    lane: &str,
-    file: &Path,
-    duration: Option<&str>,
-    dialogue: &[(&str, &str)],
-) -> Outcome {
-    let report = file.with_extension("json");
-    let report = scratch().join(report.file_name().expect("a partition file has a name"));
-    let _ = fs::remove_file(&report);
-    let mut command = Command::new(root().join("scripts/run"));
-    command
-        .args(["--lane", lane])
-        .arg(file)
-        .arg("--report")
-        .arg(&report)
-        .env("TAKT_TIMEOUT", TIMEOUT_S);
-    if let Some(duration) = duration {
-        command.args(["--for", duration]);
-    }
-    let stdin = if dialogue.is_empty() { Stdio::null() } else { Stdio::piped() };
-    let mut child = command
-        .stdin(stdin)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("scripts/run starts");
-    let output = converse(&mut child, dialogue);
-    let status = child.wait().expect("scripts/run ends").code().unwrap_or(-1);
-    let report = fs::read_to_string(&report)
-        .ok()
-        .and_then(|text| serde_json::from_str(&text).ok())
-        .unwrap_or(Value::Null);
-    Outcome { status, output, report }
+fn read_json(path: &Path) -> Value {
+    let text = fs::read_to_string(path).ok();
+    text.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or(Value::Null)
 }
 
 /// Reads all output, and answers the next cue of the dialogue whenever it appears.

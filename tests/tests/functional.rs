@@ -1,11 +1,11 @@
 //! What a user does with Takt, and sees.
 
-use takt_tests::{System, Value, long, root, run};
+use takt_tests::{Run, System, Value, long};
 
 #[test]
 fn both_guests_run_from_the_shipped_file() {
     let (duration, releases) = if long() { ("60s", 59_990) } else { ("6s", 5_990) };
-    let outcome = run(&root().join("configs/plc-and-linux.toml"), Some(duration), &[]);
+    let outcome = Run::of("configs/plc-and-linux.toml").lasting(duration).run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_shows("Linux version ");
     outcome.assert_shows("/init: Takt Linux guest, kernel ");
@@ -20,7 +20,7 @@ fn both_guests_run_from_the_shipped_file() {
     let seconds = report["duration_ns"].as_f64().unwrap_or(0.0) / 1e9;
     let share = outcome.share("linux");
     assert!(share * seconds > 1.0, "Linux's share is {share}\n{}", outcome.output);
-    assert_eq!((&report["schema_version"], &report["lane"]), (&Value::from(1), &"lab".into()));
+    assert_eq!((&report["schema_version"], &report["lane"]), (&Value::from(2), &"lab".into()));
     assert_eq!(report["host"]["preempt_rt"], true);
 }
 

@@ -1,11 +1,11 @@
 //! Partitions on CPUs of their own. The lane has several CPUs and no times that mean anything.
 
-use takt_tests::{root, run_in_lane};
+use takt_tests::Run;
 
 #[test]
 fn a_plc_with_a_cpu_to_itself_runs_beside_linux_and_the_cpu_goes_back() {
-    let file = root().join("configs/separate-cpus.toml");
-    let outcome = run_in_lane("emulated", &file, Some("180s"), &[("linux# ", "\x1dq")]);
+    let run = Run::of("configs/separate-cpus.toml").in_lane("emulated").lasting("180s");
+    let outcome = run.typing(&[("linux# ", "\x1dq")]).run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_shows("/init: Takt Linux guest, kernel ");
     outcome.assert_shows("[plc] Takt PLC guest");

@@ -3,18 +3,27 @@
 //! One partition file describes a PLC guest and a Linux guest; this crate runs them side by side
 //! on one machine, neither trusting the other. `docs/architecture.md` tells the whole story.
 
+pub mod account;
 pub mod appliance;
 pub mod boot;
+pub mod cause;
 pub mod check;
 pub mod config;
 pub mod cpuset;
+pub mod gather;
 pub mod init_watch;
+pub mod jitter;
 pub mod machine;
 pub mod memory;
+pub mod prepare;
 pub mod probe;
 pub mod report;
+pub mod restart;
 pub mod run;
+pub mod schedule_desk;
 pub mod statistics;
 pub mod supervisor;
 pub mod terminal;
+pub mod trace;
 pub mod vcpu;
+pub mod worst;

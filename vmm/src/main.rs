@@ -7,8 +7,9 @@ use std::time::Duration;
 
 use clap::{Parser, Subcommand};
 use takt::config::{self, PartitionFile};
+use takt::report::Report;
 use takt::run::Options;
-use takt::{appliance, check, probe, run};
+use takt::{appliance, check, jitter, probe, run};
 
 /// Exit statuses; `--help` tells them.
 mod status {
@@ -20,7 +21,8 @@ mod status {
 
 const AFTER_HELP: &str = "\
 Exit status: 0 good; 2 bad partition file or usage; 3 the host cannot; 4 a partition failed.
-The console is Linux's: Ctrl-] q ends the run, Ctrl-] Ctrl-] types Ctrl-].";
+The console is Linux's: Ctrl-] q ends the run, Ctrl-] s asks for the next schedule,
+Ctrl-] Ctrl-] types Ctrl-].";
 
 /// A PLC and an unmodified Linux side by side on one machine, neither trusting the other.
 #[derive(Parser)]
@@ -34,19 +36,10 @@ struct Cli {
 enum Command {
     /// Run the partitions of a file.
     #[command(after_help = AFTER_HELP)]
-    Run {
-        /// The partition file.
-        file: PathBuf,
-        /// End by itself after this time, such as 10s or 500ms.
-        #[arg(long = "for", value_name = "DURATION", value_parser = duration)]
-        duration: Option<Duration>,
-        /// Write the report to this file as JSON.
-        #[arg(long, value_name = "OUT.json")]
-        report: Option<PathBuf>,
-        /// What the report says of how Takt was started.
-        #[arg(long, default_value = "direct")]
-        lane: String,
-    },
+    Run(Run),
+    /// Run the partitions of a file, and propose a release guard for each.
+    #[command(after_help = AFTER_HELP)]
+    Jitter(Run),
     /// Check a partition file and draw its major frame.
     Check {
         /// The partition file.
@@ -57,6 +50,35 @@ enum Command {
     },
     /// Tell whether this host's KVM runs guest kernels at hardware speed.
     Probe,
+}
+
+#[derive(clap::Args)]
+struct Run {
+    /// The partition file.
+    file: PathBuf,
+    /// End by itself after this time, such as 10s or 500ms.
+    #[arg(long = "for", value_name = "DURATION", value_parser = duration)]
+    duration: Option<Duration>,
+    /// Write the report to this file as JSON.
+    #[arg(long, value_name = "OUT.json")]
+    report: Option<PathBuf>,
+    /// Write every window to this file, for ui.perfetto.dev or chrome://tracing.
+    #[arg(long, value_name = "OUT.json")]
+    trace: Option<PathBuf>,
+    /// What the report says of how Takt was started.
+    #[arg(long, default_value = "direct")]
+    lane: String,
+    /// For tests: do not end windows by kicks, so that only SCHED_DEADLINE is left.
+    #[arg(long, hide = true)]
+    without_kick: bool,
+}
+
+impl Run {
+    fn run(self, then: impl FnOnce(&Report)) -> u8 {
+        let Run { file, duration, report, trace, lane, without_kick } = self;
+        let options = Options { duration, report, trace, lane, without_kick };
+        with_file(&file, Some(host_cpus()), |file| run_partitions(file, &options, then))
+    }
 }
 
 fn duration(text: &str) -> Result<Duration, String> {
@@ -83,11 +105,8 @@ fn command_line(arguments: Vec<OsString>) -> u8 {
         }
     };
     match cli.command {
-        Command::Run { file, duration, report, lane } => {
-            with_file(&file, Some(host_cpus()), |file| {
-                run_partitions(file, &Options { duration, report, lane })
-            })
-        }
+        Command::Run(run) => run.run(|_| {}),
+        Command::Jitter(run) => run.run(|report| print!("\n{}", jitter::proposals(report))),
         Command::Check { file, needs: true } => with_file(&file, None, |file| {
             print!("{}", check::needs(file));
             status::GOOD
@@ -123,10 +142,11 @@ fn with_file(
     }
 }
 
-fn run_partitions(file: &PartitionFile, options: &Options) -> u8 {
+fn run_partitions(file: &PartitionFile, options: &Options, then: impl FnOnce(&Report)) -> u8 {
     match run::run(file, options) {
         Ok(report) => {
             print!("\n{}", report.table());
+            then(&report);
             let failed = report.partitions.iter().any(|p| p.failed);
             if failed { status::PARTITION_FAILED } else { status::GOOD }
         }

@@ -6,9 +6,10 @@ use std::fs;
 use serde::Serialize;
 
 use crate::statistics::Summary;
+use crate::worst::{LateStart, LongScan};
 
 /// Version of the JSON form: grows with every change that a reader could stumble over.
-pub const SCHEMA_VERSION: u32 = 1;
+pub const SCHEMA_VERSION: u32 = 2;
 
 /// A whole report. Field names are the JSON keys; times are nanoseconds.
 #[derive(Clone, Debug, Serialize)]
@@ -23,8 +24,21 @@ pub struct Report {
     pub system: String,
     /// From the epoch to the end of the run.
     pub duration_ns: u64,
+    /// False if a test has switched off the kick at a window's end.
+    pub kick: bool,
+    /// Which schedule held at the end.
+    pub schedule: Schedule,
     /// In the order of the partition file.
     pub partitions: Vec<Partition>,
+}
+
+/// Where the schedule stood at the end.
+#[derive(Clone, Debug, Serialize)]
+pub struct Schedule {
+    /// The schedule that held.
+    pub current: String,
+    /// When it began to hold, since the epoch; `null` if it always did.
+    pub last_switch_ns: Option<u64>,
 }
 
 /// The machine below Takt.
@@ -51,6 +65,8 @@ pub struct Partition {
     pub end: String,
     /// True if it ended by a failure of its own.
     pub failed: bool,
+    /// How often its guest was started anew.
+    pub restarts: u64,
     /// CPU time of its thread, as a part of the run's duration.
     pub cpu_share: f64,
     /// Accesses to ports and memory that nothing answers.
@@ -60,6 +76,9 @@ pub struct Partition {
     /// Only for partitions with windows and a scan.
     #[serde(flatten)]
     pub releases: Option<Releases>,
+    /// Only for a background partition.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub donation: Option<Donation>,
     /// Only for Linux: from the start of its vCPU to its first process; `null` if it did not get
     /// there, or if its console does not show the kernel's messages.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -67,7 +86,7 @@ pub struct Partition {
 }
 
 /// How a partition kept its time.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Releases {
     /// Releases that happened.
     pub releases: u64,
@@ -87,6 +106,31 @@ pub struct Releases {
     pub execution_ns: Option<Summary>,
     /// From when the thread was to wake up to when it did.
     pub wake_up_latency_ns: Option<Summary>,
+    /// From the wake-up to the last look at the clock before the guest.
+    pub entry_ns: Option<Summary>,
+    /// From the end of the scan to the thread's being out of the guest.
+    pub exit_ns: Option<Summary>,
+    /// In overruns, from the window's end to the guest's last time stamp: its own claim of when
+    /// it last ran.
+    pub overrun_ns: Option<Summary>,
+    /// In overruns, from the window's end to the thread's being out of the guest.
+    pub kick_ns: Option<Summary>,
+    /// The releases that started latest, and why; those that were on time are left out.
+    pub late_starts: Vec<LateStart>,
+    /// The scans that took longest, and why.
+    pub longest_scans: Vec<LongScan>,
+}
+
+/// What a background partition was left, and what it got of that.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Donation {
+    /// Time that no windowed partition of the CPU used, from its wake-up (the guard included) to
+    /// its leaving the guest.
+    pub offered_ns: u64,
+    /// CPU time that the partition used. A guest that halts uses less than it is offered.
+    pub received_ns: u64,
+    /// The share of the CPU that is its own whatever the others do, by analysis.
+    pub minimum_share: f64,
 }
 
 impl Host {
@@ -134,6 +178,9 @@ impl Partition {
         let share = self.cpu_share * 100.0;
         let _ =
             writeln!(text, "\n{} ({}): {}, CPU share {share:.1} %", self.name, self.kind, self.end);
+        if self.restarts > 0 {
+            let _ = writeln!(text, "  restarts       {}", self.restarts);
+        }
         if let Some(boot) = self.boot_to_init_ns {
             let _ = match boot {
                 Some(ns) => writeln!(text, "  boot to init   {:.3} s", ns as f64 / 1e9),
@@ -157,6 +204,29 @@ impl Partition {
             describe_summary(text, "release latency", r.release_latency_ns);
             describe_summary(text, "execution", r.execution_ns);
             describe_summary(text, "wake-up latency", r.wake_up_latency_ns);
+            describe_summary(text, "entry", r.entry_ns);
+            describe_summary(text, "exit", r.exit_ns);
+            if r.overruns > 0 {
+                describe_summary(text, "kick", r.kick_ns);
+                describe_summary(text, "ran past its end", r.overrun_ns);
+            }
+            for start in &r.late_starts {
+                let us = start.latency_ns as f64 / 1e3;
+                let _ = writeln!(
+                    text,
+                    "  release {} was {us:.1} us late: {}",
+                    start.release, start.parts
+                );
+            }
+        }
+        if let Some(d) = self.donation {
+            let received = d.received_ns as f64 / d.offered_ns.max(1) as f64 * 100.0;
+            let _ = writeln!(
+                text,
+                "  donation       {:.3} s left by windows, {received:.1} % of it used; minimum share {:.1} %",
+                d.offered_ns as f64 / 1e9,
+                d.minimum_share * 100.0
+            );
         }
         for (count, what) in [
             (self.illegal_accesses, "accesses to ports or memory that nothing answers"),
@@ -199,12 +269,15 @@ mod tests {
             },
             system: "demo".into(),
             duration_ns: 10_000_000_000,
+            kick: true,
+            schedule: Schedule { current: "normal".into(), last_switch_ns: None },
             partitions: vec![
                 Partition {
                     name: "plc".into(),
                     kind: "plc",
                     end: "stopped by takt".into(),
                     failed: false,
+                    restarts: 0,
                     cpu_share: 0.031,
                     illegal_accesses: 0,
                     console_dropped: 0,
@@ -218,7 +291,14 @@ mod tests {
                         release_latency_ns: Some(summary),
                         execution_ns: None,
                         wake_up_latency_ns: Some(summary),
+                        entry_ns: None,
+                        exit_ns: None,
+                        overrun_ns: None,
+                        kick_ns: None,
+                        late_starts: Vec::new(),
+                        longest_scans: Vec::new(),
                     }),
+                    donation: None,
                     boot_to_init_ns: None,
                 },
                 Partition {
@@ -226,10 +306,16 @@ mod tests {
                     kind: "linux",
                     end: "stopped by takt".into(),
                     failed: false,
+                    restarts: 0,
                     cpu_share: 0.9,
                     illegal_accesses: 3,
                     console_dropped: 0,
                     releases: None,
+                    donation: Some(Donation {
+                        offered_ns: 9_000_000_000,
+                        received_ns: 8_910_000_000,
+                        minimum_share: 0.65,
+                    }),
                     boot_to_init_ns: Some(None),
                 },
             ],
@@ -239,7 +325,7 @@ mod tests {
     #[test]
     fn the_json_has_the_keys_that_its_readers_rely_on() {
         let json = serde_json::to_value(report()).unwrap();
-        assert_eq!(json["schema_version"], 1);
+        assert_eq!(json["schema_version"], 2);
         let plc = &json["partitions"][0];
         for key in ["name", "releases", "lost", "late_releases", "overruns", "cpu_share"] {
             assert!(!plc[key].is_null(), "{key}");
@@ -259,6 +345,7 @@ mod tests {
         assert!(table.contains("demo: 10.000 s, lane lab, kernel 6.1.0-rt, PREEMPT_RT"));
         assert!(table.contains("releases       10000   lost 0   late 0   overruns 0"));
         assert!(table.contains("release latency         0.000      0.002"), "{table}");
+        assert!(table.contains("donation       9.000 s left by windows, 99.0 % of it used;"));
         assert!(table.contains("boot to init   not seen"));
         assert!(table.contains("3 accesses to ports or memory that nothing answers"));
     }

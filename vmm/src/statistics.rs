@@ -1,13 +1,21 @@
-//! From one record per window to the figures of a report.
+//! From the records of windows to the figures of a report.
 //!
 //! The records are made on the PLC's path and only copied there; everything that takes time, such
 //! as sorting values into a histogram, happens here on the event thread.
 
 use hdrhistogram::Histogram;
 use serde::Serialize;
-use takt_scheduler::time::{Nanos, TscFrequency};
+use takt_scheduler::time::{Nanos, Timebase};
 
-use crate::vcpu::windowed::WindowRecord;
+use crate::report;
+use crate::vcpu::record::{Detour, WindowRecord};
+use crate::worst::Worst;
+
+/// What a guest that waits for its release can take to see it, on a slow machine: a start that is
+/// later has a cause that is told.
+const REMARKABLE_NS: u64 = 100;
+/// Releases, and scans, of which a report tells the cause.
+const WORST: usize = 5;
 
 /// Digits that a percentile keeps. Minimum and maximum are exact.
 const SIGNIFICANT_DIGITS: u8 = 3;
@@ -63,32 +71,44 @@ impl Distribution {
 
 /// What is known of a partition's releases.
 pub struct Releases {
-    frequency: TscFrequency,
+    base: Timebase,
+    /// True until the first scan after a start.
+    starting: bool,
     /// Releases at which the guest started its scan.
-    pub happened: u64,
+    happened: u64,
     /// Windows in which the guest started up, before its first scan.
-    pub start_up: u64,
+    start_up: u64,
     /// Releases that never happened: the host came after the window's end, or the guest was still
     /// busy with an earlier scan.
-    pub lost: u64,
+    lost: u64,
     /// Releases for which the wake-up was later than the guard.
-    pub late: u64,
-    /// Windows that ended by a kick.
-    pub overruns: u64,
+    late: u64,
+    /// Windows that ended before the guest was done.
+    overruns: u64,
     /// From the release to the guest's start.
-    pub latency: Distribution,
+    latency: Distribution,
     /// From the guest's start to its end, of scans that ended in their window.
-    pub execution: Distribution,
+    execution: Distribution,
     /// From the instant at which the thread was to wake up to when it did.
-    pub wake_up: Distribution,
+    wake_up: Distribution,
+    /// From the thread's wake-up to its last look at the clock before the guest.
+    entry: Distribution,
+    /// From the guest's end of its scan to the thread's being out of the guest.
+    exit: Distribution,
+    /// From a window's end to the guest's last stamp, in overruns.
+    last_stamp: Distribution,
+    /// From a window's end to the thread's being out of the guest, in overruns.
+    kick: Distribution,
+    worst: Worst,
 }
 
 impl Releases {
     /// An empty account; `None` only if the histogram library refuses its constant parameter.
     #[must_use]
-    pub fn new(frequency: TscFrequency) -> Option<Self> {
+    pub fn new(base: Timebase) -> Option<Self> {
         Some(Self {
-            frequency,
+            base,
+            starting: true,
             happened: 0,
             start_up: 0,
             lost: 0,
@@ -97,29 +117,74 @@ impl Releases {
             latency: Distribution::new()?,
             execution: Distribution::new()?,
             wake_up: Distribution::new()?,
+            entry: Distribution::new()?,
+            exit: Distribution::new()?,
+            last_stamp: Distribution::new()?,
+            kick: Distribution::new()?,
+            worst: Worst::new(base, WORST),
         })
     }
 
-    /// Adds one window.
-    pub fn add(&mut self, record: &WindowRecord) {
-        let nanos = |ticks| self.frequency.nanos(ticks);
+    /// The guest is started anew: until its first scan it loses nothing.
+    pub fn restarted(&mut self) {
+        self.starting = true;
+    }
+
+    /// Adds a window with its detours.
+    pub fn add(&mut self, record: &WindowRecord, detours: &[Detour]) {
+        let frequency = self.base.frequency;
+        let nanos = |ticks| frequency.nanos(ticks);
         self.wake_up.record(nanos(record.woken.since(record.due)));
+        self.entry.record(nanos(record.entered.since(record.woken)));
         let scan = record.scan();
-        if self.happened == 0 && scan.is_none() {
+        if self.starting && scan.is_none() {
             self.start_up += 1;
             return;
         }
+        self.starting = false;
         self.lost += record.skipped;
         self.late += u64::from(record.is_late());
-        self.overruns += u64::from(record.overrun);
+        if record.overrun {
+            self.overruns += 1;
+            if (record.release..=record.left).contains(&record.last_stamp) {
+                self.last_stamp.record(nanos(record.last_stamp.since(record.end)));
+            }
+            self.kick.record(nanos(record.left.since(record.end)));
+        }
         let Some(scan) = scan else {
             self.lost += 1;
             return;
         };
         self.happened += 1;
+        self.worst.add(record, detours);
         self.latency.record(nanos(scan.start.since(record.release)));
         if (scan.start..=record.left).contains(&scan.done) {
             self.execution.record(nanos(scan.done.since(scan.start)));
+            if !record.overrun {
+                self.exit.record(nanos(record.left.since(scan.done)));
+            }
+        }
+    }
+
+    /// The figures; `unrecorded` windows are in none of them.
+    #[must_use]
+    pub fn report(&self, unrecorded: u64) -> report::Releases {
+        report::Releases {
+            releases: self.happened,
+            start_up_windows: self.start_up,
+            lost: self.lost,
+            late_releases: self.late,
+            overruns: self.overruns,
+            unrecorded,
+            release_latency_ns: self.latency.summary(),
+            execution_ns: self.execution.summary(),
+            wake_up_latency_ns: self.wake_up.summary(),
+            entry_ns: self.entry.summary(),
+            exit_ns: self.exit.summary(),
+            overrun_ns: self.last_stamp.summary(),
+            kick_ns: self.kick.summary(),
+            late_starts: self.worst.starts().filter(|s| s.latency_ns >= REMARKABLE_NS).collect(),
+            longest_scans: self.worst.scans().collect(),
         }
     }
 }
@@ -127,68 +192,101 @@ impl Releases {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vcpu::guest::Scan;
-    use takt_scheduler::time::Tsc;
+    use crate::vcpu::record::Scan;
+    use takt_scheduler::schedules::ScheduleId;
+    use takt_scheduler::time::{Tsc, TscFrequency};
 
     fn record(claim: Option<(u64, u64)>) -> WindowRecord {
         WindowRecord {
             sequence: 0,
+            schedule: ScheduleId(0),
             skipped: 0,
             release: Tsc(1000),
+            end: Tsc(1290),
             due: Tsc(980),
             woken: Tsc(985),
             entered: Tsc(990),
             left: Tsc(1300),
+            kicked: None,
             claim: claim.map(|(start, done)| Scan { start: Tsc(start), done: Tsc(done) }),
+            last_stamp: Tsc(0),
             exits: 1,
+            kernel_exits: 1,
             overrun: false,
         }
     }
 
     /// One tick is one nanosecond.
     fn account() -> Releases {
-        Releases::new(TscFrequency::from_khz(1_000_000).unwrap()).unwrap()
+        let frequency = TscFrequency::from_khz(1_000_000).unwrap();
+        Releases::new(Timebase { epoch: Tsc(0), frequency }).unwrap()
     }
 
     #[test]
     fn a_good_window_is_a_release_with_latency_and_execution() {
         let mut account = account();
-        account.add(&record(Some((1004, 1104))));
-        assert_eq!((account.happened, account.lost, account.late), (1, 0, 0));
-        assert_eq!(account.latency.summary().unwrap().max, 4);
-        assert_eq!(account.execution.summary().unwrap().max, 100);
-        assert_eq!(account.wake_up.summary().unwrap().max, 5);
+        account.add(&record(Some((1004, 1104))), &[]);
+        let r = account.report(0);
+        assert_eq!((r.releases, r.lost, r.late_releases), (1, 0, 0));
+        let max = |summary: Option<Summary>| summary.map(|s| s.max);
+        assert_eq!((max(r.release_latency_ns), max(r.execution_ns)), (Some(4), Some(100)));
+        assert_eq!((max(r.wake_up_latency_ns), max(r.entry_ns)), (Some(5), Some(5)));
+        assert_eq!((max(r.exit_ns), max(r.kick_ns)), (Some(196), None));
+        assert!(r.late_starts.is_empty());
+        account.add(&record(Some((1100, 1104))), &[]);
+        assert_eq!(account.report(0).late_starts[0].latency_ns, 100);
     }
 
     #[test]
     fn a_window_without_a_credible_start_is_a_lost_release() {
         let mut account = account();
-        account.add(&record(Some((1000, 1100))));
-        account.add(&record(None));
-        account.add(&record(Some((999, 1100))));
-        account.add(&record(Some((1301, 1302))));
-        account.add(&WindowRecord { skipped: 5, ..record(Some((1000, 1001))) });
-        assert_eq!((account.happened, account.lost), (2, 8));
+        account.add(&record(Some((1000, 1100))), &[]);
+        account.add(&record(None), &[]);
+        account.add(&record(Some((999, 1100))), &[]);
+        account.add(&record(Some((1301, 1302))), &[]);
+        account.add(&WindowRecord { skipped: 5, ..record(Some((1000, 1001))) }, &[]);
+        let r = account.report(0);
+        assert_eq!((r.releases, r.lost), (2, 8));
     }
 
     #[test]
     fn before_its_first_scan_a_guest_starts_up_and_loses_nothing() {
         let mut account = account();
-        account.add(&WindowRecord { overrun: true, ..record(None) });
-        account.add(&record(None));
-        assert_eq!((account.start_up, account.lost, account.overruns), (2, 0, 0));
-        account.add(&record(Some((1000, 1001))));
-        account.add(&record(None));
-        assert_eq!((account.start_up, account.happened, account.lost), (2, 1, 1));
+        account.add(&WindowRecord { overrun: true, ..record(None) }, &[]);
+        account.add(&record(None), &[]);
+        let r = account.report(0);
+        assert_eq!((r.start_up_windows, r.lost, r.overruns), (2, 0, 0));
+        account.add(&record(Some((1000, 1001))), &[]);
+        account.add(&record(None), &[]);
+        account.restarted();
+        account.add(&record(None), &[]);
+        account.add(&record(Some((1000, 1001))), &[]);
+        let r = account.report(0);
+        assert_eq!((r.start_up_windows, r.releases, r.lost), (3, 2, 1));
+    }
+
+    #[test]
+    fn an_overrun_tells_when_the_guest_last_ran_if_that_can_be_true() {
+        let mut account = account();
+        account.add(&record(Some((1000, 1100))), &[]);
+        for last_stamp in [1295, 0, u64::MAX] {
+            let last_stamp = Tsc(last_stamp);
+            account.add(&WindowRecord { overrun: true, last_stamp, ..record(None) }, &[]);
+        }
+        let r = account.report(0);
+        assert_eq!(r.overruns, 3);
+        let (stamp, kick) = (r.overrun_ns.unwrap(), r.kick_ns.unwrap());
+        assert_eq!((stamp.min, stamp.max, kick.max), (5, 5, 10));
     }
 
     #[test]
     fn a_scan_that_has_not_ended_has_no_execution_time() {
         let mut account = account();
         for done in [0, 999, 1301] {
-            account.add(&record(Some((1000, done))));
+            account.add(&record(Some((1000, done))), &[]);
         }
-        assert_eq!((account.happened, account.execution.summary()), (3, None));
+        let r = account.report(0);
+        assert_eq!((r.releases, r.execution_ns), (3, None));
     }
 
     #[test]

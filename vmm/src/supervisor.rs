@@ -7,27 +7,24 @@
 use std::fs::File;
 use std::io::{self, Read, Stdin, Stdout};
 use std::os::fd::{AsRawFd, FromRawFd, RawFd};
-use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
 use event_manager::{EventManager, EventOps, EventSet, Events, MutEventSubscriber, SubscriberOps};
-use rtrb::Consumer;
-use takt_devices::output::{OutputEnd, WaitingOutput};
+use takt_devices::output::WaitingOutput;
 use takt_devices::serial::SerialPort;
 use takt_scheduler::table::PartitionId;
-use takt_scheduler::time::Nanos;
 use thiserror::Error;
 use vmm_sys_util::eventfd::EventFd;
 use vmm_sys_util::signal::{block_signal, create_sigset};
 use vmm_sys_util::timerfd::TimerFd;
 
+use crate::account::{Account, Finished};
 use crate::init_watch::InitWatch;
-use crate::statistics;
-use crate::terminal::{Keyboard, Lines, Screen, Typed};
-use crate::vcpu::Control;
+use crate::schedule_desk::ScheduleDesk;
+use crate::terminal::{Key, Keyboard, Screen};
+use crate::trace::Trace;
 use crate::vcpu::guest::End;
-use crate::vcpu::windowed::WindowRecord;
 
 /// How often the rings are emptied. At the shortest major frame a ring of window records fills
 /// in a hundred times this.
@@ -55,39 +52,6 @@ fn cannot(what: &'static str) -> impl FnOnce(io::Error) -> SupervisorError {
     move |source| SupervisorError::Host { what, source }
 }
 
-/// What a vCPU's thread leaves behind.
-#[derive(Clone, Copy, Debug)]
-pub struct Finished {
-    /// Why it ended.
-    pub end: End,
-    /// CPU time that it used.
-    pub cpu_time: Nanos,
-    /// Accesses that nothing answers.
-    pub illegal_accesses: u64,
-    /// Records that did not fit into the ring.
-    pub unrecorded: u64,
-}
-
-/// What the event thread keeps of one partition.
-pub struct Account {
-    /// The name in front of its lines.
-    pub name: String,
-    /// For stopping it.
-    pub control: Arc<Control>,
-    /// Console output.
-    pub output: OutputEnd,
-    /// True if the output is a terminal's, to be shown unchanged.
-    pub is_terminal: bool,
-    /// One record for each window; `None` for a background partition.
-    pub records: Option<Consumer<WindowRecord>>,
-    /// Figures of a partition that tells of its scans.
-    pub releases: Option<statistics::Releases>,
-    /// Set once its thread has ended.
-    pub finished: Option<Finished>,
-    /// Output that is no whole line yet.
-    pub lines: Lines,
-}
-
 /// The serial port of the Linux guest, whose output goes through a ring to this thread.
 pub type Console = SerialPort<InitWatch<WaitingOutput>>;
 
@@ -112,12 +76,23 @@ pub fn take_signals() -> Result<File, SupervisorError> {
     Ok(unsafe { File::from_raw_fd(fd) })
 }
 
+/// How guests' ends become known.
+pub struct Endings {
+    /// Rung for each.
+    pub bell: EventFd,
+    /// Which partition's, and how.
+    pub ends: Receiver<(PartitionId, Finished)>,
+}
+
 /// The state of the event thread.
 pub struct Supervisor {
     /// All partitions, by [`PartitionId`].
     pub accounts: Vec<Account>,
     /// The screen.
     pub screen: Screen<Stdout>,
+    /// Where every window is written to, if that is wanted.
+    pub trace: Option<Trace>,
+    desk: ScheduleDesk,
     keyboard: Keyboard,
     stdin: Stdin,
     console: Option<Console>,
@@ -126,25 +101,23 @@ pub struct Supervisor {
     signals: File,
     tick: TimerFd,
     deadline: TimerFd,
-    /// Rung when a partition's thread ends.
-    ended: EventFd,
-    endings: Receiver<(PartitionId, Finished)>,
+    endings: Endings,
     running: bool,
 }
 
 impl Supervisor {
-    /// A supervisor of these partitions, which learns of their ends from `endings` when `ended`
-    /// is rung.
+    /// A supervisor of these partitions.
     ///
     /// # Errors
     /// If the host gives no timers.
     pub fn new(
         accounts: Vec<Account>,
+        desk: ScheduleDesk,
+        trace: Option<Trace>,
         screen: Screen<Stdout>,
         console: Option<Console>,
         signals: File,
-        ended: EventFd,
-        endings: Receiver<(PartitionId, Finished)>,
+        endings: Endings,
     ) -> Result<Self, SupervisorError> {
         let timer = || {
             TimerFd::new()
@@ -153,6 +126,8 @@ impl Supervisor {
         Ok(Self {
             accounts,
             screen,
+            trace,
+            desk,
             keyboard: Keyboard::default(),
             stdin: io::stdin(),
             console,
@@ -160,7 +135,6 @@ impl Supervisor {
             signals,
             tick: timer()?,
             deadline: timer()?,
-            ended,
             endings,
             running: true,
         })
@@ -195,7 +169,7 @@ impl Supervisor {
     /// Takes everything out of the rings.
     pub fn drain(&mut self) {
         let mut buffer = Vec::new();
-        for account in &mut self.accounts {
+        for (id, account) in self.accounts.iter_mut().enumerate() {
             buffer.clear();
             account.output.drain_into(&mut buffer);
             if account.is_terminal {
@@ -203,27 +177,50 @@ impl Supervisor {
             } else {
                 account.lines.add(&buffer, |line| self.screen.line(&account.name, line));
             }
-            let Some(records) = &mut account.records else { continue };
-            while let Ok(record) = records.pop() {
-                if let Some(releases) = &mut account.releases {
-                    releases.add(&record);
-                }
-            }
+            account.take_records(PartitionId(id), self.desk.base().frequency, &mut self.trace);
         }
     }
 
     /// Takes note of the partitions whose threads have ended.
     pub fn note_endings(&mut self) {
-        while let Ok((id, finished)) = self.endings.try_recv() {
+        while let Ok((id, finished)) = self.endings.ends.try_recv() {
             // What it said last comes before the news of its end.
             self.drain();
-            if let Some(account) = self.accounts.get_mut(id.0) {
-                account.finished = Some(finished);
-                account.lines.finish(|line| self.screen.line(&account.name, line));
-                if finished.end != End::Stopped {
-                    self.screen.line("takt", &format!("{}: {}", account.name, finished.end));
+            let Some(account) = self.accounts.get_mut(id.0) else { continue };
+            account.lines.finish(|line| self.screen.line(&account.name, line));
+            if finished.end != End::Stopped {
+                self.screen.line("takt", &format!("{}: {}", account.name, finished.end));
+            }
+            if let (End::ScheduleChange(mode), Some(restart)) = (finished.end, &account.restart) {
+                match restart.start(mode) {
+                    Ok(()) => {
+                        account.restarted();
+                        continue;
+                    }
+                    Err(error) => {
+                        self.screen.line("takt", &format!("{}: {error}", account.name));
+                    }
                 }
             }
+            account.finished = Some(finished);
+        }
+    }
+
+    /// Lets go of the threads whose guests have ended.
+    #[must_use]
+    pub fn without_restarts(mut self) -> Self {
+        for account in &mut self.accounts {
+            account.restart = None;
+        }
+        self
+    }
+
+    /// Says when a switch of the schedule has taken effect.
+    fn watch_schedule(&mut self) {
+        let Some(switched) = self.desk.poll() else { return };
+        self.screen.line("takt", &switched.to_string());
+        if let Some(trace) = &mut self.trace {
+            trace.switch(switched.at, switched.schedule);
         }
     }
 
@@ -234,11 +231,16 @@ impl Supervisor {
             Ok(0) | Err(_) => return false,
             Ok(read) => read,
         };
-        match self.keyboard.take(&buffer[..read]) {
-            Typed::Bytes(bytes) => self.typed.extend(bytes),
-            Typed::Quit(bytes) => {
-                self.typed.extend(bytes);
-                self.running = false;
+        for key in self.keyboard.take(&buffer[..read]) {
+            match key {
+                Key::Byte(byte) => self.typed.push(byte),
+                Key::Quit => {
+                    self.running = false;
+                    break;
+                }
+                Key::NextSchedule => {
+                    self.screen.line("takt", &self.desk.ask_for_next());
+                }
             }
         }
         self.deliver_typed();
@@ -270,7 +272,7 @@ impl MutEventSubscriber for Supervisor {
             self.signals.as_raw_fd(),
             self.tick.as_raw_fd(),
             self.deadline.as_raw_fd(),
-            self.ended.as_raw_fd(),
+            self.endings.bell.as_raw_fd(),
         ];
         for fd in fds {
             if ops.add(Events::new_raw(fd, EventSet::IN)).is_err() {
@@ -292,9 +294,10 @@ impl MutEventSubscriber for Supervisor {
         } else if fd == self.tick.as_raw_fd() {
             let _ = self.tick.wait();
             self.drain();
+            self.watch_schedule();
             self.deliver_typed();
-        } else if fd == self.ended.as_raw_fd() {
-            let _ = self.ended.read();
+        } else if fd == self.endings.bell.as_raw_fd() {
+            let _ = self.endings.bell.read();
             self.note_endings();
             self.running &= self.accounts.iter().any(|a| a.finished.is_none());
         } else {

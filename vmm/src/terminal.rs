@@ -2,7 +2,8 @@
 //!
 //! What is typed goes to Linux, byte by byte and unchanged, so the terminal is put into raw mode
 //! and put back at every end of the run, also at that of a panic. One key is kept back, so that
-//! there is always a way out: `Ctrl-]` and then `q` ends the run; `Ctrl-]` twice types it.
+//! there is always a way out: `Ctrl-]` and then `q` ends the run, `s` asks for the next schedule,
+//! and `Ctrl-]` twice types it.
 //!
 //! Linux's output appears as it comes; a PLC's, and Takt's own, a line at a time with its name in
 //! front, never in the middle of another line of theirs.
@@ -64,12 +65,14 @@ pub fn restore() {
 }
 
 /// What the keyboard asks for.
-#[derive(Debug, PartialEq, Eq)]
-pub enum Typed {
-    /// These bytes are for the guest.
-    Bytes(Vec<u8>),
-    /// The run shall end. What was typed before that is in the bytes.
-    Quit(Vec<u8>),
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Key {
+    /// This byte is for the guest.
+    Byte(u8),
+    /// The run shall end.
+    Quit,
+    /// The next schedule shall hold.
+    NextSchedule,
 }
 
 /// Finds the escape in what is typed.
@@ -80,17 +83,18 @@ pub struct Keyboard {
 
 impl Keyboard {
     /// Splits typed bytes into what the guest gets and what Takt does.
-    pub fn take(&mut self, typed: &[u8]) -> Typed {
-        let mut bytes = Vec::with_capacity(typed.len());
+    pub fn take(&mut self, typed: &[u8]) -> Vec<Key> {
+        let mut keys = Vec::with_capacity(typed.len());
         for &byte in typed {
             match (std::mem::take(&mut self.escaped), byte) {
                 (false, ESCAPE) => self.escaped = true,
-                (true, b'q') => return Typed::Quit(bytes),
-                (true, ESCAPE) | (false, _) => bytes.push(byte),
-                (true, _) => bytes.extend([ESCAPE, byte]),
+                (true, b'q') => keys.push(Key::Quit),
+                (true, b's') => keys.push(Key::NextSchedule),
+                (true, ESCAPE) | (false, _) => keys.push(Key::Byte(byte)),
+                (true, _) => keys.extend([ESCAPE, byte].map(Key::Byte)),
             }
         }
-        Typed::Bytes(bytes)
+        keys
     }
 }
 
@@ -170,12 +174,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_escape_ends_the_run_and_can_be_typed() {
+    fn the_escape_is_for_takt_and_can_be_typed() {
+        let bytes = |text: &[u8]| text.iter().copied().map(Key::Byte).collect::<Vec<_>>();
         let mut keyboard = Keyboard::default();
-        assert_eq!(keyboard.take(b"ls\x1d"), Typed::Bytes(b"ls".into()));
-        assert_eq!(keyboard.take(b"\x1d-\x1dx"), Typed::Bytes(b"\x1d-\x1dx".into()));
-        assert_eq!(keyboard.take(b"q"), Typed::Bytes(b"q".into()));
-        assert_eq!(keyboard.take(b"a\x1dqb"), Typed::Quit(b"a".into()));
+        assert_eq!(keyboard.take(b"ls\x1d"), bytes(b"ls"));
+        assert_eq!(keyboard.take(b"\x1d-\x1dx"), bytes(b"\x1d-\x1dx"));
+        assert_eq!(keyboard.take(b"qs"), bytes(b"qs"));
+        assert_eq!(keyboard.take(b"\x1dsa"), [Key::NextSchedule, Key::Byte(b'a')]);
+        assert_eq!(keyboard.take(b"a\x1dqb"), [Key::Byte(b'a'), Key::Quit, Key::Byte(b'b')]);
     }
 
     #[test]

@@ -8,12 +8,17 @@ use std::path::Path;
 
 use takt::{check, config};
 
-const GOOD: &[u8] = include_bytes!("partition_files/good-two-cpus.toml");
+/// Two files that are good, and between them have every key.
+const GOOD: [&[u8]; 2] = [
+    include_bytes!("partition_files/good-two-cpus.toml"),
+    include_bytes!("partition_files/good-schedules-and-tasks.toml"),
+];
 /// Pieces that a text file does not get from bit flips.
 const WORDS: &[&str] = &[
     "[[partition]]\n",
     "[[schedule]]\n",
     "[[schedule.window]]\n",
+    "[[partition.task]]\n",
     "[system]\n",
     "version = 1\n",
     "\"plc\"",
@@ -148,7 +153,7 @@ fn a_damaged_file_is_good_or_is_refused_with_a_place() {
     let mut random = Random(0xf11e);
     let mut good = 0;
     for case in 0..6000 {
-        let mut bytes = GOOD.to_vec();
+        let mut bytes = GOOD[case % GOOD.len()].to_vec();
         for _ in 0..=random.below(4) {
             mutate(&mut bytes, &mut random);
         }
@@ -160,8 +165,10 @@ fn a_damaged_file_is_good_or_is_refused_with_a_place() {
 
 #[test]
 fn every_truncation_is_good_or_is_refused_with_a_place() {
-    for length in 0..GOOD.len() {
-        load("truncated", length, &GOOD[..length]);
+    for good in GOOD {
+        for length in 0..good.len() {
+            load("truncated", length, &good[..length]);
+        }
+        assert!(load("truncated", good.len(), good));
     }
-    assert!(load("truncated", GOOD.len(), GOOD));
 }

@@ -8,8 +8,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use takt::config::{self, Kind};
+use takt::config::{self, Kind, ScheduleChange};
 use takt::{check, config::PartitionFile};
+use takt_scheduler::schedules::ScheduleId;
 
 /// How a user in the package's folder would name the fixtures.
 const FOLDER: &str = "tests/partition_files";
@@ -110,6 +111,19 @@ fn what_is_not_a_small_regular_file_is_not_read() {
     assert!(error(&large).contains("at most 1048576 bytes"), "{}", error(&large));
 }
 
+#[test]
+fn the_budget_that_is_proposed_for_a_late_task_is_the_largest_that_is_in_time() {
+    let text = fs::read_to_string(Path::new(FOLDER).join("task-misses.toml")).unwrap();
+    let with = |budget: &str| {
+        let path = scratch(budget).join("case.toml");
+        fs::write(&path, text.replace("500us", budget)).unwrap();
+        config::load(&path, None).err().map(|error| error.to_string())
+    };
+    assert!(with("500us").unwrap().contains("a budget of at most 400us;"));
+    assert_eq!(with("400us"), None);
+    assert!(with("401us").unwrap().contains("misses its deadline"));
+}
+
 /// An empty folder of this test's own: tests run side by side, each in a thread of its name.
 fn scratch(name: &str) -> PathBuf {
     let test = std::thread::current().name().unwrap_or("main").to_owned();
@@ -148,7 +162,7 @@ fn every_example_is_good_and_says_what_it_shows() {
 fn a_good_file_says_what_is_in_it() {
     let (folder, file) = example("plc-and-linux.toml");
     assert_eq!(file.path(), folder.join("configs/plc-and-linux.toml"));
-    assert_eq!(file.schedule_name(), "normal");
+    assert_eq!(file.schedule_names(), ["normal"]);
     let [plc, linux] = file.partitions() else { panic!("{file:?}") };
     assert_eq!((plc.id().0, plc.name(), plc.cpu().0), (0, "plc", 0));
     assert_eq!((plc.memory_bytes(), plc.kind()), (4 << 20, &Kind::Plc { image: None }));
@@ -160,27 +174,83 @@ fn a_good_file_says_what_is_in_it() {
     };
     assert_eq!(linux.kind(), &kind);
     let own: Vec<u64> =
-        file.partitions().iter().map(|p| file.table().guaranteed(p.id()).0).collect();
-    assert_eq!(own, [300_000, 680_000]);
+        file.partitions().iter().map(|p| file.schedules().guaranteed(p.id()).0).collect();
+    assert_eq!(own, [300_000, 650_000]);
+}
+
+#[test]
+fn a_good_file_says_what_its_tasks_and_schedules_are() {
+    let path = Path::new(FOLDER).join("good-schedules-and-tasks.toml");
+    let file = config::load(&path, HOST_CPUS).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(file.schedule_names(), ["day", "night"]);
+    let counts = |id: ScheduleId| {
+        let table = &file.schedules().tables()[id.0];
+        let windows = file.partitions().iter().map(|p| table.windows_of(p.id()).count());
+        windows.collect::<Vec<_>>()
+    };
+    let (day, night) = (ScheduleId(0), ScheduleId(1));
+    assert_eq!((counts(day), counts(night)), (vec![4, 1, 0, 1], vec![8, 0, 0, 0]));
+
+    let [fast, slow, linux, other] = file.partitions() else { panic!("{file:?}") };
+    let changes = [fast, slow, linux, other].map(|p| p.on_schedule_change());
+    use ScheduleChange as C;
+    assert_eq!(changes, [C::Warm, C::Cold, C::Ignore, C::Ignore]);
+    let names: Vec<&str> = fast.tasks().iter().map(|task| &*task.name).collect();
+    assert_eq!(names, ["control", "logging"]);
+    assert_eq!(fast.tasks()[0].task.priority, 255);
+    assert!(other.tasks().is_empty() && other.met_in(day).is_none());
+    assert!(slow.met_in(day).is_some() && slow.met_in(night).is_none());
+    // Each window of 200 us loses the 5 us of the allowance that the guard of 15 us leaves.
+    assert_eq!(fast.met_in(day).unwrap().load.permille(), 513);
+    assert_eq!(fast.met_in(night).unwrap().schedule, night);
+}
+
+#[test]
+fn a_schedule_in_which_a_partition_has_no_time_is_not_analysed() {
+    let (_, file) = example("two-schedules.toml");
+    let report = check::report(&file);
+    assert_eq!(report.matches("tasks of mixer").count(), 2, "{report}");
+    assert_eq!(report.matches("tasks of packer").count(), 1, "{report}");
+}
+
+#[test]
+fn the_report_fits_a_terminal_of_100_columns_and_is_ascii() {
+    for path in toml_files(Path::new("../configs")) {
+        let (_, file) = example(path.file_name().unwrap().to_str().unwrap());
+        for line in check::report(&file).lines() {
+            assert!(line.is_ascii() && line.len() <= 100, "{}: {line}", file.name());
+        }
+    }
 }
 
 #[test]
 fn the_report_draws_the_schedule_and_says_what_each_partition_gets() {
     let (_, file) = example("plc-and-linux.toml");
-    let expected = r#"plc-and-linux: schedule "normal", major frame 1ms
+    let expected = r#"plc-and-linux: major frame 1ms
+
+Schedule "normal"
 
 CPU 0
          0us             250us           500us           750us           1ms
          |               |               |               |               |
   plc    ####################                                          <<
   linux                     --------------------------------------------
-  reserved: 42.9 % of this CPU, of at most 90.0 %; 20us every 340us to end windows
 
 # window   < release guard   - background
 
-partition  kind   cpu  memory  runs        own time per frame  share   guard  SCHED_DEADLINE
-plc        plc    0    4MiB    1 window    300us               30.0 %  20us   370us every 1ms
-linux      linux  0    256MiB  background  680us               68.0 %  -      -
+partition  runs        own time per frame  share
+plc        1 window    300us               30.0 %
+linux      background  650us               65.0 %
+
+tasks of plc: they may ask for 200us of the 300us that its windows give in 1ms: 66.7 %
+  task     period  budget  priority  worst response  verdict
+  control  1ms     200us   1         200us           meets, 800us of 1ms to spare (exact)
+
+partition  kind   cpu  memory  guard  switch  least own time  SCHED_DEADLINE
+plc        plc    0    4MiB    20us   ignore  300us, 30.0 %   370us every 1ms
+linux      linux  0    256MiB  -      -       650us, 65.0 %   -
+
+CPU 0: 42.9 % reserved, of at most 90.0 %; 20us every 340us to end windows
 "#;
     assert_eq!(check::report(&file), expected);
 }
@@ -189,29 +259,126 @@ linux      linux  0    256MiB  background  680us               68.0 %  -      -
 fn the_report_shows_every_cpu_and_windows_shorter_than_a_column() {
     let path = Path::new(FOLDER).join("good-two-cpus.toml");
     let file = config::load(&path, HOST_CPUS).unwrap_or_else(|error| panic!("{error}"));
-    let expected = r#"two-cpus: schedule "normal", major frame 10ms
+    let expected = r#"two-cpus: major frame 10ms
+
+Schedule "normal"
 
 CPU 0
          0us             2500us          5ms             7500us          10ms
          |               |               |               |               |
   fast   #                              <#                              <
   linux  ----------------------------------------------------------------
-  reserved: 3.3 % of this CPU, of at most 90.0 %; 20us every 2465us to end windows
 
 CPU 1
          0us             2500us          5ms             7500us          10ms
          |               |               |               |               |
   slow                    <<#################
-  reserved: 28.1 % of this CPU, of at most 90.0 %; 20us every 3650us to end windows
 
 # window   < release guard   - background
 
-partition  kind   cpu  memory   runs        own time per frame  share   guard  SCHED_DEADLINE
-fast       plc    0    1028KiB  2 windows   100us               1.0 %   20us   120us every 5ms
-slow       plc    1    4MiB     1 window    2500us              25.0 %  200us  2750us every 10ms
-linux      linux  0    64MiB    background  9860us              98.6 %  -      -
+partition  runs        own time per frame  share
+fast       2 windows   100us               1.0 %
+slow       1 window    2500us              25.0 %
+linux      background  9800us              98.0 %
+
+partition  kind   cpu  memory   guard  switch  least own time  SCHED_DEADLINE
+fast       plc    0    1028KiB  20us   ignore  100us, 1.0 %    120us every 5ms
+slow       plc    1    4MiB     200us  ignore  2500us, 25.0 %  2750us every 10ms
+linux      linux  0    64MiB    -      -       9800us, 98.0 %  -
+
+CPU 0: 3.3 % reserved, of at most 90.0 %; 20us every 2465us to end windows
+CPU 1: 28.1 % reserved, of at most 90.0 %; 20us every 3650us to end windows
+fast: no tasks given: not analysed
+slow: no tasks given: not analysed
 "#;
     assert_eq!(check::report(&file), expected);
+}
+
+#[test]
+fn the_report_shows_every_schedule_and_how_its_tasks_fare() {
+    let path = Path::new(FOLDER).join("good-schedules-and-tasks.toml");
+    let file = config::load(&path, HOST_CPUS).unwrap_or_else(|error| panic!("{error}"));
+    let expected = r#"schedules-and-tasks: major frame 4ms
+
+Schedule "day", which holds at the start
+
+CPU 0
+         0us             1ms             2ms             3ms             4ms
+         |               |               |               |               |
+  fast   ####           <####           <####           <####           <
+  slow                                      <#####
+  linux     -------------   -------------        --------   -------------
+
+CPU 1
+         0us             1ms             2ms             3ms             4ms
+         |               |               |               |               |
+  other                 <################
+
+# window   < release guard   - background
+
+partition  runs        own time per frame  share
+fast       4 windows   800us               20.0 %
+slow       1 window    260us               6.5 %
+linux      background  2710us              67.7 %
+other      1 window    1ms                 25.0 %
+
+tasks of fast: they may ask for 8640001ms of the 16848s that its windows give in 86400s: 51.3 %
+  task     period  budget  priority  worst response  verdict
+  control  1ms     100us   255       905us           meets, 95us of 1ms to spare (bound)
+  logging  86400s  1ms     0         10955us         meets, 86399989045us of 86400s to spare (bound)
+
+tasks of slow: they may ask for 500us of the 520us that its windows give in 8ms: 96.2 %
+  task     period  budget  priority  worst response  verdict
+  heating  8ms     500us   7         6490us          meets, 1510us of 8ms to spare (exact)
+
+Schedule "night"
+
+CPU 0
+         0us             1ms             2ms             3ms             4ms
+         |               |               |               |               |
+  fast   ###    <###    <###    <###    <###    <###    <###    <###    <
+  slow
+  linux    ------  ------  ------  ------  ------  ------  ------  ------
+
+CPU 1
+         0us             1ms             2ms             3ms             4ms
+         |               |               |               |               |
+  other
+
+# window   < release guard   - background
+
+partition  runs        own time per frame  share
+fast       8 windows   1200us              30.0 %
+slow       not at all  0us                 0.0 %
+linux      background  2440us              61.0 %
+other      not at all  0us                 0.0 %
+
+tasks of fast: they may ask for 8640001ms of the 25056s that its windows give in 86400s: 34.5 %
+  task     period  budget  priority  worst response  verdict
+  control  1ms     100us   255       455us           meets, 545us of 1ms to spare (bound)
+  logging  86400s  1ms     0         5860us          meets, 86399994140us of 86400s to spare (bound)
+
+Whichever schedule holds
+
+partition  kind   cpu  memory  guard  switch  least own time  SCHED_DEADLINE
+fast       plc    0    4MiB    15us   warm    800us, 20.0 %   265us every 500us
+slow       plc    0    4MiB    20us   cold    0us, 0.0 %      330us every 4ms
+linux      linux  0    64MiB   -      -       2440us, 61.0 %  -
+other      plc    1    4MiB    20us   ignore  0us, 0.0 %      1070us every 4ms
+
+CPU 0: 75.4 % reserved, of at most 90.0 %; 20us every 142500ns to end windows
+CPU 1: 28.2 % reserved, of at most 90.0 %; 20us every 1490us to end windows
+other: no tasks given: not analysed
+"#;
+    assert_eq!(check::report(&file), expected);
+}
+
+#[test]
+fn the_documentation_shows_the_report_that_is_really_printed() {
+    let page = fs::read_to_string("../docs/partition-file.md").unwrap();
+    let (_, file) = example("two-schedules.toml");
+    let report = check::report(&file);
+    assert!(page.contains(&format!("```text\n{report}```")), "{report}");
 }
 
 #[test]

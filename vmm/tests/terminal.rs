@@ -5,10 +5,14 @@
 use std::io::{self, Read, Write};
 use std::mem::MaybeUninit;
 use std::os::fd::FromRawFd;
+use std::sync::Arc;
 use std::sync::mpsc::channel;
 
-use takt::supervisor::{Supervisor, take_signals};
+use takt::schedule_desk::ScheduleDesk;
+use takt::supervisor::{Endings, Supervisor, take_signals};
 use takt::terminal::{self, Screen};
+use takt_scheduler::switch::SwitchBoard;
+use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 use vmm_sys_util::eventfd::EventFd;
 
 /// A pseudo-terminal whose slave is standard input from here on; returns its master.
@@ -50,11 +54,16 @@ fn a_signal_and_the_escape_end_a_run_and_the_terminal_is_put_back() {
     assert_eq!(local_flags() & (libc::ICANON | libc::ECHO | libc::ISIG), 0);
 
     let supervisor = || {
-        let (_sender, endings) = channel();
+        let (_sender, ends) = channel();
         let screen = Screen::new(io::stdout(), true);
         let signals = take_signals().unwrap();
         let bell = EventFd::new(0).unwrap();
-        Supervisor::new(Vec::new(), screen, None, signals, bell, endings).unwrap()
+        let frequency = TscFrequency::from_khz(1_000_000).unwrap();
+        let base = Timebase { epoch: Tsc::now(), frequency };
+        let board = Arc::new(SwitchBoard::new(Nanos::from_millis(1), 1));
+        let desk = ScheduleDesk::new(board, &["only".to_owned()], base);
+        let endings = Endings { bell, ends };
+        Supervisor::new(Vec::new(), desk, None, screen, None, signals, endings).unwrap()
     };
     // With neither a duration nor a partition, only the signal can end this.
     let waiting = supervisor();

@@ -23,7 +23,7 @@
 #![forbid(unsafe_code)]
 
 /// Version of this interface. A guest that finds another in [`Information::version`] must stop.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// First field of the information page: `"TAKT"`, little-endian.
 pub const MAGIC: u32 = u32::from_le_bytes(*b"TAKT");
@@ -90,6 +90,36 @@ pub struct Information {
     pub release_tsc: u64,
     /// TSC at which that window ends: the guest is kicked out then.
     pub window_end_tsc: u64,
+    /// TSC of the release after that one; 0 if it is not known yet, because the partition has no
+    /// window in the coming frame.
+    pub next_release_tsc: u64,
+    /// TSC at which the window of that release ends; 0 if it is not known yet.
+    pub next_window_end_tsc: u64,
+    /// The schedule to which [`release`](Self::release) belongs, by its position in the partition
+    /// file, from 0.
+    pub schedule: u32,
+    /// How the guest was started: [`start::COLD`] or [`start::WARM`].
+    pub start_mode: u32,
+    /// Why the guest was started: [`start::NORMAL`] or [`start::PARTITION_RESTART`].
+    pub start_condition: u32,
+    /// Zero.
+    pub reserved: u32,
+}
+
+/// How and why a guest was started: operating modes and start conditions of ARINC 653.
+pub mod start {
+    /// All memory is as the image says, the rest is zero.
+    pub const COLD: u32 = 1;
+    /// As [`COLD`], but the image's retained segments have kept their content.
+    pub const WARM: u32 = 2;
+    /// First start since Takt was started.
+    pub const NORMAL: u32 = 0;
+    /// Takt has started the partition anew, for a reason that is not an error of it.
+    pub const PARTITION_RESTART: u32 = 1;
+
+    /// Flag of an ELF program header (in the mask for operating systems, `PF_MASKOS`): a warm
+    /// start leaves this segment as it is. It must have no content in the file.
+    pub const RETAINED_SEGMENT: u32 = 0x0010_0000;
 }
 
 /// The partition status page: what a guest says of its own scan.
@@ -153,7 +183,7 @@ pub const fn exception_name(vector: u64) -> Option<&'static str> {
 }
 
 const _: () = {
-    assert!(size_of::<Information>() == 64);
+    assert!(size_of::<Information>() == 96);
     assert!(size_of::<Exception>() == 48);
     assert!(size_of::<Status>() == 24 + 48);
     assert!(memory::STATUS + size_of::<Status>() as u64 <= memory::TEXT);

@@ -14,17 +14,22 @@
 use super::{Supply, Task, TaskSet, Verdict};
 use crate::time::Nanos;
 
-/// Most steps of one iteration. Tens are usual; only near full load over a long period are there
-/// more.
-const STEPS_MAX: usize = 1_000;
+/// Least and most steps of one iteration. Tens are usual; only near full load over a long period
+/// are there more.
+const STEPS: [usize; 2] = [20, 1_000];
+/// Most windows that all steps for a set look at, unless the least steps take more: a tenth of a
+/// second of work. Each step looks at all windows of a frame, and there may be thousands.
+const VISITS_MAX: usize = 1_000_000;
 
 /// Bounds the response time of each task.
 #[must_use]
 pub fn bound(tasks: &TaskSet, supply: &Supply) -> Verdict {
     let mut responses = vec![Nanos::ZERO; tasks.tasks().len()];
     let mut higher = Vec::new();
+    let visits = responses.len().saturating_mul(supply.slots_per_frame()).max(1);
+    let steps = (VISITS_MAX / visits).clamp(STEPS[0], STEPS[1]);
     for (position, task) in tasks.by_urgency() {
-        match response(task, &higher, supply) {
+        match response(task, &higher, supply, steps) {
             Some(response) => responses[position] = response,
             None => {
                 return Verdict::Unproven {
@@ -44,9 +49,9 @@ pub fn bound(tasks: &TaskSet, supply: &Supply) -> Verdict {
 /// Every length whose least supply covers its demand is a bound, not only the smallest. So where
 /// the iteration takes too long the period itself is tried, and `None` always means that it too is
 /// no bound: no iterate exceeds a length that is one.
-fn response(task: &Task, higher: &[Task], supply: &Supply) -> Option<Nanos> {
+fn response(task: &Task, higher: &[Task], supply: &Supply, steps: usize) -> Option<Nanos> {
     let mut length = Nanos::ZERO;
-    for _ in 0..STEPS_MAX {
+    for _ in 0..steps {
         let next = supply.longest(demand(task, higher, length))?;
         if next > task.period {
             return None;

@@ -58,11 +58,13 @@ impl Supply {
         partition: PartitionId,
         overhead: Nanos,
     ) -> Result<Supply, SupplyError> {
-        let releases = table.releases_of(partition).ok_or(SupplyError::NoWindows { partition })?;
+        if table.windows_of(partition).next().is_none() {
+            return Err(SupplyError::NoWindows { partition });
+        }
         let mut per_frame = Nanos::ZERO;
         let mut slots = Vec::new();
-        for window in (0..).map(|n| releases.nth(n)).take_while(|window| window.frame == 0) {
-            let (start, end) = (window.start.plus(overhead), window.end);
+        for window in table.windows_of(partition) {
+            let (start, end) = (window.offset.plus(overhead), window.end());
             if start < end {
                 slots.push(Slot { start, end, before: per_frame });
                 per_frame = per_frame.plus(end.less(start));
@@ -78,6 +80,11 @@ impl Supply {
     #[must_use]
     pub const fn frame(&self) -> Nanos {
         self.frame
+    }
+
+    /// How many windows of a frame give something.
+    pub(super) fn slots_per_frame(&self) -> usize {
+        self.slots.len()
     }
 
     /// Supply between two instants; zero if `to` is not after `from`.

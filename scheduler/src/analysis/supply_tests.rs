@@ -17,6 +17,7 @@ fn table(windows: &[(u64, u64)]) -> Table {
         partition: PartitionId(0),
         offset: us(start),
         duration: us(end - start),
+        period: us(1000),
     };
     let windows: Vec<Window> = windows.iter().map(window).collect();
     Table::new(us(1000), &placements, &windows).unwrap()

@@ -11,7 +11,12 @@ fn us(n: u64) -> Nanos {
 fn supply(frame: u64, windows: &[(u64, u64)], overhead: u64) -> Supply {
     let partition = PartitionId(0);
     let placement = Placement { cpu: Cpu(0), role: Role::Windowed { guard: Nanos::ZERO } };
-    let window = |&(start, end)| Window { partition, offset: us(start), duration: us(end - start) };
+    let window = |&(start, end)| Window {
+        partition,
+        offset: us(start),
+        duration: us(end - start),
+        period: us(frame),
+    };
     let windows: Vec<Window> = windows.iter().map(window).collect();
     let table = Table::new(us(frame), &[placement], &windows).unwrap();
     Supply::of(&table, partition, us(overhead)).unwrap()
@@ -131,6 +136,21 @@ fn a_long_iteration_ends_with_the_period_or_a_refusal() {
     assert_eq!(bound(&set(9_990), &s), Verdict::Meets { responses });
     let (demand, supply) = (Nanos(1_000_000_001), us(1_000_000));
     assert_eq!(bound(&set(10_001), &s), Verdict::Unproven { task: 1, demand, supply });
+}
+
+#[test]
+fn thousands_of_windows_cost_steps_but_no_verdict() {
+    // The rival leaves 16 ns of each window: 63 windows for the first of the others.
+    let windows: Vec<(u64, u64)> = (0..4096).map(|i| (i * 100, i * 100 + 50)).collect();
+    let s = supply(409_600, &windows, 0);
+    let rival = Task { period: us(100), budget: Nanos(49_984), priority: 255 };
+    let slow = |priority| Task { period: us(819_200_000), budget: us(1), priority };
+    let mut set = vec![rival];
+    set.extend((0..7).map(slow));
+    let verdict = bound(&TaskSet::new(&set).unwrap(), &s);
+    let Verdict::Meets { responses } = verdict else { panic!("{verdict:?}") };
+    assert_eq!(responses[0], us(100).less(Nanos(16)));
+    assert!(responses[1..].iter().all(|r| *r <= us(819_200_000)));
 }
 
 #[test]

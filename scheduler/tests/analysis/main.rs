@@ -31,8 +31,12 @@ impl Frame {
         let partition = PartitionId(0);
         let placement = Placement { cpu: Cpu(0), role: Role::Windowed { guard: Nanos::ZERO } };
         let us = Nanos::from_micros;
-        let window =
-            |&(start, end)| Window { partition, offset: us(start), duration: us(end - start) };
+        let window = |&(start, end)| Window {
+            partition,
+            offset: us(start),
+            duration: us(end - start),
+            period: us(self.length),
+        };
         let windows: Vec<Window> = self.windows.iter().map(window).collect();
         let table = Table::new(us(self.length), &[placement], &windows).unwrap();
         Supply::of(&table, partition, us(self.overhead)).unwrap()

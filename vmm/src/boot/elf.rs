@@ -4,10 +4,13 @@
 //! nor type. The image is a user's file and may be anything, so its headers are read here first
 //! (by the `elf` crate) and compared with the memory that the guest has.
 
+use std::ops::Range;
+
 use elf::ElfBytes;
 use elf::abi::{EM_X86_64, ET_EXEC, PF_X, PT_LOAD};
 use elf::endian::LittleEndian;
 use elf::file::Class;
+use takt_abi::start::RETAINED_SEGMENT;
 use thiserror::Error;
 
 /// An image that is no program for this guest.
@@ -25,6 +28,12 @@ pub enum ElfError {
     /// A segment's sizes or addresses make no sense.
     #[error("its segment at {start:#x} is longer in the file than in memory, or wraps around")]
     Segment {
+        /// Where the segment would lie.
+        start: u64,
+    },
+    /// A segment that a warm start has to leave alone has content in the file.
+    #[error("its segment at {start:#x} is to be retained, but has content in the file")]
+    Retained {
         /// Where the segment would lie.
         start: u64,
     },
@@ -50,13 +59,20 @@ pub enum ElfError {
     },
 }
 
+/// What an image needs of memory.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Extent {
+    /// End of its highest segment.
+    pub end: u64,
+    /// Segments that a warm start leaves as they are.
+    pub retained: Vec<Range<u64>>,
+}
+
 /// Checks that `image` is a static executable that lies within `low..high`.
-///
-/// Returns the end of its highest segment.
 ///
 /// # Errors
 /// See [`ElfError`].
-pub fn check(image: &[u8], low: u64, high: u64) -> Result<u64, ElfError> {
+pub fn check(image: &[u8], low: u64, high: u64) -> Result<Extent, ElfError> {
     let malformed = |e: elf::ParseError| ElfError::Malformed(e.to_string());
     let file = ElfBytes::<LittleEndian>::minimal_parse(image).map_err(malformed)?;
     let header = &file.ehdr;
@@ -64,12 +80,19 @@ pub fn check(image: &[u8], low: u64, high: u64) -> Result<u64, ElfError> {
         return Err(ElfError::Kind);
     }
     let (mut start, mut end, mut entry_ok) = (u64::MAX, 0, false);
+    let mut retained = Vec::new();
     let segments = file.segments().ok_or(ElfError::Empty)?;
     for s in segments.iter().filter(|s| s.p_type == PT_LOAD && s.p_memsz > 0) {
         let bad = ElfError::Segment { start: s.p_paddr };
         let segment_end = s.p_paddr.checked_add(s.p_memsz).ok_or(bad.clone())?;
         if s.p_filesz > s.p_memsz || file.segment_data(&s).is_err() {
             return Err(bad);
+        }
+        if s.p_flags & RETAINED_SEGMENT != 0 {
+            if s.p_filesz > 0 {
+                return Err(ElfError::Retained { start: s.p_paddr });
+            }
+            retained.push(s.p_paddr..segment_end);
         }
         start = start.min(s.p_paddr);
         end = end.max(segment_end);
@@ -84,7 +107,7 @@ pub fn check(image: &[u8], low: u64, high: u64) -> Result<u64, ElfError> {
     if !entry_ok {
         return Err(ElfError::Entry { entry: header.e_entry });
     }
-    Ok(end)
+    Ok(Extent { end, retained })
 }
 
 #[cfg(test)]
@@ -120,7 +143,19 @@ pub(super) mod tests {
 
     #[test]
     fn a_minimal_image_is_accepted() {
-        assert_eq!(check(&minimal(LOW, 16, 32), LOW, HIGH), Ok(LOW + 32));
+        let extent = Extent { end: LOW + 32, retained: vec![] };
+        assert_eq!(check(&minimal(LOW, 16, 32), LOW, HIGH), Ok(extent));
+    }
+
+    #[test]
+    fn what_is_retained_has_no_content() {
+        let mut image = minimal(LOW, 16, 32);
+        image[64 + 4 + 2] = (RETAINED_SEGMENT >> 16) as u8;
+        assert_eq!(check(&image, LOW, HIGH), Err(ElfError::Retained { start: LOW }));
+        image[64 + 32] = 0;
+        let extent = check(&image, LOW, HIGH).unwrap();
+        assert_eq!((extent.end, extent.retained.len()), (LOW + 32, 1));
+        assert_eq!(extent.retained[0], LOW..LOW + 32);
     }
 
     #[test]

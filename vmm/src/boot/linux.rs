@@ -167,7 +167,8 @@ fn load_kernel(memory: &GuestMemory, path: &Path) -> Result<Kernel, LinuxImageEr
     }
     let bytes = std::fs::read(path).map_err(read)?;
     let end = elf::check(&bytes, HIGH_RAM_START, low_ram_end(memory))
-        .map_err(|source| LinuxImageError::Unknown { path: path.to_owned(), source })?;
+        .map_err(|source| LinuxImageError::Unknown { path: path.to_owned(), source })?
+        .end;
     let loaded =
         Elf::load(memory.regions(), None, &mut io::Cursor::new(&bytes), None).map_err(load)?;
     // What a boot loader has to say of itself where the kernel brings no header.

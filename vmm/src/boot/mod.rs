@@ -5,3 +5,13 @@ pub mod elf;
 pub mod linux;
 pub mod long_mode;
 pub mod plc;
+pub mod touch;
+
+/// What a guest finds when it starts (operating modes of ARINC 653).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StartMode {
+    /// Memory as the image says, and zero elsewhere.
+    Cold,
+    /// As cold, but what the image wants to be retained is as it was.
+    Warm,
+}

@@ -6,34 +6,42 @@
 //! before:
 //!
 //! 1. bytes to text to the raw form, whose keys and types are right (`syntax`, `raw`, `units`);
-//! 2. the rules of each partition (`partition`), of the schedule (`schedule`), and of the files
-//!    that are named (`images`);
+//! 2. the rules of each partition (`partition`, `tasks`), of the schedules (`schedules`,
+//!    `explain`), of both together (`deadlines`), and of the files that are named (`images`);
 //! 3. a [`PartitionFile`], which has private fields and no other way to be made. The rest of Takt
 //!    takes nothing else and checks nothing again.
 //!
 //! The first defect ends it: in a file of 40 lines a second message is more often a consequence of
 //! the first than a second defect. The key reference is `docs/partition-file.md`.
 
+mod deadlines;
 mod diagnostic;
+mod explain;
 mod images;
 mod partition;
 mod raw;
-mod schedule;
+mod schedules;
 mod syntax;
+mod tasks;
 mod units;
 
+use std::fmt;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use takt_scheduler::table::{Cpu, PartitionId, Table};
+use takt_scheduler::schedules::{ScheduleId, Schedules};
+use takt_scheduler::table::{Cpu, PartitionId};
 use thiserror::Error;
 
 use diagnostic::Diagnostic;
 use partition::Surroundings;
 use raw::Keys;
+use schedules::Draft;
 
+pub use deadlines::{Met, WAKE_UP_ALLOWANCE};
 pub use images::Unreadable;
-pub(crate) use schedule::percent;
+pub(crate) use schedules::percent;
+pub use tasks::NamedTask;
 pub(crate) use units::Bytes;
 pub use units::{UnitError, parse_duration};
 
@@ -46,8 +54,8 @@ pub const FILE_MAX: u64 = 1 << 20;
 pub struct PartitionFile {
     path: PathBuf,
     name: String,
-    schedule_name: String,
-    table: Table,
+    schedule_names: Vec<String>,
+    schedules: Schedules,
     partitions: Vec<Partition>,
 }
 
@@ -64,16 +72,16 @@ impl PartitionFile {
         &self.name
     }
 
-    /// Name of the schedule.
+    /// Names of the schedules, by [`ScheduleId`].
     #[must_use]
-    pub fn schedule_name(&self) -> &str {
-        &self.schedule_name
+    pub fn schedule_names(&self) -> &[String] {
+        &self.schedule_names
     }
 
-    /// The schedule. Its placements are those of [`partitions`](Self::partitions).
+    /// The schedules. Their placements are those of [`partitions`](Self::partitions).
     #[must_use]
-    pub fn table(&self) -> &Table {
-        &self.table
+    pub fn schedules(&self) -> &Schedules {
+        &self.schedules
     }
 
     /// All partitions; [`PartitionId`] is the position in here.
@@ -91,6 +99,9 @@ pub struct Partition {
     cpu: Cpu,
     memory: Bytes,
     kind: Kind,
+    on_schedule_change: ScheduleChange,
+    tasks: Vec<NamedTask>,
+    met: Vec<Met>,
 }
 
 impl Partition {
@@ -122,6 +133,50 @@ impl Partition {
     #[must_use]
     pub fn kind(&self) -> &Kind {
         &self.kind
+    }
+
+    /// What happens to it when a switch of schedules takes effect; [`ScheduleChange::Ignore`] for
+    /// a Linux.
+    #[must_use]
+    pub fn on_schedule_change(&self) -> ScheduleChange {
+        self.on_schedule_change
+    }
+
+    /// Its tasks, in the order of the file. They meet their deadlines in every schedule in which
+    /// the partition has a window.
+    #[must_use]
+    pub fn tasks(&self) -> &[NamedTask] {
+        &self.tasks
+    }
+
+    /// What the analysis found for a schedule; `None` without tasks, or without a window in it.
+    #[must_use]
+    pub fn met_in(&self, schedule: ScheduleId) -> Option<&Met> {
+        self.met.iter().find(|met| met.schedule == schedule)
+    }
+}
+
+/// What happens to a partition when a switch of schedules takes effect (ARINC 653 Part 2: the
+/// schedule change action).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ScheduleChange {
+    /// Nothing: it goes on.
+    #[default]
+    Ignore,
+    /// It starts again, and what it retains is kept.
+    Warm,
+    /// It starts again as for the first time.
+    Cold,
+}
+
+/// Prints as it is written in the file.
+impl fmt::Display for ScheduleChange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            ScheduleChange::Ignore => "ignore",
+            ScheduleChange::Warm => "warm",
+            ScheduleChange::Cold => "cold",
+        })
     }
 }
 
@@ -213,15 +268,21 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     let file = syntax::parse(text)?;
     let Keys(system) = file.system.get_ref();
     let name = partition::check_name(&system.name)?.to_owned();
-    let frame = schedule::check_frame(&system.major_frame)?;
+    schedules::check_frame(&system.major_frame)?;
     let folder = path.parent().unwrap_or(Path::new("/"));
-    let around = Surroundings { folder, host_cpus, frame };
+    let around = Surroundings { folder, host_cpus, frame: &system.major_frame };
     let header = file.system.span();
-    let partitions = partition::check_all(&file.partition.0, &header, around)?;
-    let (schedule_name, table) = schedule::check(&file.schedule.0, system, &header, &partitions)?;
+    let mut partitions = partition::check_all(&file.partition.0, &header, around)?;
+    let draft = Draft::new(&file.schedule.0, system, &header, &partitions)?;
+    let (schedule_names, schedules) = (draft.names(), draft.check()?);
+    let met = partitions
+        .iter()
+        .map(|p| deadlines::check(&draft, &schedules, p.partition.id))
+        .collect::<Result<Vec<_>, _>>()?;
+    partitions.iter_mut().zip(met).for_each(|(p, met)| p.partition.met = met);
     partition::check_one_linux(&partitions)?;
     // Last, because it is the only thing that may be right on another machine.
     partitions.iter().flat_map(|p| &p.images).try_for_each(images::check)?;
     let partitions = partitions.into_iter().map(|p| p.partition).collect();
-    Ok(PartitionFile { path, name, schedule_name, table, partitions })
+    Ok(PartitionFile { path, name, schedule_names, schedules, partitions })
 }

@@ -3,15 +3,16 @@
 use std::path::Path;
 
 use takt_abi::memory::{IMAGE_BASE, PAGE, RAM_MAX};
-use takt_scheduler::table::{Cpu, PartitionId, Role};
+use takt_scheduler::table::{Cpu, GUARD_MAX, PartitionId, Role};
 use takt_scheduler::time::Nanos;
 use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
 use super::images::{self, Image};
 use super::raw::{self, Keys};
-use super::units::Bytes;
-use super::{Kind, Partition};
+use super::tasks::{self, CheckedTasks};
+use super::units::{Bytes, Duration};
+use super::{Kind, Partition, ScheduleChange};
 
 /// Most partitions of one file.
 pub const PARTITIONS_MAX: usize = 16;
@@ -23,8 +24,6 @@ const CPUS: usize = 1024;
 const PLC_MEMORY: [Bytes; 2] = [Bytes(IMAGE_BASE + PAGE), Bytes(RAM_MAX)];
 /// A Linux's memory: below, a distribution's kernel does not unpack; above, it is a typing mistake.
 const LINUX_MEMORY: [Bytes; 2] = [Bytes(64 << 20), Bytes(64 << 30)];
-/// Longest guard: it is taken from the other partitions, so more than this hides a broken host.
-const GUARD_MAX: Nanos = Nanos::from_millis(1);
 /// Guard where the file gives none: well above the wake-up latency of a PREEMPT_RT host under
 /// load, which was 7 us in the latency lab.
 const GUARD_DEFAULT: Nanos = Nanos::from_micros(20);
@@ -42,6 +41,7 @@ pub struct Checked {
     pub header: Span,
     pub name: Span,
     pub background: Option<Span>,
+    pub tasks: CheckedTasks,
 }
 
 /// What the rules of a partition need to know of the world around it.
@@ -52,7 +52,7 @@ pub struct Surroundings<'a> {
     /// How many CPUs the host has, if the file is for this host.
     pub host_cpus: Option<usize>,
     /// The major frame.
-    pub frame: Nanos,
+    pub frame: &'a Spanned<Duration>,
 }
 
 /// Checks all partitions, in the order of the file.
@@ -83,7 +83,7 @@ pub fn check_all(
     Ok(checked)
 }
 
-/// At most one Linux. A rule of its own so that it comes after those of the schedule: it is the
+/// At most one Linux. A rule of its own so that it comes after those of the schedules: it is the
 /// one that a later version drops.
 pub fn check_one_linux(partitions: &[Checked]) -> Result<(), Diagnostic> {
     let mut linux = partitions.iter().filter(|p| matches!(p.partition.kind, Kind::Linux { .. }));
@@ -130,8 +130,21 @@ fn check(
         }
     };
     let memory = check_memory(&raw.memory, &kind)?;
+    let on_schedule_change = check_change(raw.on_schedule_change.as_ref())?;
+    let tasks = tasks::check(&raw.task.0, around.frame)?;
+    let partition = Partition {
+        id,
+        name: name.to_owned(),
+        cpu,
+        memory,
+        kind,
+        on_schedule_change,
+        tasks: tasks.tasks.clone(),
+        met: Vec::new(),
+    };
     Ok(Checked {
-        partition: Partition { id, name: name.to_owned(), cpu, memory, kind },
+        partition,
+        tasks,
         role,
         images,
         header: table.span(),
@@ -155,7 +168,8 @@ fn check_plc(
     {
         if let Some(value) = value {
             let found = misplaced(key, "linux", name, "plc");
-            let allowed = "for a \"plc\": name, kind, cpu, memory, release_guard and image";
+            let allowed = "for a \"plc\": name, kind, cpu, memory, release_guard, image, \
+                           on_schedule_change and [[partition.task]]";
             return Err(Diagnostic::new(value.span(), found, allowed));
         }
     }
@@ -163,7 +177,7 @@ fn check_plc(
         None => GUARD_DEFAULT,
         Some(guard) => {
             let length = guard.get_ref().0;
-            let longest = GUARD_MAX.min(around.frame.less(Nanos(1)));
+            let longest = GUARD_MAX.min(around.frame.get_ref().0.less(Nanos(1)));
             if length > longest {
                 let found = format!("the release guard of {length} is too long");
                 let allowed = format!("\"0us\" to {GUARD_MAX}, and less than the major frame");
@@ -186,6 +200,8 @@ fn check_linux(
     let of_plc = [
         ("image", raw.image.as_ref().map(Spanned::span)),
         ("release_guard", raw.release_guard.as_ref().map(Spanned::span)),
+        ("on_schedule_change", raw.on_schedule_change.as_ref().map(Spanned::span)),
+        ("task", raw.task.0.first().map(Spanned::span)),
     ];
     for (key, span) in of_plc {
         if let Some(span) = span {
@@ -237,6 +253,19 @@ fn check_cpu(cpu: &Spanned<i64>, host: Option<usize>) -> Result<Cpu, Diagnostic>
             let found = format!("{number} is not the number of a CPU");
             let allowed = format!("0 to {}", CPUS - 1);
             Err(Diagnostic::new(cpu.span(), found, allowed))
+        }
+    }
+}
+
+fn check_change(change: Option<&Spanned<String>>) -> Result<ScheduleChange, Diagnostic> {
+    let Some(change) = change else { return Ok(ScheduleChange::Ignore) };
+    match change.get_ref().as_str() {
+        "ignore" => Ok(ScheduleChange::Ignore),
+        "warm" => Ok(ScheduleChange::Warm),
+        "cold" => Ok(ScheduleChange::Cold),
+        other => {
+            let found = format!("there is no action {} for a switch of schedules", quote(other));
+            Err(Diagnostic::new(change.span(), found, "\"ignore\", \"warm\" or \"cold\""))
         }
     }
 }

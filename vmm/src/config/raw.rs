@@ -49,10 +49,22 @@ pub struct Partition {
     pub memory: Spanned<Bytes>,
     pub background: Option<Spanned<bool>>,
     pub release_guard: Option<Spanned<Duration>>,
+    pub on_schedule_change: Option<Spanned<String>>,
     pub image: Option<Spanned<String>>,
+    #[serde(default)]
+    pub task: Tables<Task>,
     pub kernel: Option<Spanned<String>>,
     pub initrd: Option<Spanned<String>>,
     pub cmdline: Option<Spanned<String>>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Task {
+    pub name: Spanned<String>,
+    pub period: Spanned<Duration>,
+    pub budget: Spanned<Duration>,
+    pub priority: Spanned<i64>,
 }
 
 #[derive(Debug, serde::Deserialize)]
@@ -69,6 +81,7 @@ pub struct Window {
     pub partition: Spanned<String>,
     pub offset: Spanned<Duration>,
     pub duration: Spanned<Duration>,
+    pub period: Option<Spanned<Duration>>,
 }
 
 /// A table that is written with keys. serde's derived structs also take an array of the values in

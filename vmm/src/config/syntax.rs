@@ -27,6 +27,9 @@ const EXAMPLES: &[(&str, &str)] = &[
     ("partition", "`partition = \"a-name\"`, the partition that the window belongs to"),
     ("offset", "`offset = \"0us\"`, counted from the start of the major frame"),
     ("duration", "`duration = \"300us\"`"),
+    ("period", "`period = \"1ms\"`, the time from one release of the task to the next"),
+    ("budget", "`budget = \"100us\"`, the longest that one job of the task executes"),
+    ("priority", "`priority = 1`, from 0 to 255; a higher number is more urgent"),
 ];
 
 /// What the parser and serde call things, and what the file's author calls them.

@@ -42,7 +42,8 @@ mod setup;
 
 use std::io::{self, Write};
 
-use takt_scheduler::table::{Cpu, Table};
+use takt_scheduler::schedules::Schedules;
+use takt_scheduler::table::Cpu;
 use thiserror::Error;
 
 pub use kernel::Entry;
@@ -151,11 +152,11 @@ impl Domains {
     ///
     /// # Errors
     /// See [`CpusetError`].
-    pub fn set_up(table: &Table) -> Result<Self, CpusetError> {
+    pub fn set_up(schedules: &Schedules) -> Result<Self, CpusetError> {
         let mut needed = Vec::new();
         let mut first = None;
-        for cpu in table.cpus() {
-            if table.windows_on(cpu).next().is_none() {
+        for cpu in schedules.cpus() {
+            if schedules.timetable_on(cpu).is_none() {
                 continue;
             }
             if let Some(refused) = refusal(cpu, None).map_err(CpusetError::Thread)? {

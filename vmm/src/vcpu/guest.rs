@@ -4,8 +4,11 @@ use std::fmt;
 
 use kvm_ioctls::VcpuExit;
 use takt_abi::{Exception, exception_name};
-use takt_scheduler::table::Release;
 use takt_scheduler::time::{Timebase, Tsc};
+use takt_scheduler::timetable::{Release, Slot};
+
+use super::record::Scan;
+use crate::boot::StartMode;
 
 /// Why a guest runs no more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,6 +17,8 @@ pub enum End {
     Stopped,
     /// The guest switched itself off.
     PoweredOff,
+    /// A switch of the schedule asks for a new start of this partition.
+    ScheduleChange(StartMode),
     /// A PLC guest ended itself with an exit code.
     Exited(u32),
     /// A PLC guest reported an exception.
@@ -45,7 +50,7 @@ impl End {
     /// True if the partition did not end as it should.
     #[must_use]
     pub const fn is_failure(&self) -> bool {
-        !matches!(self, End::Stopped | End::PoweredOff | End::Exited(0))
+        !matches!(self, End::Stopped | End::PoweredOff | End::Exited(0) | End::ScheduleChange(_))
     }
 }
 
@@ -54,6 +59,8 @@ impl fmt::Display for End {
         match self {
             End::Stopped => f.write_str("stopped by takt"),
             End::PoweredOff => f.write_str("powered off"),
+            End::ScheduleChange(StartMode::Cold) => f.write_str("cold start for the new schedule"),
+            End::ScheduleChange(StartMode::Warm) => f.write_str("warm start for the new schedule"),
             End::Exited(code) => write!(f, "ended itself with code {code}"),
             End::Exception(e) => {
                 let name = exception_name(e.vector).unwrap_or("reserved vector");
@@ -89,19 +96,10 @@ pub enum Step {
     Ended(End),
 }
 
-/// When a guest says that it started and finished the scan of one release.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Scan {
-    /// Start of the scan.
-    pub start: Tsc,
-    /// Its end; earlier than `start` while the scan runs.
-    pub done: Tsc,
-}
-
 /// A guest, as seen by the thread that runs its vCPU.
 pub trait Guest {
-    /// Tells the guest of the window that comes next.
-    fn announce(&mut self, release: &Release, base: &Timebase);
+    /// Tells the guest of the window that comes, and of what comes after it.
+    fn announce(&mut self, release: &Release, next: &Slot, base: &Timebase);
 
     /// Answers an exit.
     fn handle(&mut self, exit: VcpuExit<'_>) -> Step;
@@ -109,6 +107,12 @@ pub trait Guest {
     /// What the guest claims of the release with this sequence number, or `None` if it does not
     /// claim to have started it. A claim, not a fact.
     fn claim(&self, sequence: u64) -> Option<Scan>;
+
+    /// The guest's last time stamp of all, of whatever release. A claim.
+    fn last_stamp(&self) -> Tsc;
+
+    /// The guest has been loaded anew and is about to start.
+    fn restarted(&mut self, mode: StartMode);
 
     /// True if the guest is expected to say "done" in each window. One that is not simply uses
     /// all of its windows, and their ends are no overruns.

@@ -5,29 +5,38 @@
 //! offender at once, also where both share their only CPU. Timers that deliver a signal would be
 //! simpler, but on a PREEMPT_RT kernel they expire in a thread that the vCPU itself starves;
 //! an absolute sleep of a deadline thread expires in the timer interrupt.
+//!
+//! It also adopts switches of the schedule, see [`takt_scheduler::switch`].
 
 use std::sync::Arc;
 
 use takt_scheduler::enforce::{Woken, sleep_until};
-use takt_scheduler::table::Releases;
+use takt_scheduler::switch::SwitchBoard;
 use takt_scheduler::time::{Timebase, Tsc};
+use takt_scheduler::timetable::{Slot, Timetable};
 
 use super::Control;
 
 /// The windows of one CPU, and who owns each.
 pub struct Windows {
     /// All windows of the CPU, as one sequence.
-    pub releases: Releases,
-    /// Owner of each window of a frame, in the same order.
-    pub owners: Vec<Arc<Control>>,
+    pub timetable: Timetable,
+    /// Owner of each window of a frame, in the same order, by schedule.
+    pub owners: Vec<Vec<Arc<Control>>>,
+    /// Which schedule holds.
+    pub board: Arc<SwitchBoard>,
 }
 
 /// Kicks until it is told to stop.
 pub fn run(windows: &Windows, base: &Timebase, own: &Control) {
-    let mut release = windows.releases.nth(0);
+    let Windows { timetable, owners, board } = windows;
+    let mut slot = timetable.first(board.switch());
     loop {
-        let end = base.instant(release.end);
-        while sleep_until(end, base.frequency) == Woken::BySignal {
+        let instant = base.instant(match slot {
+            Slot::Window(release) => release.end,
+            Slot::Idle(idle) => idle.start,
+        });
+        while sleep_until(instant, base.frequency) == Woken::BySignal {
             if own.stopping() {
                 return;
             }
@@ -37,17 +46,21 @@ pub fn run(windows: &Windows, base: &Timebase, own: &Control) {
             return;
         }
         let now = Tsc::now();
-        windows.owners[release.sequence as usize % windows.owners.len()].end_window(now);
+        if let Slot::Window(release) = slot {
+            owners[release.schedule.0][release.window].end_window(now);
+        }
+        board.adopt(base.offset(now));
+        let next = timetable.after(&slot, board.switch());
         // Never early and never twice, and without a loop to catch up after a long delay: what
         // was missed is over, and a window still running past its end belongs to one of these.
-        let next = windows.releases.nth(release.sequence + 1);
-        release = if base.instant(next.end) > now {
-            next
-        } else {
-            for owner in &windows.owners {
-                owner.end_window(now);
+        slot = match next {
+            Slot::Window(release) if base.instant(release.end) <= now => {
+                for owner in owners.iter().flatten() {
+                    owner.end_window(now);
+                }
+                timetable.catch_up(&slot, base.offset(now), board.switch())
             }
-            windows.releases.first_ending_after(base.offset(now))
+            next => next,
         };
     }
 }

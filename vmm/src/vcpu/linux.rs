@@ -3,10 +3,12 @@
 use kvm_ioctls::VcpuExit;
 use takt_devices::ports::PortBus;
 use takt_devices::power::{PowerLine, PowerRequest};
-use takt_scheduler::table::Release;
-use takt_scheduler::time::Timebase;
+use takt_scheduler::time::{Timebase, Tsc};
+use takt_scheduler::timetable::{Release, Slot};
 
-use super::guest::{End, Guest, Scan, Step, handle_common};
+use super::guest::{End, Guest, Step, handle_common};
+use super::record::Scan;
+use crate::boot::StartMode;
 
 /// A Linux guest.
 pub struct LinuxGuest {
@@ -32,7 +34,7 @@ fn width(bytes: usize) -> usize {
 
 impl Guest for LinuxGuest {
     /// An unmodified Linux knows nothing of windows.
-    fn announce(&mut self, _: &Release, _: &Timebase) {}
+    fn announce(&mut self, _: &Release, _: &Slot, _: &Timebase) {}
 
     fn handle(&mut self, exit: VcpuExit<'_>) -> Step {
         match exit {
@@ -64,6 +66,13 @@ impl Guest for LinuxGuest {
     fn claim(&self, _: u64) -> Option<Scan> {
         None
     }
+
+    fn last_stamp(&self) -> Tsc {
+        Tsc(0)
+    }
+
+    /// Only PLC guests are started anew.
+    fn restarted(&mut self, _: StartMode) {}
 
     fn says_done(&self) -> bool {
         false

@@ -21,14 +21,17 @@
 //! for another thread.
 
 pub mod background;
+pub mod exit_count;
 pub mod guest;
 pub mod kick;
 pub mod kicker;
 pub mod linux;
 pub mod plc;
+pub mod record;
 pub mod thread;
 pub mod windowed;
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
 
 use takt_scheduler::time::Tsc;
@@ -39,18 +42,26 @@ pub struct Control {
     stop: AtomicBool,
     /// End of the window that is being run, as a TSC value; 0 outside a window.
     running_until: AtomicU64,
+    /// When the window that is being run was ended by a kick, as a TSC value; 0 if it was not.
+    kicked: AtomicU64,
     /// Kernel's id of the thread; 0 before it has one.
     thread: AtomicI32,
 }
 
 impl Control {
-    /// Asks the thread to end, whatever its guest does.
-    pub fn stop(&self) {
-        self.stop.store(true, Ordering::SeqCst);
-        self.kick();
+    /// Asks all these threads to end, whatever their guests do. All are asked before the first of
+    /// them is kicked: what it does at its end would otherwise delay others that still think that
+    /// they run.
+    pub fn stop_all(controls: &[Arc<Control>]) {
+        for control in controls {
+            control.stop.store(true, Ordering::SeqCst);
+        }
+        for control in controls {
+            control.kick();
+        }
     }
 
-    /// True once [`stop`](Self::stop) was called.
+    /// True once [`stop_all`](Self::stop_all) was called.
     #[must_use]
     pub fn stopping(&self) -> bool {
         self.stop.load(Ordering::SeqCst)
@@ -60,6 +71,7 @@ impl Control {
     pub fn end_window(&self, now: Tsc) {
         let until = self.running_until.load(Ordering::SeqCst);
         if until != 0 && until <= now.0 {
+            self.kicked.store(now.0, Ordering::SeqCst);
             self.kick();
         }
     }
@@ -73,7 +85,11 @@ impl Control {
         self.running_until.store(end.0, Ordering::SeqCst);
     }
 
-    fn leave_window(&self) {
+    /// The thread has left the window that ends at `end`. Returns when it was kicked out; a kick
+    /// that came through only after an earlier window is none of this one.
+    fn leave_window(&self, end: Tsc) -> Option<Tsc> {
         self.running_until.store(0, Ordering::SeqCst);
+        let kicked = Tsc(self.kicked.swap(0, Ordering::SeqCst));
+        (kicked >= end).then_some(kicked)
     }
 }

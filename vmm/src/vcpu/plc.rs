@@ -2,13 +2,15 @@
 
 use kvm_ioctls::VcpuExit;
 use takt_abi::memory::{TEXT, TEXT_BYTES};
-use takt_abi::{Information, MAGIC, Status, VERSION, port};
+use takt_abi::{Information, MAGIC, Status, VERSION, port, start};
 use takt_devices::output::DroppingOutput;
-use takt_scheduler::table::Release;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
+use takt_scheduler::timetable::{Release, Slot};
 use vm_memory::{Bytes, GuestAddress};
 
-use super::guest::{End, Guest, Scan, Step, handle_common};
+use super::guest::{End, Guest, Step, handle_common};
+use super::record::Scan;
+use crate::boot::StartMode;
 use crate::memory::{GuestMemory, Page};
 
 /// A PLC guest.
@@ -42,6 +44,12 @@ impl PlcGuest {
             frame: 0,
             release_tsc: 0,
             window_end_tsc: 0,
+            next_release_tsc: 0,
+            next_window_end_tsc: 0,
+            schedule: 0,
+            start_mode: start::COLD,
+            start_condition: start::NORMAL,
+            reserved: 0,
         };
         let (information, status) = (memory.information()?, memory.status()?);
         let memory = memory.clone();
@@ -82,11 +90,17 @@ impl PlcGuest {
 }
 
 impl Guest for PlcGuest {
-    fn announce(&mut self, release: &Release, base: &Timebase) {
-        self.announced.release = release.sequence;
-        self.announced.frame = release.frame;
-        self.announced.release_tsc = base.instant(release.start).0;
-        self.announced.window_end_tsc = base.instant(release.end).0;
+    fn announce(&mut self, release: &Release, next: &Slot, base: &Timebase) {
+        let page = &mut self.announced;
+        page.release = release.sequence;
+        page.frame = release.frame;
+        page.release_tsc = base.instant(release.start).0;
+        page.window_end_tsc = base.instant(release.end).0;
+        (page.next_release_tsc, page.next_window_end_tsc) = match next {
+            Slot::Window(next) => (base.instant(next.start).0, base.instant(next.end).0),
+            Slot::Idle(_) => (0, 0),
+        };
+        page.schedule = release.schedule.0 as u32;
         self.information.write(self.announced);
     }
 
@@ -113,6 +127,18 @@ impl Guest for PlcGuest {
             .then_some(Scan { start: Tsc(status.start_tsc), done: Tsc(status.done_tsc) })
     }
 
+    fn last_stamp(&self) -> Tsc {
+        Tsc(self.status.read().done_tsc)
+    }
+
+    fn restarted(&mut self, mode: StartMode) {
+        self.announced.start_mode = match mode {
+            StartMode::Cold => start::COLD,
+            StartMode::Warm => start::WARM,
+        };
+        self.announced.start_condition = start::PARTITION_RESTART;
+    }
+
     fn says_done(&self) -> bool {
         true
     }
@@ -126,7 +152,9 @@ impl Guest for PlcGuest {
 mod tests {
     use super::*;
     use takt_devices::output;
+    use takt_scheduler::schedules::ScheduleId;
     use takt_scheduler::time::TscFrequency;
+    use takt_scheduler::timetable::Idle;
 
     fn guest() -> (PlcGuest, GuestMemory, output::OutputEnd) {
         let memory = GuestMemory::for_plc(2 << 20).unwrap();
@@ -136,16 +164,40 @@ mod tests {
         (guest, memory, end)
     }
 
+    const BASE: Timebase = match TscFrequency::from_khz(2_000_000) {
+        Some(frequency) => Timebase { epoch: Tsc(5_000), frequency },
+        None => panic!(),
+    };
+
+    fn release(sequence: u64, start: u64) -> Release {
+        let (start, end) = (Nanos(start), Nanos(start + 300));
+        Release { sequence, schedule: ScheduleId(1), window: 0, frame: 3, start, end }
+    }
+
     #[test]
-    fn the_information_page_tells_the_next_window() {
+    fn the_information_page_tells_this_window_and_the_next() {
         let (mut guest, memory, _end) = guest();
-        let base =
-            Timebase { epoch: Tsc(5_000), frequency: TscFrequency::from_khz(2_000_000).unwrap() };
-        let release = Release { sequence: 7, frame: 3, start: Nanos(3_000), end: Nanos(3_300) };
-        guest.announce(&release, &base);
-        let page = memory.information().unwrap().read();
-        assert_eq!((page.magic, page.version, page.release, page.frame), (MAGIC, VERSION, 7, 3));
-        assert_eq!((page.release_tsc, page.window_end_tsc), (11_000, 11_600));
+        let page = || memory.information().unwrap().read();
+        let next = Slot::Window(release(8, 4_000));
+        guest.announce(&release(7, 3_000), &next, &BASE);
+        let p = page();
+        assert_eq!((p.magic, p.version, p.release, p.frame), (MAGIC, VERSION, 7, 3));
+        assert_eq!((p.release_tsc, p.window_end_tsc), (11_000, 11_600));
+        assert_eq!((p.next_release_tsc, p.next_window_end_tsc), (13_000, 13_600));
+        assert_eq!((p.schedule, p.start_mode, p.start_condition), (1, start::COLD, start::NORMAL));
+
+        let idle = Slot::Idle(Idle { sequence: 8, frame: 4, start: Nanos(4_000) });
+        guest.announce(&release(7, 3_000), &idle, &BASE);
+        assert_eq!((page().next_release_tsc, page().next_window_end_tsc), (0, 0));
+    }
+
+    #[test]
+    fn a_guest_is_told_how_and_why_it_was_started() {
+        let (mut guest, memory, _end) = guest();
+        guest.restarted(StartMode::Warm);
+        guest.announce(&release(7, 3_000), &Slot::Window(release(8, 4_000)), &BASE);
+        let p = memory.information().unwrap().read();
+        assert_eq!((p.start_mode, p.start_condition), (start::WARM, start::PARTITION_RESTART));
     }
 
     #[test]

@@ -1,65 +1,62 @@
 //! Running a partition in its windows.
 //!
-//! Release `n` lies at a fixed place on the TSC, computed from `n` alone: nothing that happens in
-//! one window can move the next. The thread wakes a guard time early and enters the guest, which
-//! itself waits for the exact instant; the latency of the wake-up disappears in that wait.
+//! Release `n` lies at a fixed place on the TSC, computed from its frame alone: nothing that
+//! happens in one window can move the next. The thread wakes a guard time early and enters the
+//! guest, which itself waits for the exact instant; the latency of the wake-up disappears in that
+//! wait.
 
+use std::sync::Arc;
+
+use kvm_ioctls::VcpuExit;
 use rtrb::Producer;
 use takt_scheduler::enforce::{Woken, sleep_until};
-use takt_scheduler::table::{Release, Releases};
-use takt_scheduler::time::{Ticks, Timebase, Tsc};
+use takt_scheduler::switch::{Switch, SwitchBoard};
+use takt_scheduler::time::{Nanos, Timebase, Tsc};
+use takt_scheduler::timetable::{Slot, Timetable};
 
 use super::Control;
-use super::guest::{End, Guest, KvmFailure, Scan, Step};
+use super::exit_count::ExitCount;
+use super::guest::{End, Guest, KvmFailure, Step};
 use super::kick::Kickable;
+use super::record::{DETOURS_MAX, Detour, Exit, Record, WindowRecord};
+use crate::boot::StartMode;
 
 /// When a partition runs.
 pub struct Plan {
     /// Its windows.
-    pub releases: Releases,
-    /// Where they lie on the TSC.
-    pub base: Timebase,
+    pub timetable: Timetable,
+    /// Which schedule holds.
+    pub board: Arc<SwitchBoard>,
     /// How long before a window the thread wakes.
-    pub guard: Ticks,
+    pub guard: Nanos,
+    /// How the partition is started anew when a switch takes effect; `None`: it goes on.
+    pub on_switch: Option<StartMode>,
 }
 
-/// What happened in one window. Written once, at its end, into a ring that another thread reads.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct WindowRecord {
-    /// Which release.
-    pub sequence: u64,
-    /// Releases before this one that were skipped because the host came too late for them.
-    pub skipped: u64,
-    /// Where the release lies.
-    pub release: Tsc,
-    /// When the thread was to wake up.
-    pub due: Tsc,
-    /// When it did.
-    pub woken: Tsc,
-    /// Last look at the clock before the guest was entered first.
-    pub entered: Tsc,
-    /// When the guest was left last.
-    pub left: Tsc,
-    /// What the guest claims of this release; checked by [`WindowRecord::scan`].
-    pub claim: Option<Scan>,
-    /// Exits from the guest, "done" included.
-    pub exits: u32,
-    /// True if the guest had to be kicked out.
-    pub overrun: bool,
+/// A partition on its way from window to window.
+pub struct Windowed {
+    plan: Plan,
+    base: Timebase,
+    slot: Slot,
+    /// Under which `slot` was found.
+    switch: Switch,
+    /// Frame of the last switch that the partition was started anew for.
+    acted: u64,
+    log: Log,
+    exit_count: Option<ExitCount>,
 }
 
-impl WindowRecord {
-    /// True if the wake-up was later than the guard, so that the release itself was late.
-    #[must_use]
-    pub fn is_late(&self) -> bool {
-        self.entered > self.release
-    }
+/// The ring, and what did not fit into it.
+struct Log {
+    records: Producer<Record>,
+    unrecorded: u64,
+}
 
-    /// The guest's claim, if it is one that can be true: a scan does not start before its
-    /// release or after its window.
-    #[must_use]
-    pub fn scan(&self) -> Option<Scan> {
-        self.claim.filter(|scan| (self.release..=self.left).contains(&scan.start))
+impl Log {
+    fn push(&mut self, record: Record) {
+        if self.records.push(record).is_err() {
+            self.unrecorded += 1;
+        }
     }
 }
 
@@ -70,136 +67,189 @@ enum Outcome {
     Ended(End),
 }
 
-/// Runs the guest in its windows until it ends or is stopped.
-///
-/// `records` gets one record for each window; what does not fit is counted in the second part of
-/// the result.
-pub fn run(
-    kickable: &mut Kickable,
-    guest: &mut impl Guest,
-    control: &Control,
-    plan: &Plan,
-    records: &mut Producer<WindowRecord>,
-) -> (End, u64) {
-    let mut unrecorded = 0;
-    let mut release = plan.releases.nth(0);
-    let mut skipped = 0;
-    loop {
-        let start = plan.base.instant(release.start);
-        let end = plan.base.instant(release.end);
-        let due = start.before(plan.guard);
-        while sleep_until(due, plan.base.frequency) == Woken::BySignal {
-            if control.stopping() {
-                return (End::Stopped, unrecorded);
-            }
-        }
-        let woken = Tsc::now();
-        if woken >= end {
-            let next = plan.releases.first_ending_after(plan.base.offset(woken));
-            skipped += next.sequence.saturating_sub(release.sequence);
-            release = next;
-            continue;
-        }
-        guest.announce(&release, &plan.base);
-        let (entered, exits, outcome) = run_window(kickable, guest, control, end);
-        let left = Tsc::now();
-        control.leave_window();
-        if let Outcome::Ended(ended) = outcome {
-            return (ended, unrecorded);
-        }
-        let record = WindowRecord {
-            sequence: release.sequence,
-            skipped,
-            release: start,
-            due,
-            woken,
-            entered,
-            left,
-            claim: guest.claim(release.sequence),
-            exits,
-            overrun: matches!(outcome, Outcome::Expired) && guest.says_done(),
-        };
-        if records.push(record).is_err() {
-            unrecorded += 1;
-        }
-        skipped = 0;
-        release = following(&plan.releases, &release);
+/// What running a window found out.
+struct Ran {
+    entered: Tsc,
+    left: Tsc,
+    exits: u32,
+    outcome: Outcome,
+}
+
+impl Windowed {
+    /// At the epoch. `records` gets a record for each window; `exit_count` is that of the vCPU.
+    #[must_use]
+    pub fn new(
+        plan: Plan,
+        base: Timebase,
+        records: Producer<Record>,
+        exit_count: Option<ExitCount>,
+    ) -> Self {
+        let switch = plan.board.switch();
+        let slot = plan.timetable.first(switch);
+        let log = Log { records, unrecorded: 0 };
+        Self { plan, base, slot, switch, acted: switch.frame, log, exit_count }
     }
-}
 
-fn following(releases: &Releases, release: &Release) -> Release {
-    releases.nth(release.sequence.saturating_add(1))
-}
+    /// Records that did not fit into the ring.
+    #[must_use]
+    pub fn unrecorded(&self) -> u64 {
+        self.log.unrecorded
+    }
 
-/// Runs the guest until it is done, its window ends, or it does.
-fn run_window(
-    kickable: &mut Kickable,
-    guest: &mut impl Guest,
-    control: &Control,
-    end: Tsc,
-) -> (Tsc, u32, Outcome) {
-    control.enter_window(end);
-    let mut exits = 0u32;
-    let mut entered = None;
-    loop {
-        kickable.clear();
-        let now = Tsc::now();
-        let first = *entered.get_or_insert(now);
-        if control.stopping() {
-            return (first, exits, Outcome::Ended(End::Stopped));
-        }
-        if now >= end {
-            return (first, exits, Outcome::Expired);
-        }
-        match kickable.vcpu().run() {
-            Ok(exit) => {
-                exits = exits.saturating_add(1);
-                match guest.handle(exit) {
-                    Step::Resume => {}
-                    Step::Done => return (first, exits, Outcome::Done),
-                    Step::Ended(ended) => return (first, exits, Outcome::Ended(ended)),
+    /// Lets the windows go that passed while the partition did not run. The guest that is started
+    /// now counts from its own first scan, so they are not lost releases.
+    pub fn resume(&mut self) {
+        self.catch_up();
+    }
+
+    /// Runs the guest in its windows until it ends or is stopped.
+    pub fn run(
+        &mut self,
+        kickable: &mut Kickable,
+        guest: &mut impl Guest,
+        control: &Control,
+    ) -> End {
+        let mut kernel_exits = self.count_exits();
+        let mut skipped = 0;
+        loop {
+            let release = match self.slot {
+                Slot::Window(release) => release,
+                Slot::Idle(idle) => {
+                    if !self.sleep(self.base.instant(idle.start), control) {
+                        return End::Stopped;
+                    }
+                    self.catch_up();
+                    continue;
+                }
+            };
+            if self.acted != self.switch.frame && self.switch.frame <= release.frame {
+                self.acted = self.switch.frame;
+                if let Some(mode) = self.plan.on_switch {
+                    return End::ScheduleChange(mode);
                 }
             }
-            Err(e) if matches!(e.errno(), libc::EINTR | libc::EAGAIN) => {}
-            Err(e) => {
-                let failure = End::Kvm(KvmFailure::Errno(e.errno()));
-                return (first, exits, Outcome::Ended(failure));
+            let start = self.base.instant(release.start);
+            let end = self.base.instant(release.end);
+            let due = start.before(self.base.frequency.ticks(self.plan.guard));
+            if !self.sleep(due, control) {
+                return End::Stopped;
+            }
+            let woken = Tsc::now();
+            if woken >= end {
+                self.catch_up();
+                skipped += self.slot.sequence().saturating_sub(release.sequence);
+                continue;
+            }
+            // What the guest is told of the window after this one is also what will be.
+            let switch = self.plan.board.switch();
+            let next = self.plan.timetable.after(&self.slot, switch);
+            guest.announce(&release, &next, &self.base);
+            let ran = self.window(kickable, guest, control, end);
+            let kicked = control.leave_window(end);
+            if let Outcome::Ended(ended) = ran.outcome {
+                return ended;
+            }
+            let counted = self.count_exits();
+            self.log.push(Record::Window(WindowRecord {
+                sequence: release.sequence,
+                schedule: release.schedule,
+                skipped,
+                release: start,
+                end,
+                due,
+                woken,
+                entered: ran.entered,
+                left: ran.left,
+                kicked,
+                claim: guest.claim(release.sequence),
+                last_stamp: guest.last_stamp(),
+                exits: ran.exits,
+                kernel_exits: counted.saturating_sub(kernel_exits),
+                overrun: matches!(ran.outcome, Outcome::Expired) && guest.says_done(),
+            }));
+            kernel_exits = counted;
+            skipped = 0;
+            (self.slot, self.switch) = (next, switch);
+        }
+    }
+
+    /// Sleeps until `instant`; false if the partition is to stop.
+    fn sleep(&self, instant: Tsc, control: &Control) -> bool {
+        while sleep_until(instant, self.base.frequency) == Woken::BySignal {
+            if control.stopping() {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Goes on to the first slot that is not over.
+    fn catch_up(&mut self) {
+        let now = self.base.offset(Tsc::now());
+        self.switch = self.plan.board.switch();
+        self.slot = self.plan.timetable.catch_up(&self.slot, now, self.switch);
+    }
+
+    fn count_exits(&self) -> u64 {
+        self.exit_count.as_ref().and_then(ExitCount::read).unwrap_or(0)
+    }
+
+    /// Runs the guest until it is done, its window ends, or it does.
+    fn window(
+        &mut self,
+        kickable: &mut Kickable,
+        guest: &mut impl Guest,
+        control: &Control,
+        end: Tsc,
+    ) -> Ran {
+        control.enter_window(end);
+        let mut exits = 0u32;
+        let mut entered = None;
+        let mut last: Option<(Exit, Tsc)> = None;
+        loop {
+            kickable.clear();
+            let now = Tsc::now();
+            let first = *entered.get_or_insert(now);
+            let left = last.map_or(now, |(_, left)| left);
+            let ran = |outcome| Ran { entered: first, left, exits, outcome };
+            if control.stopping() {
+                return ran(Outcome::Ended(End::Stopped));
+            }
+            if now >= end {
+                return ran(Outcome::Expired);
+            }
+            if let Some((exit, left)) = last.filter(|_| exits <= DETOURS_MAX) {
+                self.log.push(Record::Detour(Detour { exit, left, entered: now }));
+            }
+            let result = kickable.vcpu().run();
+            let left = Tsc::now();
+            exits = exits.saturating_add(1);
+            let ran = |outcome| Ran { entered: first, left, exits, outcome };
+            match result {
+                Ok(exit) => {
+                    last = Some((reason(&exit), left));
+                    match guest.handle(exit) {
+                        Step::Resume => {}
+                        Step::Done => return ran(Outcome::Done),
+                        Step::Ended(ended) => return ran(Outcome::Ended(ended)),
+                    }
+                }
+                Err(e) if matches!(e.errno(), libc::EINTR | libc::EAGAIN) => {
+                    last = Some((Exit::Signal, left));
+                }
+                Err(e) => {
+                    let failure = End::Kvm(KvmFailure::Errno(e.errno()));
+                    return ran(Outcome::Ended(failure));
+                }
             }
         }
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn record(release: u64, entered: u64, left: u64, start: u64) -> WindowRecord {
-        WindowRecord {
-            sequence: 0,
-            skipped: 0,
-            release: Tsc(release),
-            due: Tsc(release - 20),
-            woken: Tsc(entered),
-            entered: Tsc(entered),
-            left: Tsc(left),
-            claim: Some(Scan { start: Tsc(start), done: Tsc(0) }),
-            exits: 1,
-            overrun: false,
-        }
-    }
-
-    #[test]
-    fn a_wake_up_later_than_the_guard_makes_a_late_release() {
-        assert!(!record(100, 95, 200, 100).is_late());
-        assert!(!record(100, 100, 200, 100).is_late());
-        assert!(record(100, 101, 200, 101).is_late());
-    }
-
-    #[test]
-    fn a_claim_outside_the_window_is_not_believed() {
-        assert!(record(100, 95, 200, 100).scan().is_some());
-        for impossible in [0, 99, 201, u64::MAX] {
-            assert_eq!(record(100, 95, 200, impossible).scan(), None);
-        }
+fn reason(exit: &VcpuExit<'_>) -> Exit {
+    match exit {
+        VcpuExit::IoOut(port, _) | VcpuExit::IoIn(port, _) => Exit::Port(*port),
+        VcpuExit::MmioRead(address, _) | VcpuExit::MmioWrite(address, _) => Exit::Memory(*address),
+        _ => Exit::Other,
     }
 }

@@ -6,21 +6,25 @@
 //! A small init program could do the same, but it would be a second thing to build, to trust and
 //! to keep in step with `takt`.
 //!
-//! Results leave through the second serial port as one cpio archive. A disk or a network would
+//! Results leave through QEMU's debug console port as one cpio archive. A disk or a network would
 //! need drivers, and with them interrupts and kernel threads beside the partitions, only to carry
-//! a few kilobytes after the run. The archive ends with the file `status`, so whoever finds that
+//! a few files after the run. The archive ends with the file `status`, so whoever finds that
 //! file knows that the archive is whole.
 //!
 //! Only kernel interfaces are mounted. `/out` and `/tmp` are plain folders, since the root of an
 //! initramfs is memory anyway and a mount on `/tmp` would hide partition files put there.
 
+mod archive;
+mod result_port;
+
 use std::ffi::{CStr, OsString};
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, Write};
-use std::os::fd::{AsRawFd, RawFd};
+use std::io;
+use std::os::fd::AsRawFd;
 use std::os::unix::ffi::OsStrExt;
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
+
+use result_port::ResultPort;
 
 /// Names the modules to load, in order. A line with several names is a choice: the first that the
 /// machine accepts is enough. That this file exists tells the appliance from a container.
@@ -70,8 +74,8 @@ pub enum Error {
     /// A result is longer than the archive's format can say (4 GiB).
     #[error("{0} is too long for a cpio archive")]
     TooLong(PathBuf),
-    /// The second serial port failed while the results were written to it.
-    #[error("cannot write the results to /dev/ttyS1: {0}")]
+    /// The archive could not be written.
+    #[error("cannot hand over the results: {0}")]
     Results(#[from] io::Error),
 }
 
@@ -188,94 +192,12 @@ fn load_module(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Writes every file of `/out`, and the status, to the second serial port if there is one.
+/// Writes every file of `/out`, and the status, to the result port if there is one.
 fn hand_over(status: u8) -> Result<(), Error> {
-    let Some(mut line) = open_result_line()? else {
-        return Ok(());
-    };
-    write_archive(&mut line, Path::new(OUT), status)?;
-    // SAFETY: `line` is an open terminal; the call only waits until its output has left.
-    check(unsafe { libc::tcdrain(line.as_raw_fd()) })?;
-    Ok(())
-}
-
-/// The second serial port, set to carry bytes unchanged; `None` if the machine has none.
-fn open_result_line() -> io::Result<Option<File>> {
-    let line = match OpenOptions::new().write(true).custom_flags(libc::O_NOCTTY).open("/dev/ttyS1")
-    {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        other => other?,
-    };
-    match set_raw(line.as_raw_fd()) {
-        // The kernel keeps a node for ports that it did not find, and this is what they answer.
-        Err(error) if error.raw_os_error() == Some(libc::EIO) => Ok(None),
-        other => other.map(|()| Some(line)),
+    match ResultPort::find() {
+        None => Ok(()),
+        Some(mut port) => archive::write(&mut port, Path::new(OUT), status),
     }
-}
-
-/// Switches off all processing of the output, such as a carriage return before each newline.
-fn set_raw(terminal: RawFd) -> io::Result<()> {
-    // SAFETY: termios is a plain structure of integers, for which zero bytes are valid.
-    let mut settings: libc::termios = unsafe { std::mem::zeroed() };
-    // SAFETY: `settings` is a live termios that the calls fill in or read; `terminal` is a
-    // descriptor, and one that is closed or no terminal is answered with an error.
-    unsafe {
-        check(libc::tcgetattr(terminal, &mut settings))?;
-        libc::cfmakeraw(&mut settings);
-        check(libc::tcsetattr(terminal, libc::TCSANOW, &settings))
-    }
-}
-
-/// Writes the files of `folder`, then `status`, as a cpio archive of the `newc` format.
-///
-/// The folder is flat by contract; whatever is not a plain file is left out.
-fn write_archive(out: &mut impl Write, folder: &Path, status: u8) -> Result<(), Error> {
-    let unreadable = |path: &Path| {
-        let path = path.to_path_buf();
-        move |source| Error::Read { path, source }
-    };
-    let mut files = Vec::new();
-    for entry in fs::read_dir(folder).map_err(unreadable(folder))? {
-        let path = entry.map_err(unreadable(folder))?.path();
-        if path.is_file() {
-            files.push(path);
-        }
-    }
-    files.sort();
-    for path in &files {
-        let data = fs::read(path).map_err(unreadable(path))?;
-        let name = path.file_name().unwrap_or_default();
-        write_entry(out, name.as_bytes(), 0o100644, &data)?;
-    }
-    write_entry(out, b"status", 0o100644, format!("{status}\n").as_bytes())?;
-    write_entry(out, b"TRAILER!!!", 0, &[])?;
-    Ok(out.flush()?)
-}
-
-/// Writes one member: a header of hexadecimal fields, the name and the data, the last two filled
-/// up to a multiple of four bytes (Linux Documentation/driver-api/early-userspace, buffer-format).
-fn write_entry(out: &mut impl Write, name: &[u8], mode: u32, data: &[u8]) -> Result<(), Error> {
-    const HEADER_BYTES: usize = 110;
-    const ZEROS: [u8; 3] = [0; 3];
-    let padding = |length: usize| &ZEROS[..length.wrapping_neg() % 4];
-
-    let size = u32::try_from(data.len()).map_err(|_| {
-        let name = std::ffi::OsStr::from_bytes(name);
-        Error::TooLong(name.into())
-    })?;
-    let name_size = name.len() + 1;
-    let (links, zero) = (1, 0);
-    write!(
-        out,
-        "070701{zero:08x}{mode:08x}{zero:08x}{zero:08x}{links:08x}{zero:08x}{size:08x}\
-         {zero:08x}{zero:08x}{zero:08x}{zero:08x}{name_size:08x}{zero:08x}"
-    )?;
-    out.write_all(name)?;
-    out.write_all(&[0])?;
-    out.write_all(padding(HEADER_BYTES + name_size))?;
-    out.write_all(data)?;
-    out.write_all(padding(data.len()))?;
-    Ok(())
 }
 
 /// Switches the machine off, silently: the console belongs to the run, and its last line too.
@@ -301,75 +223,6 @@ fn check(result: libc::c_int) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Reads the members back: (name, mode, data).
-    fn members(mut archive: &[u8]) -> Vec<(String, u32, Vec<u8>)> {
-        let mut found = Vec::new();
-        while !archive.is_empty() {
-            assert_eq!(&archive[..6], b"070701");
-            let field = |index: usize| {
-                let text = &archive[6 + 8 * index..][..8];
-                usize::from_str_radix(std::str::from_utf8(text).unwrap(), 16).unwrap()
-            };
-            let (mode, size, name_size) = (field(1), field(6), field(11));
-            let name_end = 110 + name_size;
-            let data_start = name_end.next_multiple_of(4);
-            let data_end = data_start + size;
-            assert_eq!(archive[name_end - 1], 0);
-            let name = String::from_utf8(archive[110..name_end - 1].to_vec()).unwrap();
-            let data = archive[data_start..data_end].to_vec();
-            found.push((name, mode as u32, data));
-            archive = &archive[data_end.next_multiple_of(4)..];
-        }
-        found
-    }
-
-    fn scratch(name: &str) -> PathBuf {
-        let folder = std::env::temp_dir().join(format!("takt-{name}-{}", std::process::id()));
-        fs::create_dir_all(&folder).unwrap();
-        folder
-    }
-
-    #[test]
-    fn archive_holds_the_files_in_order_and_ends_with_the_status() {
-        let folder = scratch("archive");
-        fs::write(folder.join("report.json"), b"{}\n").unwrap();
-        fs::write(folder.join("empty"), b"").unwrap();
-        fs::create_dir_all(folder.join("no-file")).unwrap();
-        let mut archive = Vec::new();
-        write_archive(&mut archive, &folder, 42).unwrap();
-        fs::remove_dir_all(&folder).unwrap();
-        let file = 0o100644;
-        assert_eq!(
-            members(&archive),
-            [
-                ("empty".into(), file, vec![]),
-                ("report.json".into(), file, b"{}\n".to_vec()),
-                ("status".into(), file, b"42\n".to_vec()),
-                ("TRAILER!!!".into(), 0, vec![]),
-            ]
-        );
-    }
-
-    #[test]
-    fn names_and_data_of_any_length_stay_aligned() {
-        for name_length in 1..9 {
-            for length in 0..9 {
-                let (name, data) = (vec![b'n'; name_length], vec![0xd; length]);
-                let mut archive = Vec::new();
-                write_entry(&mut archive, &name, 0o100600, &data).unwrap();
-                assert_eq!(archive.len() % 4, 0);
-                let name = String::from_utf8(name).unwrap();
-                assert_eq!(members(&archive), [(name, 0o100600, data)]);
-            }
-        }
-    }
-
-    #[test]
-    fn missing_folder_is_named() {
-        let error = write_archive(&mut Vec::new(), Path::new("/no/such/folder"), 0).unwrap_err();
-        assert!(error.to_string().contains("/no/such/folder"), "{error}");
-    }
 
     #[test]
     fn a_choice_without_a_working_module_names_each() {

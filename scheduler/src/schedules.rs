@@ -1,0 +1,277 @@
+//! All schedules of a system: one table each, for the same partitions and the same frame.
+//!
+//! Each table is sound by itself. What is checked here is what only shows between them: the last
+//! window of one schedule and the first of another meet at a switch, so there has to be room for
+//! the guard there too, and a partition must run in at least one of them.
+
+use thiserror::Error;
+
+use crate::table::{
+    Cpu, PartitionId, Placement, Role, Table, TableError, Window, guard_of, room_before,
+};
+use crate::time::Nanos;
+use crate::timetable::Timetable;
+
+/// Most schedules of a system.
+pub const SCHEDULES_MAX: usize = 16;
+
+/// A schedule, by its position in the partition file. The first is the one that holds at the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ScheduleId(pub usize);
+
+/// Why schedules are not sound. Windows are given by their positions in the input.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+pub enum SchedulesError {
+    /// There is none, or there are more than [`SCHEDULES_MAX`].
+    #[error("there are {count} schedules, not 1 to {SCHEDULES_MAX}")]
+    Count {
+        /// How many there are.
+        count: usize,
+    },
+    /// One of them is not sound.
+    #[error("{error}")]
+    Table {
+        /// The schedule.
+        schedule: ScheduleId,
+        /// What is wrong with it.
+        error: TableError,
+    },
+    /// A schedule beside others has no window: there would be nobody to leave it again.
+    #[error("the schedule has no window")]
+    Empty {
+        /// The schedule.
+        schedule: ScheduleId,
+    },
+    /// A partition that is not the background has no window in any schedule.
+    #[error("the partition would never run: it has no window and is not the background")]
+    NeverRuns {
+        /// The partition.
+        partition: PartitionId,
+    },
+    /// At a switch, the guard of the first window reaches into the last one of the schedule before.
+    #[error(
+        "at a switch of schedules the release guard of {guard} needs a gap of {room} before the \
+         window, but there is {gap}"
+    )]
+    NoRoomAtSwitch {
+        /// The schedule that is left.
+        from: ScheduleId,
+        /// The schedule that is entered, and whose guard has no room.
+        to: ScheduleId,
+        /// The CPU.
+        cpu: Cpu,
+        /// The guard.
+        guard: Nanos,
+        /// The least time between the two windows.
+        room: Nanos,
+        /// The time between the two windows.
+        gap: Nanos,
+    },
+}
+
+/// Sound schedules; at least one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Schedules {
+    tables: Box<[Table]>,
+}
+
+impl Schedules {
+    /// Checks the schedules, given as the windows of each.
+    ///
+    /// # Errors
+    /// The first rule that is broken, see [`SchedulesError`].
+    pub fn new(
+        frame: Nanos,
+        placements: &[Placement],
+        schedules: &[&[Window]],
+    ) -> Result<Schedules, SchedulesError> {
+        if !(1..=SCHEDULES_MAX).contains(&schedules.len()) {
+            return Err(SchedulesError::Count { count: schedules.len() });
+        }
+        let table = |(i, windows): (usize, &&[Window])| {
+            let schedule = ScheduleId(i);
+            if windows.is_empty() && schedules.len() > 1 {
+                return Err(SchedulesError::Empty { schedule });
+            }
+            Table::new(frame, placements, windows)
+                .map_err(|error| SchedulesError::Table { schedule, error })
+        };
+        let tables = schedules.iter().enumerate().map(table).collect::<Result<_, _>>()?;
+        let this = Schedules { tables };
+        this.check_everyone_runs()?;
+        this.check_switches()?;
+        Ok(this)
+    }
+
+    fn check_everyone_runs(&self) -> Result<(), SchedulesError> {
+        let runs = |partition: PartitionId| {
+            self.placements()[partition.0].role == Role::Background
+                || self.tables.iter().any(|t| t.windows_of(partition).next().is_some())
+        };
+        match (0..self.placements().len()).map(PartitionId).find(|p| !runs(*p)) {
+            None => Ok(()),
+            Some(partition) => Err(SchedulesError::NeverRuns { partition }),
+        }
+    }
+
+    fn check_switches(&self) -> Result<(), SchedulesError> {
+        for cpu in self.cpus() {
+            for (to, next) in self.tables.iter().enumerate() {
+                let Some(first) = next.windows_on(cpu).next() else { continue };
+                for (from, last) in self.tables.iter().enumerate() {
+                    let Some(last) = last.windows_on(cpu).last() else { continue };
+                    let gap = self.frame().plus(first.offset).less(last.end());
+                    let room = room_before(self.placements(), first, last);
+                    if gap < room {
+                        return Err(SchedulesError::NoRoomAtSwitch {
+                            from: ScheduleId(from),
+                            to: ScheduleId(to),
+                            cpu,
+                            guard: guard_of(self.placements(), first),
+                            room,
+                            gap,
+                        });
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The tables, by [`ScheduleId`]; never empty.
+    #[must_use]
+    pub fn tables(&self) -> &[Table] {
+        &self.tables
+    }
+
+    /// Length of the major frame.
+    #[must_use]
+    pub fn frame(&self) -> Nanos {
+        self.tables[0].frame()
+    }
+
+    /// Where each partition runs, by [`PartitionId`].
+    #[must_use]
+    pub fn placements(&self) -> &[Placement] {
+        self.tables[0].placements()
+    }
+
+    /// The CPUs that the partitions use, in order, each once.
+    #[must_use]
+    pub fn cpus(&self) -> Vec<Cpu> {
+        let mut cpus: Vec<Cpu> = self.placements().iter().map(|p| p.cpu).collect();
+        cpus.sort();
+        cpus.dedup();
+        cpus
+    }
+
+    /// When a partition runs; `None` for a background partition, which has no releases.
+    #[must_use]
+    pub fn timetable_of(&self, partition: PartitionId) -> Option<Timetable> {
+        self.timetable(|table| table.windows_of(partition).collect())
+    }
+
+    /// The windows of all partitions on a CPU, each in the order of [`Table::windows_on`]; `None`
+    /// where there are none in any schedule.
+    #[must_use]
+    pub fn timetable_on(&self, cpu: Cpu) -> Option<Timetable> {
+        self.timetable(|table| table.windows_on(cpu).collect())
+    }
+
+    fn timetable<'a>(
+        &'a self,
+        windows: impl Fn(&'a Table) -> Vec<&'a Window>,
+    ) -> Option<Timetable> {
+        let span = |w: &&Window| (w.offset, w.end());
+        let schedules: Box<[Box<[_]>]> =
+            self.tables.iter().map(|t| windows(t).iter().map(span).collect()).collect();
+        let any = schedules.iter().any(|windows| !windows.is_empty());
+        any.then(|| Timetable::new(self.frame(), schedules))
+    }
+
+    /// The least time per frame that is a partition's own, over all schedules; see
+    /// [`Table::guaranteed`].
+    #[must_use]
+    pub fn guaranteed(&self, partition: PartitionId) -> Nanos {
+        self.tables.iter().map(|t| t.guaranteed(partition)).min().unwrap_or(Nanos::ZERO)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn us(n: u64) -> Nanos {
+        Nanos::from_micros(n)
+    }
+
+    fn plc() -> Placement {
+        Placement { cpu: Cpu(0), role: Role::Windowed { guard: us(20) } }
+    }
+
+    fn window(partition: usize, offset: u64, duration: u64) -> Window {
+        let partition = PartitionId(partition);
+        Window { partition, offset: us(offset), duration: us(duration), period: us(1000) }
+    }
+
+    fn new(partitions: usize, schedules: &[&[Window]]) -> Result<Schedules, SchedulesError> {
+        Schedules::new(us(1000), &vec![plc(); partitions], schedules)
+    }
+
+    #[test]
+    fn one_to_sixteen() {
+        let one: &[Window] = &[window(0, 0, 100)];
+        assert_eq!(new(1, &[]), Err(SchedulesError::Count { count: 0 }));
+        assert!(new(1, &[one; 16]).is_ok());
+        assert_eq!(new(1, &[one; 17]), Err(SchedulesError::Count { count: 17 }));
+    }
+
+    #[test]
+    fn a_defect_names_its_schedule() {
+        let error = TableError::TooShort { window: 0, duration: us(9) };
+        assert_eq!(
+            new(1, &[&[window(0, 0, 100)], &[window(0, 0, 9)]]),
+            Err(SchedulesError::Table { schedule: ScheduleId(1), error })
+        );
+        assert_eq!(
+            new(1, &[&[window(0, 0, 100)], &[]]),
+            Err(SchedulesError::Empty { schedule: ScheduleId(1) })
+        );
+    }
+
+    #[test]
+    fn everyone_runs_in_some_schedule() {
+        assert!(new(2, &[&[window(0, 0, 100)], &[window(1, 0, 100)]]).is_ok());
+        let never = Err(SchedulesError::NeverRuns { partition: PartitionId(1) });
+        assert_eq!(new(2, &[&[window(0, 0, 100)], &[window(0, 200, 100)]]), never);
+        assert_eq!(new(2, &[&[window(0, 0, 100)]]), never);
+        let background = Placement { cpu: Cpu(0), role: Role::Background };
+        assert!(Schedules::new(us(1000), &[background], &[&[]]).is_ok());
+    }
+
+    #[test]
+    fn a_guard_needs_room_at_a_switch_too() {
+        let late = [window(0, 700, 300)];
+        let early = [window(0, 0, 300)];
+        assert!(new(1, &[&late]).is_ok() && new(1, &[&early]).is_ok());
+        let (from, to) = (ScheduleId(1), ScheduleId(0));
+        assert_eq!(
+            new(1, &[&early, &late]),
+            Err(SchedulesError::NoRoomAtSwitch {
+                from,
+                to,
+                cpu: Cpu(0),
+                guard: us(20),
+                room: us(20),
+                gap: us(0)
+            })
+        );
+        assert!(new(1, &[&early, &[window(0, 680, 300)]]).is_ok());
+    }
+
+    #[test]
+    fn a_share_is_promised_under_every_schedule() {
+        let both = new(1, &[&[window(0, 0, 300)], &[window(0, 0, 100)]]).unwrap();
+        assert_eq!(both.guaranteed(PartitionId(0)), us(100));
+    }
+}

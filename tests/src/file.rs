@@ -1,0 +1,140 @@
+//! Partition files for tests.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use crate::{Outcome, Run, target};
+
+/// What Linux executes where a test wants it busy: it never idles, in kernel and user mode.
+pub const BUSY: &str = "while :; do cat /proc/kallsyms > /dev/null; done";
+
+/// A partition file that grows. Everything is on CPU 0.
+#[derive(Clone, Debug)]
+pub struct File {
+    text: String,
+}
+
+impl File {
+    /// An empty one.
+    #[must_use]
+    pub fn new(major_frame: &str) -> Self {
+        let text =
+            format!("version = 1\n[system]\nname = \"test\"\nmajor_frame = {major_frame:?}\n");
+        Self { text }
+    }
+
+    /// Adds a PLC; `None` for the built-in image. `more` are further lines of its table.
+    #[must_use]
+    pub fn plc(mut self, name: &str, image: Option<PathBuf>, more: &str) -> Self {
+        let image = image.map_or(String::new(), |path| format!("image = {path:?}\n"));
+        // Writing to a String cannot fail.
+        let _ = write!(
+            self.text,
+            "[[partition]]\nname = {name:?}\nkind = \"plc\"\ncpu = 0\nmemory = \"4MiB\"\n{image}{more}\n"
+        );
+        self
+    }
+
+    /// Adds Linux in the background, with commands that it executes before it gives a shell.
+    #[must_use]
+    pub fn linux(self, exec: &str) -> Self {
+        self.other_linux(&System { exec, ..System::default() })
+    }
+
+    fn other_linux(mut self, linux: &System<'_>) -> Self {
+        let System { kernel, initrd, memory, exec, .. } = linux;
+        let exec = match *exec {
+            "" => String::new(),
+            commands => format!(" takt.exec=\\\"{commands}\\\""),
+        };
+        let _ = writeln!(
+            self.text,
+            "[[partition]]\nname = \"linux\"\nkind = \"linux\"\ncpu = 0\nbackground = true\n\
+             memory = {memory:?}\nkernel = {:?}\ninitrd = {:?}\ncmdline = \"console=ttyS0{exec}\"",
+            target(kernel),
+            target(initrd),
+        );
+        self
+    }
+
+    /// Adds a schedule.
+    #[must_use]
+    pub fn schedule(mut self, name: &str) -> Self {
+        let _ = writeln!(self.text, "[[schedule]]\nname = {name:?}");
+        self
+    }
+
+    /// Adds a window to the last schedule; times in us.
+    #[must_use]
+    pub fn window(mut self, partition: &str, offset: u64, duration: u64) -> Self {
+        let _ = writeln!(
+            self.text,
+            "[[schedule.window]]\npartition = {partition:?}\noffset = \"{offset}us\"\nduration = \"{duration}us\""
+        );
+        self
+    }
+
+    /// A run of it, under the name of the test.
+    #[must_use]
+    pub fn run<'a>(&self, name: &str) -> Run<'a> {
+        Run::of_text(name, &self.text)
+    }
+}
+
+/// The usual system: a PLC with a window of 300 us in 1 ms, and Linux in the background.
+#[derive(Clone, Debug)]
+pub struct System<'a> {
+    /// Image of the PLC; `None` for the built-in one.
+    pub plc: Option<PathBuf>,
+    /// Kernel of Linux, below `target/`.
+    pub kernel: &'a str,
+    /// Initial RAM disk, below `target/`.
+    pub initrd: &'a str,
+    /// Memory of Linux.
+    pub memory: &'a str,
+    /// Commands that Linux executes before it gives a shell.
+    pub exec: &'a str,
+}
+
+impl Default for System<'_> {
+    fn default() -> Self {
+        Self {
+            plc: None,
+            kernel: "guest/vmlinuz",
+            initrd: "guest/initrd.img",
+            memory: "128MiB",
+            exec: "",
+        }
+    }
+}
+
+impl System<'_> {
+    fn file(&self) -> File {
+        File::new("1ms")
+            .plc("plc", self.plc.clone(), "release_guard = \"10us\"")
+            .other_linux(self)
+            .schedule("normal")
+            .window("plc", 0, 300)
+    }
+
+    /// Runs it for a time, with nobody at the console.
+    #[must_use]
+    pub fn run(&self, name: &str, duration: &str) -> Outcome {
+        self.file().run(name).lasting(duration).run()
+    }
+
+    /// Runs it with somebody who types: each text after the console has shown another.
+    #[must_use]
+    pub fn run_typing(
+        &self,
+        name: &str,
+        duration: Option<&str>,
+        dialogue: &[(&str, &str)],
+    ) -> Outcome {
+        let run = self.file().run(name).typing(dialogue);
+        match duration {
+            Some(duration) => run.lasting(duration).run(),
+            None => run.run(),
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! What is kept of one partition while it runs.
+
+use std::sync::Arc;
+
+use rtrb::Consumer;
+use takt_devices::output::OutputEnd;
+use takt_scheduler::table::PartitionId;
+use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
+
+use crate::gather::Gather;
+use crate::restart::Restart;
+use crate::statistics;
+use crate::terminal::Lines;
+use crate::trace::Trace;
+use crate::vcpu::Control;
+use crate::vcpu::guest::End;
+use crate::vcpu::record::Record;
+
+/// What a vCPU's thread leaves behind.
+#[derive(Clone, Copy, Debug)]
+pub struct Finished {
+    /// Why it ended.
+    pub end: End,
+    /// CPU time that it used.
+    pub cpu_time: Nanos,
+    /// Accesses that nothing answers.
+    pub illegal_accesses: u64,
+    /// Records that did not fit into the ring.
+    pub unrecorded: u64,
+}
+
+/// The event thread's side of a partition.
+pub struct Account {
+    /// The name in front of its lines.
+    pub name: String,
+    /// For stopping it.
+    pub control: Arc<Control>,
+    /// Console output.
+    pub output: OutputEnd,
+    /// True if the output is a terminal's, to be shown unchanged.
+    pub is_terminal: bool,
+    /// What its thread recorded; `None` for a background partition.
+    pub records: Option<Consumer<Record>>,
+    /// Detours whose window is not in the ring yet.
+    pub gather: Gather,
+    /// True if its guest tells of its scans.
+    pub says_done: bool,
+    /// Figures of a partition whose guest does, from the epoch on.
+    pub releases: Option<statistics::Releases>,
+    /// Time from its wake-ups to its leaving its windows, which was nobody else's.
+    pub occupied: Nanos,
+    /// For starting its guest anew; `None` if it cannot be.
+    pub restart: Option<Restart>,
+    /// How often its guest was started anew.
+    pub restarts: u64,
+    /// Set once its guest has ended and is not started again.
+    pub finished: Option<Finished>,
+    /// Output that is no whole line yet.
+    pub lines: Lines,
+}
+
+impl Account {
+    /// The run starts.
+    pub fn start(&mut self, base: Timebase) {
+        if self.records.is_some() && self.says_done {
+            self.releases = statistics::Releases::new(base);
+        }
+    }
+
+    /// Takes note that its guest was started anew.
+    pub fn restarted(&mut self) {
+        self.restarts += 1;
+        if let Some(releases) = &mut self.releases {
+            releases.restarted();
+        }
+    }
+
+    /// Takes everything out of the ring of records.
+    pub fn take_records(
+        &mut self,
+        id: PartitionId,
+        frequency: TscFrequency,
+        trace: &mut Option<Trace>,
+    ) {
+        let Some(records) = &mut self.records else { return };
+        while let Ok(record) = records.pop() {
+            let Some((window, detours)) = self.gather.add(&record) else { continue };
+            self.occupied = self.occupied.plus(frequency.nanos(window.left.since(window.due)));
+            if let Some(trace) = trace {
+                trace.add(id, &window, detours);
+            }
+            if let Some(releases) = &mut self.releases {
+                releases.add(&window, detours);
+            }
+        }
+    }
+}

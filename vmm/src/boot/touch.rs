@@ -1,0 +1,58 @@
+//! Touching all memory of a PLC guest before it starts.
+//!
+//! That a page is locked in the host's memory does not yet mean that KVM has mapped it for the
+//! guest: it does so at the first access, in the kernel and for some microseconds each. A guest
+//! that starts makes dozens of them in a row, and a kick waits for the one under way: first windows
+//! have ended 0.2 ms late for that, at their neighbours' expense. So a few instructions run in the
+//! guest's place and read a byte of each page. KVM maps a page that the host may write as writable
+//! at the first read (`hva_to_pfn_fast` in the kernel's virt/kvm/kvm_main.c).
+
+use kvm_ioctls::{VcpuExit, VcpuFd};
+use takt_abi::memory::{IMAGE_BASE, PAGE};
+use thiserror::Error;
+use vm_memory::{Bytes, GuestAddress};
+
+use super::long_mode::{self, Entry, StartError};
+use crate::memory::GuestMemory;
+
+/// `1: mov al, [rdi]; add rdi, 4096; dec rsi; jnz 1b; hlt`
+const CODE: [u8; 15] =
+    [0x8a, 0x07, 0x48, 0x81, 0xc7, 0x00, 0x10, 0x00, 0x00, 0x48, 0xff, 0xce, 0x75, 0xf2, 0xf4];
+
+/// The memory could not be touched.
+#[derive(Debug, Error)]
+pub enum TouchError {
+    /// The vCPU could not be started.
+    #[error(transparent)]
+    Start(#[from] StartError),
+    /// KVM could not run it.
+    #[error("cannot run the vCPU to map its memory: {0}")]
+    Run(#[from] kvm_ioctls::Error),
+    /// It did something else than read and halt.
+    #[error("the vCPU strayed while its memory was mapped: {0}")]
+    Strayed(String),
+}
+
+/// Touches every page of `memory`, which is otherwise unchanged. The vCPU has to be started anew.
+///
+/// # Errors
+/// See [`TouchError`].
+pub fn touch(vcpu: &mut VcpuFd, memory: &GuestMemory) -> Result<(), TouchError> {
+    let regions = memory.regions();
+    let code = GuestAddress(IMAGE_BASE);
+    regions.write_slice(&CODE, code).map_err(StartError::from)?;
+    for (start, length) in memory.ranges() {
+        let entry = Entry { rip: IMAGE_BASE, rdi: start, rsi: length / PAGE };
+        long_mode::start(vcpu, regions, entry)?;
+        loop {
+            match vcpu.run() {
+                Ok(VcpuExit::Hlt) => break,
+                Ok(exit) => return Err(TouchError::Strayed(format!("{exit:?}"))),
+                Err(e) if e.errno() == libc::EINTR => {}
+                Err(e) => return Err(e.into()),
+            }
+        }
+    }
+    regions.write_slice(&[0; CODE.len()], code).map_err(StartError::from)?;
+    Ok(())
+}

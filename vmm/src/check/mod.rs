@@ -1,0 +1,66 @@
+//! `takt check`: what a partition file means, before anything is started from it.
+//!
+//! A schedule is numbers in a file, and what they amount to (who runs when, what is left for the
+//! background, whether the tasks are in time, what the kernel is asked for) is arithmetic that
+//! nobody should do by hand. All of it is ASCII, because a machine in a control cabinet is read
+//! over a serial line.
+//!
+//! [`needs`] is the other answer: the same file for a script that starts a machine for it.
+//!
+//! Both are pure functions of the validated file.
+
+mod tables;
+mod timeline;
+
+use takt_scheduler::schedules::ScheduleId;
+
+use crate::config::{Kind, Partition, PartitionFile};
+
+/// Each schedule drawn per CPU, what each partition gets in it and how its tasks fare; then what
+/// holds under all of them. Ends with a newline.
+#[must_use]
+pub fn report(file: &PartitionFile) -> String {
+    let mut out = format!("{}: major frame {}\n", file.name(), file.schedules().frame());
+    let several = file.schedule_names().len() > 1;
+    let each = file.schedule_names().iter().zip(file.schedules().tables());
+    for (i, (name, table)) in each.enumerate() {
+        let start = if several && i == 0 { ", which holds at the start" } else { "" };
+        line(&mut out, &format!("\nSchedule \"{name}\"{start}"));
+        for cpu in table.cpus() {
+            timeline::draw(&mut out, file, table, cpu);
+        }
+        out.push_str("\n# window   < release guard   - background\n\n");
+        tables::shares(&mut out, file, table);
+        tables::tasks(&mut out, file, ScheduleId(i));
+    }
+    out.push_str(if several { "\nWhichever schedule holds\n\n" } else { "\n" });
+    tables::partitions(&mut out, file);
+    tables::reservations(&mut out, file);
+    tables::not_analysed(&mut out, file);
+    out
+}
+
+/// What a machine must have to run the file: the lines `memory BYTES` (the sum of all partitions),
+/// `cpus N` (the highest CPU number, plus one), and `file PATH` for the partition file and each
+/// image, all absolute. Ends with a newline.
+#[must_use]
+pub fn needs(file: &PartitionFile) -> String {
+    let memory: u64 = file.partitions().iter().map(Partition::memory_bytes).sum();
+    let cpus = file.partitions().iter().map(|p| p.cpu().0 + 1).max().unwrap_or(0);
+    let mut out = format!("memory {memory}\ncpus {cpus}\nfile {}\n", file.path().display());
+    for partition in file.partitions() {
+        let images = match partition.kind() {
+            Kind::Plc { image } => [image.as_ref(), None],
+            Kind::Linux { kernel, initrd, .. } => [Some(kernel), initrd.as_ref()],
+        };
+        for path in images.into_iter().flatten() {
+            line(&mut out, &format!("file {}", path.display()));
+        }
+    }
+    out
+}
+
+fn line(out: &mut String, text: &str) {
+    out.push_str(text.trim_end());
+    out.push('\n');
+}

@@ -1,0 +1,161 @@
+//! What the schedules amount to, in columns.
+
+use takt_scheduler::analysis::Method;
+use takt_scheduler::reservation::{CEILING_PERMILLE, CpuReservations, Reservation};
+use takt_scheduler::schedules::ScheduleId;
+use takt_scheduler::table::{Role, Table};
+use takt_scheduler::time::Nanos;
+
+use super::line;
+use crate::config::{Bytes, Kind, Met, NamedTask, Partition, PartitionFile, percent};
+
+/// What each partition has under one schedule, whatever the others do.
+pub fn shares(out: &mut String, file: &PartitionFile, table: &Table) {
+    let row = |partition: &Partition| {
+        let id = partition.id();
+        let own = table.guaranteed(id);
+        let runs = match (table.placements()[id.0].role, table.windows_of(id).count()) {
+            (Role::Background, _) => "background".to_owned(),
+            (Role::Windowed { .. }, 0) => "not at all".to_owned(),
+            (Role::Windowed { .. }, 1) => "1 window".to_owned(),
+            (Role::Windowed { .. }, count) => format!("{count} windows"),
+        };
+        let share = percent(permille(own, table.frame()));
+        [partition.name().to_owned(), runs, own.to_string(), share]
+    };
+    let rows = file.partitions().iter().map(row).collect();
+    columns(out, "", ["partition", "runs", "own time per frame", "share"], rows);
+}
+
+/// How the tasks of each partition fare under one schedule.
+pub fn tasks(out: &mut String, file: &PartitionFile, schedule: ScheduleId) {
+    for partition in file.partitions() {
+        let Some(met) = partition.met_in(schedule) else { continue };
+        let load = met.load;
+        let text = format!(
+            "\ntasks of {}: they may ask for {} of the {} that its windows give in {}: {}",
+            partition.name(),
+            load.demand,
+            load.supply,
+            load.span,
+            percent(load.permille())
+        );
+        line(out, &text);
+        let rows = partition.tasks().iter().zip(&met.responses);
+        let rows = rows.map(|(task, response)| fate(met, task, *response)).collect();
+        let header = ["task", "period", "budget", "priority", "worst response", "verdict"];
+        columns(out, "  ", header, rows);
+    }
+}
+
+fn fate(met: &Met, NamedTask { name, task }: &NamedTask, response: Nanos) -> [String; 6] {
+    let verdict = format!(
+        "meets, {} of {} to spare ({})",
+        task.period.less(response),
+        task.period,
+        match met.method {
+            Method::Exact => "exact",
+            Method::Bound => "bound",
+        }
+    );
+    [
+        name.clone(),
+        task.period.to_string(),
+        task.budget.to_string(),
+        task.priority.to_string(),
+        response.to_string(),
+        verdict,
+    ]
+}
+
+/// What is the same under every schedule, and the least time that each partition has in any.
+pub fn partitions(out: &mut String, file: &PartitionFile) {
+    let schedules = file.schedules();
+    let row = |partition: &Partition| {
+        let id = partition.id();
+        let least = schedules.guaranteed(id);
+        let guard = match schedules.placements()[id.0].role {
+            Role::Background => "-".to_owned(),
+            Role::Windowed { guard } => guard.to_string(),
+        };
+        let (kind, change) = match partition.kind() {
+            Kind::Plc { .. } => ("plc", partition.on_schedule_change().to_string()),
+            Kind::Linux { .. } => ("linux", "-".to_owned()),
+        };
+        let reservations = CpuReservations::of(schedules, partition.cpu()).partitions;
+        let reservation = reservations.iter().find(|(owner, _)| *owner == id);
+        [
+            partition.name().to_owned(),
+            kind.to_owned(),
+            partition.cpu().0.to_string(),
+            Bytes(partition.memory_bytes()).to_string(),
+            guard,
+            change,
+            format!("{least}, {}", percent(permille(least, schedules.frame()))),
+            reservation.map_or("-".to_owned(), |(_, r)| words(*r)),
+        ]
+    };
+    let header = [
+        "partition",
+        "kind",
+        "cpu",
+        "memory",
+        "guard",
+        "switch",
+        "least own time",
+        "SCHED_DEADLINE",
+    ];
+    columns(out, "", header, file.partitions().iter().map(row).collect());
+}
+
+/// What the kernel's deadline scheduler is asked for, per CPU. The threads keep their reservations
+/// under all schedules.
+pub fn reservations(out: &mut String, file: &PartitionFile) {
+    out.push('\n');
+    for cpu in file.schedules().cpus() {
+        let reservations = CpuReservations::of(file.schedules(), cpu);
+        let Some(kicker) = reservations.kicker else { continue };
+        let text = format!(
+            "CPU {}: {} reserved, of at most {}; {} to end windows",
+            cpu.0,
+            percent(reservations.permille()),
+            percent(CEILING_PERMILLE),
+            words(kicker)
+        );
+        line(out, &text);
+    }
+}
+
+/// Whose deadlines nobody has looked at.
+pub fn not_analysed(out: &mut String, file: &PartitionFile) {
+    for partition in file.partitions() {
+        if matches!(partition.kind(), Kind::Plc { .. }) && partition.tasks().is_empty() {
+            line(out, &format!("{}: no tasks given: not analysed", partition.name()));
+        }
+    }
+}
+
+/// Rows of cells below a header, each column as wide as it must be.
+fn columns<const N: usize>(
+    out: &mut String,
+    indent: &str,
+    header: [&str; N],
+    mut rows: Vec<[String; N]>,
+) {
+    rows.insert(0, header.map(str::to_owned));
+    let widths: [usize; N] =
+        std::array::from_fn(|i| rows.iter().map(|row| row[i].len()).max().unwrap_or(0));
+    for row in rows {
+        let cells = row.iter().zip(widths).map(|(cell, width)| format!("{cell:width$}"));
+        line(out, &format!("{indent}{}", cells.collect::<Vec<_>>().join("  ")));
+    }
+}
+
+fn words(reservation: Reservation) -> String {
+    format!("{} every {}", reservation.runtime, reservation.period)
+}
+
+/// A part of the frame in parts of a thousand, rounded down.
+fn permille(part: Nanos, frame: Nanos) -> u64 {
+    (u128::from(part.0) * 1000 / u128::from(frame.0)) as u64
+}

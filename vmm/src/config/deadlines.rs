@@ -1,0 +1,168 @@
+//! Whether the tasks of the partitions meet their deadlines, under each schedule.
+//!
+//! A file whose tasks cannot be in time is as wrong as one whose windows overlap, and is refused
+//! like it: both are mistakes in a plan, and both would show only in operation. That goes for a
+//! set that the analysis cannot prove, too. The way out is the same as for one that fails, and
+//! nobody has to know later which of the two it was.
+//!
+//! Each schedule is judged by itself; `docs/analysis.md` says what that leaves out.
+
+use takt_scheduler::analysis::{
+    Analysis, Load, Method, Miss, Supply, SupplyError, Task, TaskSet, Verdict, analyse,
+};
+use takt_scheduler::schedules::{ScheduleId, Schedules};
+use takt_scheduler::table::{PartitionId, Role};
+use takt_scheduler::time::Nanos;
+
+use super::diagnostic::{Diagnostic, Span, quote};
+use super::schedules::Draft;
+
+/// What a wake-up may take from the beginning of each window, if no guard absorbs it: as long as
+/// the default guard, which is well above the wake-up latency that the latency lab found. A
+/// partition with this guard or a longer one loses nothing in the analysis.
+pub const WAKE_UP_ALLOWANCE: Nanos = Nanos::from_micros(20);
+
+/// The tasks of a partition meet their deadlines under a schedule.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Met {
+    /// The schedule.
+    pub schedule: ScheduleId,
+    /// How it was shown.
+    pub method: Method,
+    /// The longest time from a job's release to its completion, for each task in the order of the
+    /// file; an upper bound where the method is one.
+    pub responses: Box<[Nanos]>,
+    /// How much of what the windows give is asked for.
+    pub load: Load,
+}
+
+/// Analyses the tasks of one partition in each schedule in which it has a window.
+pub fn check(
+    draft: &Draft<'_>,
+    schedules: &Schedules,
+    partition: PartitionId,
+) -> Result<Vec<Met>, Diagnostic> {
+    let mut met = Vec::new();
+    if draft.partitions[partition.0].tasks.tasks.is_empty() {
+        return Ok(met);
+    }
+    let overhead = match schedules.placements()[partition.0].role {
+        Role::Windowed { guard } => WAKE_UP_ALLOWANCE.less(guard),
+        Role::Background => WAKE_UP_ALLOWANCE,
+    };
+    for (i, table) in schedules.tables().iter().enumerate() {
+        let schedule = ScheduleId(i);
+        let case = Case { draft, partition, schedule };
+        match Supply::of(table, partition, overhead) {
+            Ok(supply) => met.push(case.judge(&supply)?),
+            Err(SupplyError::NoWindows { .. }) => {}
+            Err(SupplyError::NothingLeft { .. }) => return Err(case.nothing_left(overhead)),
+        }
+    }
+    Ok(met)
+}
+
+/// One partition under one schedule.
+struct Case<'a> {
+    draft: &'a Draft<'a>,
+    partition: PartitionId,
+    schedule: ScheduleId,
+}
+
+impl Case<'_> {
+    fn judge(&self, supply: &Supply) -> Result<Met, Diagnostic> {
+        let owner = &self.draft.partitions[self.partition.0];
+        let Analysis { method, verdict, load } = analyse(&owner.tasks.set, supply);
+        let (task, found) = match verdict {
+            Verdict::Meets { responses } => {
+                return Ok(Met { schedule: self.schedule, method, responses, load });
+            }
+            Verdict::Misses(Miss { task, release, deadline, undone }) => {
+                let found = format!(
+                    "{} misses its deadline: released at {release}, due at {deadline}, \
+                     {undone} undone",
+                    self.subject(task)
+                );
+                (task, found)
+            }
+            Verdict::Unproven { task, demand, supply } => {
+                let period = owner.tasks.set.tasks()[task].period;
+                let found = format!(
+                    "{} is not proven to meet its deadlines: in {period} it and the more urgent \
+                     tasks may ask for {demand}, and the windows may give only {supply}",
+                    self.subject(task)
+                );
+                (task, found)
+            }
+        };
+        let name = quote(&owner.partition.name);
+        let allowed = match largest_budget(&owner.tasks.set, task, supply) {
+            Some(budget) => format!(
+                "with all else as it is, a budget of at most {budget}; or more time in the windows \
+                 of {name}"
+            ),
+            None => format!(
+                "more time in the windows of {name}, or smaller budgets or longer periods of \
+                 several of its tasks"
+            ),
+        };
+        let Load { span, demand, supply } = load;
+        let label = format!(
+            "in {span} the windows of {name} give {supply}, and its tasks ask for {demand}"
+        );
+        let budget = owner.tasks.budgets[task].clone();
+        Err(Diagnostic::new(budget, found, allowed).and(self.window(), label))
+    }
+
+    fn nothing_left(&self, overhead: Nanos) -> Diagnostic {
+        let owner = &self.draft.partitions[self.partition.0];
+        let name = quote(&owner.partition.name);
+        let found = format!(
+            "in the schedule {} no window of {name} is longer than the {overhead} that a wake-up \
+             may take of it: its tasks get nothing",
+            quote(self.draft.schedules[self.schedule.0].name.get_ref())
+        );
+        let allowed =
+            format!("longer windows, or a `release_guard` of {WAKE_UP_ALLOWANCE} for {name}");
+        Diagnostic::new(self.window(), found, allowed).and(owner.name.clone(), "it has tasks")
+    }
+
+    fn subject(&self, task: usize) -> String {
+        let owner = &self.draft.partitions[self.partition.0];
+        format!(
+            "in the schedule {} the task {} of {}",
+            quote(self.draft.schedules[self.schedule.0].name.get_ref()),
+            quote(&owner.tasks.tasks[task].name),
+            quote(&owner.partition.name)
+        )
+    }
+
+    /// The partition's longest window.
+    fn window(&self) -> Span {
+        let window = self.draft.longest(self.schedule, self.partition);
+        let header = &self.draft.schedules[self.schedule.0].header;
+        window.map_or_else(|| header.clone(), |window| window.duration.span())
+    }
+}
+
+/// The largest budget of one task, in whole microseconds, with which all tasks of the set meet
+/// their deadlines. A smaller budget never makes a deadline be missed, so it can be searched for.
+fn largest_budget(set: &TaskSet, task: usize, supply: &Supply) -> Option<Nanos> {
+    let meets = |micros: u64| {
+        let mut tasks: Vec<Task> = set.tasks().to_vec();
+        tasks[task].budget = Nanos::from_micros(micros);
+        let set = TaskSet::new(&tasks);
+        set.is_ok_and(|set| matches!(analyse(&set, supply).verdict, Verdict::Meets { .. }))
+    };
+    // All up to `good` are good, zero standing for "none"; `bad` is bad, as the given one is.
+    let (mut good, mut bad) = (0, set.tasks()[task].budget.0.div_ceil(1_000));
+    while bad - good > 1 {
+        let middle = good + (bad - good) / 2;
+        if meets(middle) {
+            good = middle;
+        } else {
+            bad = middle;
+        }
+    }
+    (good > 0).then(|| Nanos::from_micros(good))
+}
