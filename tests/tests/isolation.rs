@@ -45,7 +45,7 @@ fn bad_neighbours_are_confined_counted_and_reported() {
     // Faults come with their frame, and end nobody else.
     assert_eq!(outcome.status, 4, "{}", outcome.output);
     outcome.assert_shows("[takt] fault: page fault (vector 14, error code 0x2) at rip 0x1");
-    assert_eq!(outcome.number("fault", "releases"), 100, "{}", outcome.output);
+    assert_eq!(outcome.number("fault", "releases"), 101, "{}", outcome.output);
     outcome.assert_shows("[takt] stack-overflow: page fault (vector 14, error code 0x2)");
 
     // The information page is read-only, whatever a guest's own tables say.

@@ -29,6 +29,16 @@ fn a_guarded_release_has_no_jitter_and_linux_gets_what_the_plc_leaves() {
 }
 
 #[test]
+fn linux_gets_all_of_the_windows_of_a_plc_that_has_ended() {
+    let file = File::new("1ms").plc("plc", Some(plc_image("fault")), "").linux(BUSY);
+    let outcome = file.schedule("normal").window("plc", 0, 800).run("ended").lasting("3s").run();
+    assert_eq!(outcome.status, 4, "{}", outcome.output);
+    outcome.assert_shows("[takt] plc: page fault");
+    assert!(outcome.received("linux") >= 0.97, "{}", outcome.output);
+    assert!(outcome.share("linux") >= 0.95, "{}", outcome.output);
+}
+
+#[test]
 fn without_a_guard_the_wake_up_is_the_jitter() {
     let outcome = tenth("0us").run("unguarded").for_jitter().lasting("3s").run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);

@@ -25,6 +25,7 @@ fn good() -> WindowRecord {
         exits: 1,
         kernel_exits: 1,
         overrun: false,
+        ended: false,
     }
 }
 

@@ -83,6 +83,7 @@ mod tests {
             exits: 1,
             kernel_exits: 0,
             overrun: false,
+            ended: false,
         })
     }
 

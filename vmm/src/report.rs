@@ -37,6 +37,8 @@ pub struct Report {
 pub struct Schedule {
     /// The schedule that held.
     pub current: String,
+    /// The schedule that would have held next: another one while a switch was under way.
+    pub next: String,
     /// When it began to hold, since the epoch; `null` if it always did.
     pub last_switch_ns: Option<u64>,
 }
@@ -270,7 +272,11 @@ mod tests {
             system: "demo".into(),
             duration_ns: 10_000_000_000,
             kick: true,
-            schedule: Schedule { current: "normal".into(), last_switch_ns: None },
+            schedule: Schedule {
+                current: "normal".into(),
+                next: "normal".into(),
+                last_switch_ns: None,
+            },
             partitions: vec![
                 Partition {
                     name: "plc".into(),

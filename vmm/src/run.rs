@@ -13,6 +13,7 @@ use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use takt_devices::ports::Overlap;
+use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::switch::SwitchBoard;
 use takt_scheduler::table::{Cpu, Role};
 use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
@@ -237,6 +238,7 @@ impl Run<'_> {
             self.describe(account, partition, duration, &supervisor.accounts, init.as_ref(), base)
         };
         let status = self.board.status(duration);
+        let schedule = |id: ScheduleId| self.file.schedule_names()[id.0].clone();
         Report {
             schema_version: report::SCHEMA_VERSION,
             lane: self.options.lane.clone(),
@@ -245,7 +247,8 @@ impl Run<'_> {
             duration_ns: duration.0,
             kick: !self.options.without_kick,
             schedule: report::Schedule {
-                current: self.file.schedule_names()[status.current.0].clone(),
+                current: schedule(status.current),
+                next: schedule(status.next),
                 last_switch_ns: status.last_switch.map(|at| at.0),
             },
             partitions: partitions.map(describe).collect(),

@@ -160,7 +160,7 @@ impl Releases {
         self.latency.record(nanos(scan.start.since(record.release)));
         if (scan.start..=record.left).contains(&scan.done) {
             self.execution.record(nanos(scan.done.since(scan.start)));
-            if !record.overrun {
+            if !record.overrun && !record.ended {
                 self.exit.record(nanos(record.left.since(scan.done)));
             }
         }
@@ -213,6 +213,7 @@ mod tests {
             exits: 1,
             kernel_exits: 1,
             overrun: false,
+            ended: false,
         }
     }
 

@@ -17,7 +17,7 @@
 //! | | *`release`* | the release; its `args` have the whole record |
 //! | | *`late release`* | the guest was entered only here, after the release |
 //! | | *`lost releases`* | so many before this one were skipped |
-//! | | *`done`* | left before the window's end, and not to return |
+//! | | *`done`*, *`end of the guest`* | left before the window's end, and not to return in it, or ever |
 //! | | *`kick`*, *`overrun`* | the window's end enforced; its end, if the scan was not done |
 //! | `NAME: claims` | `scan`, `unfinished scan` | what the guest says of its scan |
 //!
@@ -233,6 +233,7 @@ impl<W: Write> Trace<W> {
         }
         match w.kicked {
             Some(kicked) => self.mark(track, "kick", kicked, NOTHING),
+            None if w.ended => self.mark(track, "end of the guest", w.left, NOTHING),
             None if w.left < w.end => self.mark(track, "done", w.left, NOTHING),
             None => {}
         }

@@ -162,6 +162,7 @@ mod tests {
             exits: 1,
             kernel_exits: 1,
             overrun: false,
+            ended: false,
         }
     }
 

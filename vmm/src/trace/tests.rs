@@ -36,6 +36,7 @@ fn window(sequence: u64) -> WindowRecord {
         exits: 2,
         kernel_exits: 3,
         overrun: false,
+        ended: false,
     }
 }
 
@@ -122,6 +123,7 @@ fn what_went_wrong_is_marked() {
             claim: Some(Scan { start: at(1_002_004), done: Tsc(0) }),
             kernel_exits: 0,
             overrun: true,
+            ended: false,
             ..window(1)
         };
         trace.add(PLC, &record, &[]);

@@ -88,6 +88,8 @@ pub struct WindowRecord {
     pub kernel_exits: u64,
     /// True if the window ended before the guest said that it was done.
     pub overrun: bool,
+    /// True if the guest ended in this window, and does not go on.
+    pub ended: bool,
 }
 
 impl WindowRecord {
@@ -126,6 +128,7 @@ mod tests {
             exits: 1,
             kernel_exits: 1,
             overrun: false,
+            ended: false,
         }
     }
 

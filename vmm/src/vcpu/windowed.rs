@@ -146,9 +146,12 @@ impl Windowed {
             guest.announce(&release, &next, &self.base);
             let ran = self.window(kickable, guest, control, end);
             let kicked = control.leave_window(end);
-            if let Outcome::Ended(ended) = ran.outcome {
-                return ended;
-            }
+            let ended = match ran.outcome {
+                // Nobody wants to know of a window that the end of the run has cut.
+                Outcome::Ended(End::Stopped) => return End::Stopped,
+                Outcome::Ended(end) => Some(end),
+                Outcome::Done | Outcome::Expired => None,
+            };
             let counted = self.count_exits();
             self.log.push(Record::Window(WindowRecord {
                 sequence: release.sequence,
@@ -166,7 +169,11 @@ impl Windowed {
                 exits: ran.exits,
                 kernel_exits: counted.saturating_sub(kernel_exits),
                 overrun: matches!(ran.outcome, Outcome::Expired) && guest.says_done(),
+                ended: ended.is_some(),
             }));
+            if let Some(end) = ended {
+                return end;
+            }
             kernel_exits = counted;
             skipped = 0;
             (self.slot, self.switch) = (next, switch);
