@@ -9,15 +9,9 @@ use thiserror::Error;
 use crate::table::{
     Cpu, PartitionId, Placement, Role, Table, TableError, Window, guard_of, room_before,
 };
+pub use crate::table::{SCHEDULES_MAX, ScheduleId};
 use crate::time::Nanos;
 use crate::timetable::Timetable;
-
-/// Most schedules of a system.
-pub const SCHEDULES_MAX: usize = 16;
-
-/// A schedule, by its position in the partition file. The first is the one that holds at the start.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct ScheduleId(pub usize);
 
 /// Why schedules are not sound. Windows are given by their positions in the input.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]

@@ -14,8 +14,7 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
 use thiserror::Error;
 
-use crate::schedules::{SCHEDULES_MAX, ScheduleId};
-use crate::table::GUARD_MAX;
+use crate::table::{GUARD_MAX, SCHEDULES_MAX, ScheduleId};
 use crate::time::Nanos;
 
 /// How long before a frame begins threads may plan the one after it: the longest guard, and as

@@ -38,6 +38,13 @@ pub const WINDOW_COST: Nanos = Nanos::from_micros(30);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct PartitionId(pub usize);
 
+/// Most schedules of a system.
+pub const SCHEDULES_MAX: usize = 16;
+
+/// A schedule, by its position in the partition file. The first is the one that holds at the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ScheduleId(pub usize);
+
 /// A host processor, by the number that the host's kernel gives it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Cpu(pub usize);

@@ -4,8 +4,8 @@
 //! asks for the next one; nothing else is remembered. A release's instant is computed from the
 //! number of its frame alone, so that no release depends on when an earlier one took place.
 
-use crate::schedules::ScheduleId;
 use crate::switch::Switch;
+use crate::table::ScheduleId;
 use crate::time::Nanos;
 
 /// One release: the start of a window, in one frame.

@@ -52,7 +52,7 @@ pub fn proposals(report: &Report) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::statistics::Summary;
+    use crate::report::Summary;
 
     fn releases(count: u64) -> Releases {
         let at_most = |max| Some(Summary { min: 0, p50: 0, p99: max, p999: max, max });

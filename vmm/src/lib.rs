@@ -20,6 +20,7 @@ pub mod probe;
 pub mod report;
 pub mod restart;
 pub mod run;
+pub mod run_error;
 pub mod schedule_desk;
 pub mod statistics;
 pub mod supervisor;

@@ -18,7 +18,7 @@ use takt_scheduler::reservation::CpuReservations;
 use takt_scheduler::switch::SwitchBoard;
 use takt_scheduler::table::{Cpu, PartitionId, Role};
 use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
-use vmm_sys_util::eventfd::EventFd;
+use vmm_sys_util::eventfd::{EFD_CLOEXEC, EFD_NONBLOCK, EventFd};
 
 use crate::account::{Account, Finished};
 use crate::boot;
@@ -34,7 +34,7 @@ use crate::init_watch::{InitSeen, InitWatch};
 use crate::machine::{self, Machine, MachineError};
 use crate::memory::GuestMemory;
 use crate::restart::{Restart, Revival};
-use crate::run::{RunError, clone, eventfd};
+use crate::run_error::RunError;
 use crate::supervisor::Console;
 use crate::terminal::Lines;
 use crate::vcpu::exit_count::ExitCount;
@@ -324,4 +324,15 @@ impl Body {
         let cpu_time = thread::cpu_time();
         self.ending.tell(Finished { end, cpu_time, illegal_accesses, unrecorded });
     }
+}
+
+/// A new event descriptor.
+pub(crate) fn eventfd() -> Result<EventFd, RunError> {
+    EventFd::new(EFD_NONBLOCK | EFD_CLOEXEC)
+        .map_err(|source| RunError::Host { what: "make an event descriptor", source })
+}
+
+/// A second handle of an event descriptor.
+pub(crate) fn clone(fd: &EventFd) -> Result<EventFd, RunError> {
+    fd.try_clone().map_err(|source| RunError::Host { what: "copy an event descriptor", source })
 }

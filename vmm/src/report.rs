@@ -5,7 +5,6 @@ use std::fs;
 
 use serde::Serialize;
 
-use crate::statistics::Summary;
 use crate::worst::{LateStart, LongScan};
 
 /// Version of the JSON form: grows with every change that a reader could stumble over.
@@ -121,6 +120,21 @@ pub struct Releases {
     pub late_starts: Vec<LateStart>,
     /// The scans that took longest, and why.
     pub longest_scans: Vec<LongScan>,
+}
+
+/// A distribution, in nanoseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Summary {
+    /// Smallest value, exact.
+    pub min: u64,
+    /// Median.
+    pub p50: u64,
+    /// 99 % of the values are at most this.
+    pub p99: u64,
+    /// 99.9 % of the values are at most this.
+    pub p999: u64,
+    /// Largest value, exact.
+    pub max: u64,
 }
 
 /// What a background partition was left, and what it got of that.

@@ -12,31 +12,24 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
-use takt_devices::ports::Overlap;
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::switch::SwitchBoard;
 use takt_scheduler::table::{Cpu, Role};
 use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
-use thiserror::Error;
-use vmm_sys_util::eventfd::{EFD_CLOEXEC, EFD_NONBLOCK, EventFd};
 
 use crate::account::Account;
-use crate::boot::linux::LinuxImageError;
-use crate::boot::long_mode::StartError;
-use crate::boot::plc::PlcImageError;
-use crate::boot::touch::TouchError;
 use crate::config::{Kind, Partition, PartitionFile};
-use crate::cpuset::{CpusetError, Domains};
+use crate::cpuset::Domains;
 use crate::init_watch::InitSeen;
 use crate::machine::{self, MachineError};
-use crate::memory::MemoryError;
-use crate::prepare::{Kicker, Preparation, Prepared};
+use crate::prepare::{Kicker, Preparation, Prepared, clone, eventfd};
 use crate::report::{self, Host, Report};
+use crate::run_error::RunError;
 use crate::schedule_desk::ScheduleDesk;
-use crate::supervisor::{Console, Endings, Supervisor, SupervisorError, take_signals};
+use crate::supervisor::{Console, Endings, Supervisor, take_signals};
 use crate::terminal::{self, Screen};
 use crate::trace::Trace;
-use crate::vcpu::thread::{Running, ThreadError};
+use crate::vcpu::thread::Running;
 use crate::vcpu::{Control, kick};
 
 /// From the moment that all threads are ready to the epoch: time for all of them to fall asleep.
@@ -55,46 +48,6 @@ pub struct Options {
     pub lane: String,
     /// For tests: windows are not ended by kicks, so that only SCHED_DEADLINE is left.
     pub without_kick: bool,
-}
-
-/// A run that did not take place, or could not tell of itself.
-#[derive(Debug, Error)]
-#[expect(missing_docs, reason = "each wraps the error of the module that its name says")]
-pub enum RunError {
-    #[error(transparent)]
-    Machine(#[from] MachineError),
-    #[error(transparent)]
-    Memory(#[from] MemoryError),
-    #[error("partition {partition}: {source}")]
-    Plc { partition: String, source: PlcImageError },
-    #[error("partition {partition}: {source}")]
-    Linux { partition: String, source: LinuxImageError },
-    #[error(transparent)]
-    Start(#[from] StartError),
-    #[error(transparent)]
-    Touch(#[from] TouchError),
-    #[error(transparent)]
-    Cpuset(#[from] CpusetError),
-    #[error(transparent)]
-    Thread(#[from] ThreadError),
-    #[error(transparent)]
-    Supervisor(#[from] SupervisorError),
-    #[error("two devices of the Linux machine collide: {0}")]
-    Ports(#[from] Overlap),
-    #[error("cannot lock memory: {0}; run as root, or raise the limit (ulimit -l unlimited)")]
-    Lock(io::Error),
-    #[error("cannot {what}: {source}")]
-    Host { what: &'static str, source: io::Error },
-    #[error("cannot write the {what} to {}: {source}", path.display())]
-    Output { what: &'static str, path: PathBuf, source: io::Error },
-}
-
-impl RunError {
-    /// True if it is a file of the user's that is at fault, not the host.
-    #[must_use]
-    pub const fn is_users(&self) -> bool {
-        matches!(self, RunError::Plc { .. } | RunError::Linux { .. })
-    }
 }
 
 /// Runs all partitions of `file` until the run is over.
@@ -312,15 +265,4 @@ fn write_report(report: &Report, path: &PathBuf) -> Result<(), RunError> {
     let mut json = serde_json::to_string_pretty(report).map_err(|e| failed(e.into()))?;
     json.push('\n');
     fs::write(path, json).map_err(failed)
-}
-
-/// A new event descriptor.
-pub(crate) fn eventfd() -> Result<EventFd, RunError> {
-    EventFd::new(EFD_NONBLOCK | EFD_CLOEXEC)
-        .map_err(|source| RunError::Host { what: "make an event descriptor", source })
-}
-
-/// A second handle of an event descriptor.
-pub(crate) fn clone(fd: &EventFd) -> Result<EventFd, RunError> {
-    fd.try_clone().map_err(|source| RunError::Host { what: "copy an event descriptor", source })
 }

@@ -4,10 +4,9 @@
 //! as sorting values into a histogram, happens here on the event thread.
 
 use hdrhistogram::Histogram;
-use serde::Serialize;
 use takt_scheduler::time::{Nanos, Timebase};
 
-use crate::report;
+use crate::report::{self, Summary};
 use crate::vcpu::record::{Detour, WindowRecord};
 use crate::worst::Worst;
 
@@ -25,21 +24,6 @@ pub struct Distribution {
     histogram: Histogram<u32>,
     min: u64,
     max: u64,
-}
-
-/// What a report says of a [`Distribution`], in nanoseconds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Summary {
-    /// Smallest value, exact.
-    pub min: u64,
-    /// Median.
-    pub p50: u64,
-    /// 99 % of the values are at most this.
-    pub p99: u64,
-    /// 99.9 % of the values are at most this.
-    pub p999: u64,
-    /// Largest value, exact.
-    pub max: u64,
 }
 
 impl Distribution {

@@ -1,0 +1,57 @@
+//! Why a run did not take place.
+
+use std::io;
+use std::path::PathBuf;
+
+use takt_devices::ports::Overlap;
+use thiserror::Error;
+
+use crate::boot::linux::LinuxImageError;
+use crate::boot::long_mode::StartError;
+use crate::boot::plc::PlcImageError;
+use crate::boot::touch::TouchError;
+use crate::cpuset::CpusetError;
+use crate::machine::MachineError;
+use crate::memory::MemoryError;
+use crate::supervisor::SupervisorError;
+use crate::vcpu::thread::ThreadError;
+
+/// A run that did not take place, or could not tell of itself.
+#[derive(Debug, Error)]
+#[expect(missing_docs, reason = "each wraps the error of the module that its name says")]
+pub enum RunError {
+    #[error(transparent)]
+    Machine(#[from] MachineError),
+    #[error(transparent)]
+    Memory(#[from] MemoryError),
+    #[error("partition {partition}: {source}")]
+    Plc { partition: String, source: PlcImageError },
+    #[error("partition {partition}: {source}")]
+    Linux { partition: String, source: LinuxImageError },
+    #[error(transparent)]
+    Start(#[from] StartError),
+    #[error(transparent)]
+    Touch(#[from] TouchError),
+    #[error(transparent)]
+    Cpuset(#[from] CpusetError),
+    #[error(transparent)]
+    Thread(#[from] ThreadError),
+    #[error(transparent)]
+    Supervisor(#[from] SupervisorError),
+    #[error("two devices of the Linux machine collide: {0}")]
+    Ports(#[from] Overlap),
+    #[error("cannot lock memory: {0}; run as root, or raise the limit (ulimit -l unlimited)")]
+    Lock(io::Error),
+    #[error("cannot {what}: {source}")]
+    Host { what: &'static str, source: io::Error },
+    #[error("cannot write the {what} to {}: {source}", path.display())]
+    Output { what: &'static str, path: PathBuf, source: io::Error },
+}
+
+impl RunError {
+    /// True if it is a file of the user's that is at fault, not the host.
+    #[must_use]
+    pub const fn is_users(&self) -> bool {
+        matches!(self, RunError::Plc { .. } | RunError::Linux { .. })
+    }
+}
