@@ -100,7 +100,11 @@ pub fn check_one_linux(partitions: &[Checked]) -> Result<(), Diagnostic> {
 
 /// A name, of anything that has one.
 pub fn check_name(name: &Spanned<String>) -> Result<&str, Diagnostic> {
-    let text = name.get_ref();
+    check_word(name.get_ref(), name.span())
+}
+
+/// A name that may be a part only of the value at `span`.
+pub fn check_word(text: &str, span: Span) -> Result<&str, Diagnostic> {
     let rest = |c: char| matches!(c, 'a'..='z' | '0'..='9' | '-');
     if text.starts_with(|c: char| c.is_ascii_lowercase())
         && text.chars().all(rest)
@@ -110,7 +114,20 @@ pub fn check_name(name: &Spanned<String>) -> Result<&str, Diagnostic> {
     }
     let found = format!("the name {} is not a word of the allowed form", quote(text));
     let allowed = "1 to 32 of a-z, 0-9 and \"-\", the first of them a letter";
-    Err(Diagnostic::new(name.span(), found, allowed))
+    Err(Diagnostic::new(span, found, allowed))
+}
+
+/// The partition of this name, for the value at `span` that asks for it.
+pub fn find<'a>(
+    partitions: &'a [Checked],
+    name: &str,
+    span: Span,
+) -> Result<&'a Checked, Diagnostic> {
+    partitions.iter().find(|p| p.partition.name == name).ok_or_else(|| {
+        let names: Vec<String> = partitions.iter().map(|p| quote(&p.partition.name)).collect();
+        let found = format!("there is no partition {}", quote(name));
+        Diagnostic::new(span, found, names.join(", "))
+    })
 }
 
 fn check(

@@ -11,7 +11,7 @@ use takt_scheduler::table::{Cpu, FRAME_MAX, FRAME_MIN, PartitionId, Placement, W
 use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
-use super::partition::{Checked, check_name};
+use super::partition::{self, Checked, check_name};
 use super::raw::{self, Keys};
 use super::units::Duration;
 
@@ -83,13 +83,8 @@ impl<'a> Draft<'a> {
     }
 
     fn window(&self, raw: &raw::Window) -> Result<Window, Diagnostic> {
-        let name = raw.partition.get_ref();
-        let Some(owner) = self.partitions.iter().find(|p| p.partition.name == *name) else {
-            let names: Vec<String> =
-                self.partitions.iter().map(|p| quote(&p.partition.name)).collect();
-            let found = format!("there is no partition {}", quote(name));
-            return Err(Diagnostic::new(raw.partition.span(), found, names.join(", ")));
-        };
+        let owner =
+            partition::find(self.partitions, raw.partition.get_ref(), raw.partition.span())?;
         Ok(Window {
             partition: owner.partition.id,
             offset: raw.offset.get_ref().0,
