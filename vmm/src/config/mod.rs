@@ -7,18 +7,21 @@
 //!
 //! 1. bytes to text to the raw form, whose keys and types are right (`syntax`, `raw`, `units`);
 //! 2. the rules of each partition (`partition`, `tasks`), of the schedules (`schedules`,
-//!    `explain`), of both together (`deadlines`), and of the files that are named (`images`);
+//!    `explain`), of both together (`deadlines`), of the channels between partitions (`channels`,
+//!    `ports`), and of the files that are named (`images`);
 //! 3. a [`PartitionFile`], which has private fields and no other way to be made. The rest of Takt
 //!    takes nothing else and checks nothing again.
 //!
 //! The first defect ends it: in a file of 40 lines a second message is more often a consequence of
 //! the first than a second defect. The key reference is `docs/partition-file.md`.
 
+mod channels;
 mod deadlines;
 mod diagnostic;
 mod explain;
 mod images;
 mod partition;
+mod ports;
 mod raw;
 mod schedules;
 mod syntax;
@@ -38,8 +41,10 @@ use partition::Surroundings;
 use raw::Keys;
 use schedules::Draft;
 
+pub use channels::{CHANNELS_MAX, Channel, ChannelKind, End, WhenFull};
 pub use deadlines::{Met, WAKE_UP_ALLOWANCE};
 pub use images::Unreadable;
+pub use ports::{CHANNEL_AREA_PAGES, PORTS_MAX, region_bytes};
 pub(crate) use schedules::percent;
 pub use tasks::NamedTask;
 pub(crate) use units::Bytes;
@@ -57,6 +62,7 @@ pub struct PartitionFile {
     schedule_names: Vec<String>,
     schedules: Schedules,
     partitions: Vec<Partition>,
+    channels: Vec<Channel>,
 }
 
 impl PartitionFile {
@@ -88,6 +94,12 @@ impl PartitionFile {
     #[must_use]
     pub fn partitions(&self) -> &[Partition] {
         &self.partitions
+    }
+
+    /// All channels, in the order of the file.
+    #[must_use]
+    pub fn channels(&self) -> &[Channel] {
+        &self.channels
     }
 }
 
@@ -280,9 +292,10 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
         .map(|p| deadlines::check(&draft, &schedules, p.partition.id))
         .collect::<Result<Vec<_>, _>>()?;
     partitions.iter_mut().zip(met).for_each(|(p, met)| p.partition.met = met);
+    let channels = channels::check(&file.channel.0, &partitions)?;
     partition::check_one_linux(&partitions)?;
     // Last, because it is the only thing that may be right on another machine.
     partitions.iter().flat_map(|p| &p.images).try_for_each(images::check)?;
     let partitions = partitions.into_iter().map(|p| p.partition).collect();
-    Ok(PartitionFile { path, name, schedule_names, schedules, partitions })
+    Ok(PartitionFile { path, name, schedule_names, schedules, partitions, channels })
 }

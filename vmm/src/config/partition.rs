@@ -40,6 +40,7 @@ pub struct Checked {
     pub images: Vec<Image>,
     pub header: Span,
     pub name: Span,
+    pub kind: Span,
     pub background: Option<Span>,
     pub tasks: CheckedTasks,
 }
@@ -166,6 +167,7 @@ fn check(
         images,
         header: table.span(),
         name: raw.name.span(),
+        kind: raw.kind.span(),
         background: raw.background.as_ref().map(Spanned::span),
     })
 }

@@ -31,6 +31,8 @@ pub struct File {
     pub partition: Tables<Partition>,
     #[serde(default)]
     pub schedule: Tables<Schedule>,
+    #[serde(default)]
+    pub channel: Tables<Channel>,
 }
 
 #[derive(Debug, serde::Deserialize)]
@@ -82,6 +84,19 @@ pub struct Window {
     pub offset: Spanned<Duration>,
     pub duration: Spanned<Duration>,
     pub period: Option<Spanned<Duration>>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Channel {
+    pub name: Spanned<String>,
+    pub kind: Spanned<String>,
+    pub message_bytes: Spanned<i64>,
+    pub source: Spanned<String>,
+    pub destinations: Spanned<Vec<Spanned<String>>>,
+    pub refresh_period: Option<Spanned<Duration>>,
+    pub depth: Option<Spanned<i64>>,
+    pub when_full: Option<Spanned<String>>,
 }
 
 /// A table that is written with keys. serde's derived structs also take an array of the values in

@@ -21,7 +21,11 @@ const EXAMPLES: &[(&str, &str)] = &[
     ("system", "a table [system] with the keys `name` and `major_frame`"),
     ("name", "`name = \"a-name\"`"),
     ("major_frame", "`major_frame = \"1ms\"`, the time after which the schedule repeats"),
-    ("kind", "`kind = \"plc\"` or `kind = \"linux\"`"),
+    (
+        "kind",
+        "`kind = \"plc\"` or `kind = \"linux\"`; for a channel `kind = \"sampling\"` or \
+         `kind = \"queuing\"`",
+    ),
     ("cpu", "`cpu = 0`, the number of the host's CPU that the partition runs on"),
     ("memory", "`memory = \"64MiB\"`"),
     ("partition", "`partition = \"a-name\"`, the partition that the window belongs to"),
@@ -30,6 +34,12 @@ const EXAMPLES: &[(&str, &str)] = &[
     ("period", "`period = \"1ms\"`, the time from one release of the task to the next"),
     ("budget", "`budget = \"100us\"`, the longest that one job of the task executes"),
     ("priority", "`priority = 1`, from 0 to 255; a higher number is more urgent"),
+    ("message_bytes", "`message_bytes = 512`, the length of the longest message"),
+    ("source", "`source = \"cell:setpoints\"`, the partition that sends and its port"),
+    (
+        "destinations",
+        "`destinations = [\"axis:setpoints\"]`, the partitions that receive, and their ports",
+    ),
 ];
 
 /// What the parser and serde call things, and what the file's author calls them.
@@ -37,6 +47,7 @@ const PLAIN: &[(&str, &str)] = &[
     ("i64", "a whole number"),
     ("a boolean", "true or false"),
     ("a string", "a text in quotes"),
+    ("a sequence", "a list in square brackets, such as `[\"axis:setpoints\"]`"),
     ("literal string", "a value: a text in quotes, a whole number, true or false"),
     ("`nan`", "a value: a text in quotes, a whole number, true or false"),
     ("`\"`", "a text that ends with `\"` on the same line"),

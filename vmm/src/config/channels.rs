@@ -1,0 +1,284 @@
+//! The channels between partitions: the rules for each, and among their names.
+//!
+//! A channel is written once, with both of its ends, and not as a port in each partition that has
+//! to match a port in another one. What is written once cannot contradict itself, and who may
+//! write to whom is read in one place. What the ends add up to in a partition is looked at in
+//! [`super::ports`].
+//!
+//! Sampling and queuing are those of ARINC 653 Part 1: the newest message for everybody who looks,
+//! and each message once and in order. Their keys differ, and one of the other kind is refused: a
+//! `depth` of a sampling channel is more likely a wrong `kind` than a superfluous line.
+
+use std::fmt;
+
+use takt_scheduler::table::PartitionId;
+use takt_scheduler::time::Nanos;
+use toml::Spanned;
+
+use super::Kind;
+use super::diagnostic::{Diagnostic, Span, quote};
+use super::partition::{self, Checked, check_name, check_word};
+use super::ports::Ports;
+use super::raw::{self, Keys};
+
+/// Most channels of one file.
+pub const CHANNELS_MAX: usize = 128;
+/// Longest message, in bytes. It is the channel crate's `MESSAGE_MAX`.
+const MESSAGE_MAX: u32 = 64 * 1024;
+/// Deepest queue, in messages. It is the channel crate's `DEPTH_MAX`.
+const DEPTH_MAX: u32 = 1024;
+/// Longest refresh period, that of the longest major frame: above, it is a typing mistake.
+const REFRESH_MAX: Nanos = Nanos::from_millis(60_000);
+
+/// A way for messages from one partition to others.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Channel {
+    /// Unique in the file; of the same form as a partition's name.
+    pub name: String,
+    /// What becomes of the messages.
+    pub kind: ChannelKind,
+    /// Length of the longest message in bytes, 1 to 65536.
+    pub message_bytes: u32,
+    /// Who sends.
+    pub source: End,
+    /// Who receives: at least one, and exactly one if the channel is a queuing one. No partition
+    /// is in here twice, nor is that of the source.
+    pub destinations: Vec<End>,
+}
+
+/// What becomes of the messages of a channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChannelKind {
+    /// A message replaces the one before it, and is read any number of times.
+    Sampling {
+        /// A message of at most this age is valid; more than nothing, at most 60 s.
+        refresh: Nanos,
+    },
+    /// Messages wait until they are received, each once and in order.
+    Queuing {
+        /// How many can wait, 1 to 1024.
+        depth: u32,
+        /// What happens to one more.
+        when_full: WhenFull,
+    },
+}
+
+/// What happens to a message for a full queue.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum WhenFull {
+    /// The source is told so, and nothing is lost.
+    #[default]
+    Refuse,
+    /// It replaces the oldest one, and the destination is told that one is lost.
+    Overwrite,
+}
+
+/// Prints as it is written in the file.
+impl fmt::Display for WhenFull {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            WhenFull::Refuse => "refuse",
+            WhenFull::Overwrite => "overwrite",
+        })
+    }
+}
+
+/// One end of a channel: a port of a partition.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct End {
+    /// The partition, a PLC.
+    pub partition: PartitionId,
+    /// Name of the port, unique in the partition; of the same form as a partition's name.
+    pub port: String,
+}
+
+/// Checks all channels, in the order of the file.
+pub fn check(
+    tables: &[Spanned<Keys<raw::Channel>>],
+    partitions: &[Checked],
+) -> Result<Vec<Channel>, Diagnostic> {
+    if let Some(excess) = tables.get(CHANNELS_MAX) {
+        let found = format!("this is channel {} of {}", CHANNELS_MAX + 1, tables.len());
+        let allowed = format!("at most {CHANNELS_MAX} tables [[channel]]");
+        return Err(Diagnostic::new(excess.span(), found, allowed));
+    }
+    let mut ports = Ports::of(partitions);
+    let mut channels: Vec<Channel> = Vec::with_capacity(tables.len());
+    for table in tables {
+        let Keys(raw) = table.get_ref();
+        let next = check_one(raw, table.span(), partitions)?;
+        if let Some(other) = channels.iter().position(|c| c.name == next.name) {
+            let found = format!("a second channel is named {}", quote(&next.name));
+            return Err(Diagnostic::new(
+                raw.name.span(),
+                found,
+                "a name of its own for each channel",
+            )
+            .and(tables[other].get_ref().0.name.span(), "the other one"));
+        }
+        ports.add(&next, raw)?;
+        channels.push(next);
+    }
+    Ok(channels)
+}
+
+fn check_one(
+    raw: &raw::Channel,
+    header: Span,
+    partitions: &[Checked],
+) -> Result<Channel, Diagnostic> {
+    let name = check_name(&raw.name)?.to_owned();
+    let kind = match raw.kind.get_ref().as_str() {
+        "sampling" => check_sampling(raw, &name, header)?,
+        "queuing" => check_queuing(raw, &name, header)?,
+        other => {
+            let found = format!("there is no kind {} of channels", quote(other));
+            return Err(Diagnostic::new(raw.kind.span(), found, "\"sampling\" or \"queuing\""));
+        }
+    };
+    let message_bytes = check_number(
+        &raw.message_bytes,
+        MESSAGE_MAX,
+        "is not an allowed length of a message, in bytes",
+    )?;
+    let source = check_end(&raw.source, partitions)?;
+    let ends = raw.destinations.get_ref().iter().map(|end| check_end(end, partitions));
+    let destinations: Vec<End> = ends.collect::<Result<_, _>>()?;
+    let channel = Channel { name, kind, message_bytes, source, destinations };
+    check_ends(&channel, raw, partitions)?;
+    Ok(channel)
+}
+
+fn check_sampling(raw: &raw::Channel, name: &str, header: Span) -> Result<ChannelKind, Diagnostic> {
+    let of_queuing = [
+        ("depth", raw.depth.as_ref().map(Spanned::span)),
+        ("when_full", raw.when_full.as_ref().map(Spanned::span)),
+    ];
+    for (key, span) in of_queuing {
+        if let Some(span) = span {
+            return Err(misplaced(raw, key, span, "queuing", "refresh_period"));
+        }
+    }
+    let Some(refresh) = &raw.refresh_period else {
+        let found =
+            format!("channel {} of kind \"sampling\" has no key `refresh_period`", quote(name));
+        let allowed = "`refresh_period = \"10ms\"`, the age up to which a message is valid";
+        return Err(Diagnostic::new(header, found, allowed));
+    };
+    let length = refresh.get_ref().0;
+    if length == Nanos::ZERO || length > REFRESH_MAX {
+        let found = if length == Nanos::ZERO {
+            format!("the refresh period of {length}: no message would ever be valid")
+        } else {
+            format!("the refresh period of {length} is too long")
+        };
+        let allowed = format!("more than nothing, and at most {REFRESH_MAX}");
+        return Err(Diagnostic::new(refresh.span(), found, allowed));
+    }
+    Ok(ChannelKind::Sampling { refresh: length })
+}
+
+fn check_queuing(raw: &raw::Channel, name: &str, header: Span) -> Result<ChannelKind, Diagnostic> {
+    if let Some(refresh) = &raw.refresh_period {
+        let own = "depth and when_full";
+        return Err(misplaced(raw, "refresh_period", refresh.span(), "sampling", own));
+    }
+    let Some(depth) = &raw.depth else {
+        let found = format!("channel {} of kind \"queuing\" has no key `depth`", quote(name));
+        let allowed = "`depth = 8`, the number of messages that can wait";
+        return Err(Diagnostic::new(header, found, allowed));
+    };
+    let depth = check_number(depth, DEPTH_MAX, "is not an allowed depth of a queue, in messages")?;
+    let when_full = match &raw.when_full {
+        None => WhenFull::default(),
+        Some(policy) => match policy.get_ref().as_str() {
+            "refuse" => WhenFull::Refuse,
+            "overwrite" => WhenFull::Overwrite,
+            other => {
+                let found = format!("there is no way {} to treat a full queue", quote(other));
+                let allowed = "\"refuse\" or \"overwrite\"";
+                return Err(Diagnostic::new(policy.span(), found, allowed));
+            }
+        },
+    };
+    Ok(ChannelKind::Queuing { depth, when_full })
+}
+
+/// A key of the kind `owner`. `own` are those that the channel's kind has to itself.
+fn misplaced(raw: &raw::Channel, key: &str, span: Span, owner: &str, own: &str) -> Diagnostic {
+    let [name, kind] = [&raw.name, &raw.kind].map(|text| quote(text.get_ref()));
+    let found = format!("`{key}` belongs to kind \"{owner}\"; channel {name} is of kind {kind}");
+    let allowed =
+        format!("for a {kind} channel: name, kind, message_bytes, source, destinations, {own}");
+    Diagnostic::new(span, found, allowed).and(raw.kind.span(), "its kind")
+}
+
+/// A number from 1 to `max`; `is_not` says of another one what it fails to be.
+fn check_number(number: &Spanned<i64>, max: u32, is_not: &str) -> Result<u32, Diagnostic> {
+    let value = *number.get_ref();
+    u32::try_from(value).ok().filter(|n| (1..=max).contains(n)).ok_or_else(|| {
+        Diagnostic::new(number.span(), format!("{value} {is_not}"), format!("1 to {max}"))
+    })
+}
+
+fn check_end(end: &Spanned<String>, partitions: &[Checked]) -> Result<End, Diagnostic> {
+    let Some((owner, port)) = end.get_ref().split_once(':') else {
+        let found = format!("{} is not the end of a channel", quote(end.get_ref()));
+        let allowed = "PARTITION:PORT, two names with a colon between them";
+        return Err(Diagnostic::new(end.span(), found, allowed));
+    };
+    let owner = partition::find(partitions, owner, end.span())?;
+    if let Kind::Linux { .. } = owner.partition.kind {
+        let name = quote(&owner.partition.name);
+        let found = format!("partition {name} is of kind \"linux\" and cannot have a port");
+        let allowed = "ends in partitions of kind \"plc\", in this version of Takt";
+        return Err(Diagnostic::new(end.span(), found, allowed)
+            .and(owner.kind.clone(), format!("the kind of {name}")));
+    }
+    let port = check_word(port, end.span())?.to_owned();
+    Ok(End { partition: owner.partition.id, port })
+}
+
+/// The rules for the ends of one channel among each other.
+fn check_ends(
+    channel: &Channel,
+    raw: &raw::Channel,
+    partitions: &[Checked],
+) -> Result<(), Diagnostic> {
+    let destinations = raw.destinations.get_ref();
+    let queuing = matches!(channel.kind, ChannelKind::Queuing { .. });
+    let allowed =
+        if queuing { "exactly one in a queuing channel" } else { "at least one destination" };
+    if destinations.is_empty() {
+        let found = "the channel has no destination";
+        return Err(Diagnostic::new(raw.destinations.span(), found, allowed));
+    }
+    if let Some(second) = destinations.get(1).filter(|_| queuing) {
+        let found = "a second destination of a queuing channel";
+        return Err(Diagnostic::new(second.span(), found, allowed).and(raw.kind.span(), "its kind"));
+    }
+    let ends: Vec<(&End, &Spanned<String>)> = channel.ends(raw).collect();
+    for (i, (end, text)) in ends.iter().enumerate() {
+        let same = |(other, _): &&(&End, &Spanned<String>)| other.partition == end.partition;
+        if let Some((_, other)) = ends[..i].iter().find(same) {
+            let name = quote(&partitions[end.partition.0].partition.name);
+            let found = format!("the channel has two ends in partition {name}");
+            let allowed = "one end of a channel in a partition";
+            return Err(
+                Diagnostic::new(text.span(), found, allowed).and(other.span(), "the other one")
+            );
+        }
+    }
+    Ok(())
+}
+
+impl Channel {
+    /// The source and then the destinations, each with its place in the file.
+    pub(super) fn ends<'a>(
+        &'a self,
+        raw: &'a raw::Channel,
+    ) -> impl Iterator<Item = (&'a End, &'a Spanned<String>)> {
+        let ends = std::iter::once(&self.source).chain(&self.destinations);
+        ends.zip(std::iter::once(&raw.source).chain(raw.destinations.get_ref()))
+    }
+}
