@@ -1,0 +1,31 @@
+//! Who may send to whom. It is the same under every schedule, and so is shown once.
+
+use super::line;
+use crate::config::{ChannelKind, End, PartitionFile};
+
+/// The channels, in the order of the file; nothing if there are none. Each end has a line to
+/// itself: two of them at their longest do not fit one.
+pub fn list(out: &mut String, file: &PartitionFile) {
+    if file.channels().is_empty() {
+        return;
+    }
+    out.push_str("\nchannels\n");
+    for channel in file.channels() {
+        let (kind, rest) = match channel.kind {
+            ChannelKind::Sampling { refresh } => ("sampling", format!("refresh {refresh}")),
+            ChannelKind::Queuing { depth, when_full } => {
+                ("queuing", format!("depth {depth}, {when_full} when full"))
+            }
+        };
+        let (name, bytes) = (&channel.name, channel.message_bytes);
+        line(out, &format!("  {name}: {kind}, up to {bytes} bytes, {rest}"));
+        line(out, &format!("    {}", end(file, &channel.source)));
+        for destination in &channel.destinations {
+            line(out, &format!("      -> {}", end(file, destination)));
+        }
+    }
+}
+
+fn end(file: &PartitionFile, end: &End) -> String {
+    format!("{}:{}", file.partitions()[end.partition.0].name(), end.port)
+}
