@@ -8,10 +8,11 @@ use std::path::Path;
 
 use takt::{check, config};
 
-/// Two files that are good, and between them have every key.
-const GOOD: [&[u8]; 2] = [
+/// Files that are good, and between them have every key.
+const GOOD: [&[u8]; 3] = [
     include_bytes!("partition_files/good-two-cpus.toml"),
     include_bytes!("partition_files/good-schedules-and-tasks.toml"),
+    include_bytes!("partition_files/good-channels.toml"),
 ];
 /// Pieces that a text file does not get from bit flips.
 const WORDS: &[&str] = &[
@@ -19,6 +20,16 @@ const WORDS: &[&str] = &[
     "[[schedule]]\n",
     "[[schedule.window]]\n",
     "[[partition.task]]\n",
+    "[[channel]]\n",
+    "\"sampling\"",
+    "\"queuing\"",
+    "\"overwrite\"",
+    "\"plc:\"",
+    "\":\"",
+    "depth = 1024\n",
+    "refresh_period = \"60s\"\n",
+    "destinations = []\n",
+    "65536",
     "[system]\n",
     "version = 1\n",
     "\"plc\"",
@@ -74,6 +85,7 @@ fn load(name: &str, case: usize, bytes: &[u8]) -> bool {
         Ok(file) => {
             let rows = check::report(&file);
             assert!(file.partitions().iter().all(|p| rows.contains(p.name())), "{}", shown());
+            assert!(file.channels().iter().all(|c| rows.contains(&c.name)), "{}", shown());
             assert!(check::needs(&file).starts_with("memory "), "{}", shown());
             true
         }
