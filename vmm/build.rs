@@ -15,7 +15,7 @@ fn main() {
         panic!("OUT_DIR is not set: this is a cargo build script");
     };
     let guest = Path::new("../plc-guest");
-    for watched in [guest, Path::new("../devices/abi")] {
+    for watched in [guest, Path::new("../devices/abi"), Path::new("../devices/channel")] {
         for inner in ["src", "build.rs", "Cargo.toml", "Cargo.lock", "link.ld", ".cargo"] {
             let path = watched.join(inner);
             if path.exists() {

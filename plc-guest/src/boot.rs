@@ -6,7 +6,7 @@
 //! follows that everything beyond the first few dozen instructions can report its own failure.
 
 use crate::paging::{Layout, Tables};
-use crate::{console, descriptor, pages, port, stack};
+use crate::{channel, console, descriptor, pages, port, stack};
 use core::arch::{asm, naked_asm};
 use takt_abi::{Information, MAGIC, VERSION};
 
@@ -95,6 +95,7 @@ unsafe fn protect() {
         rodata: text_end..rodata_end,
         data: rodata_end..(&raw const __data_end) as u64,
         guards: &stack::guards(),
+        ports: channel::ports(),
     };
     let tables = &raw mut TABLES;
     // SAFETY: the caller promises the only call; from here on only the processor uses the tables.

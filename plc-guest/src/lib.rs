@@ -18,6 +18,7 @@
 
 #[cfg(not(test))]
 pub mod boot;
+pub mod channel;
 pub mod console;
 pub mod control;
 pub mod cycle;

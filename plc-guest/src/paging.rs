@@ -1,9 +1,9 @@
 //! The guest's own page tables: each part of the image with the rights it needs and no more.
 //!
 //! The VMM starts a guest with everything writable and executable, which is enough to run but
-//! turns every programming error into silent damage. Here only three things are mapped: the image
-//! (code read-execute, constants read-only, the rest read-write), and the two pages shared with
-//! the host. Everything else faults, above all address 0, the VMM's start-up structures, and the
+//! turns every programming error into silent damage. Here only a few things are mapped: the image
+//! (code read-execute, constants read-only, the rest read-write), the pages shared with
+//! the host, and those of the channels, of which only its own are writable. Everything else faults, above all address 0, the VMM's start-up structures, and the
 //! page below each stack.
 //!
 //! The tables are identity maps of the first 2 MiB and of the first 2 MiB at
@@ -13,7 +13,7 @@
 //! Table formats: AMD64 Architecture Programmer's Manual, volume 2, section 5.3.
 
 use core::ops::Range;
-use takt_abi::memory;
+use takt_abi::{Port, memory};
 
 const PRESENT: u64 = 1;
 const WRITABLE: u64 = 1 << 1;
@@ -22,8 +22,8 @@ const ENTRIES: usize = 512;
 
 const _: () = {
     assert!(size_of::<Tables>() == 6 * memory::PAGE as usize);
-    // Both shared pages are in one page table.
-    assert!(memory::INFORMATION >> 21 == memory::STATUS >> 21);
+    // All shared pages are in one page table.
+    assert!(memory::INFORMATION >> 21 == (memory::CHANNELS_END - 1) >> 21);
     assert!(memory::INFORMATION >> 39 == 0);
 };
 
@@ -39,6 +39,9 @@ pub struct Layout<'a> {
     pub data: Range<u64>,
     /// Pages within `data` that must not be mapped: one below each stack.
     pub guards: &'a [u64],
+    /// The ends of channels that the guest has. What does not lie in the area for channels is not
+    /// mapped.
+    pub ports: &'a [Port],
 }
 
 type Table = [u64; ENTRIES];
@@ -86,7 +89,20 @@ impl Tables {
         }
         self.shared[index(memory::INFORMATION, 12)] = memory::INFORMATION | PRESENT | NO_EXECUTE;
         self.shared[index(memory::STATUS, 12)] = memory::STATUS | PRESENT | WRITABLE | NO_EXECUTE;
+        self.map_shared(memory::PORT_TABLE, 1, 0);
+        for port in layout.ports {
+            self.map_shared(port.own, port.own_pages, WRITABLE);
+            self.map_shared(port.peer, port.peer_pages, 0);
+        }
         address(&self.root)
+    }
+
+    fn map_shared(&mut self, start: u64, pages: u32, rights: u64) {
+        let area = memory::PORT_TABLE..memory::CHANNELS_END;
+        let all = (start..).step_by(memory::PAGE as usize).take(pages as usize);
+        for page in all.filter(|page| area.contains(page)) {
+            self.shared[index(page, 12)] = page | rights | PRESENT | NO_EXECUTE;
+        }
     }
 
     fn map_image(&mut self, range: &Range<u64>, rights: u64) {
@@ -130,6 +146,24 @@ mod tests {
         Some(table[index(virtual_address, 12)]).filter(|entry| entry & PRESENT != 0)
     }
 
+    /// With two pages of its own, one of its peer's, and one that lies elsewhere.
+    fn port() -> Port {
+        Port {
+            name: [0; 32],
+            kind: 0,
+            direction: 0,
+            maximum: 0,
+            depth: 0,
+            policy: 0,
+            own_pages: 2,
+            refresh_ns: 0,
+            own: memory::CHANNELS,
+            peer: memory::CHANNELS_END - memory::PAGE,
+            peer_pages: 2,
+            reserved: [0; 3],
+        }
+    }
+
     fn tables() -> Box<Tables> {
         let mut tables = Box::new(Tables::empty());
         let root = tables.build(&Layout {
@@ -137,6 +171,7 @@ mod tests {
             rodata: 0x10_3000..0x10_4000,
             data: 0x10_4000..0x10_8000,
             guards: &[0x10_5000],
+            ports: &[port()],
         });
         assert_eq!(root, address(&tables.root));
         tables
@@ -153,6 +188,10 @@ mod tests {
             (0x10_7000, PRESENT | WRITABLE | NO_EXECUTE),
             (memory::INFORMATION, PRESENT | NO_EXECUTE),
             (memory::STATUS, PRESENT | WRITABLE | NO_EXECUTE),
+            (memory::PORT_TABLE, PRESENT | NO_EXECUTE),
+            (memory::CHANNELS, PRESENT | WRITABLE | NO_EXECUTE),
+            (memory::CHANNELS + memory::PAGE, PRESENT | WRITABLE | NO_EXECUTE),
+            (memory::CHANNELS_END - memory::PAGE, PRESENT | NO_EXECUTE),
         ];
         for (page, rights) in expected {
             assert_eq!(walk(&tables, page), Some(page | rights), "{page:#x}");
@@ -170,7 +209,8 @@ mod tests {
             0x10_8000,
             0x20_0000,
             memory::RAM_MAX - memory::PAGE,
-            memory::STATUS + memory::PAGE,
+            memory::CHANNELS + 2 * memory::PAGE,
+            memory::CHANNELS_END,
             0xffff_8000_0000_0000,
         ];
         for page in unmapped {

@@ -57,6 +57,20 @@ impl File {
         self
     }
 
+    /// Adds a sampling and a queuing channel for records of 512 bytes, as `peer` has them: from
+    /// `out` and `send` of one partition to `in` and `receive` of the other.
+    #[must_use]
+    pub fn channels(mut self, from: &str, to: &str) -> Self {
+        let _ = write!(
+            self.text,
+            "[[channel]]\nname = \"state-of-{from}\"\nkind = \"sampling\"\nmessage_bytes = 512\n\
+             source = \"{from}:out\"\ndestinations = [\"{to}:in\"]\nrefresh_period = \"2ms\"\n\
+             [[channel]]\nname = \"orders-of-{from}\"\nkind = \"queuing\"\nmessage_bytes = 512\n\
+             source = \"{from}:send\"\ndestinations = [\"{to}:receive\"]\ndepth = 4\n"
+        );
+        self
+    }
+
     /// Adds a schedule.
     #[must_use]
     pub fn schedule(mut self, name: &str) -> Self {

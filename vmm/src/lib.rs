@@ -7,6 +7,7 @@ pub mod account;
 pub mod appliance;
 pub mod boot;
 pub mod cause;
+pub mod channels;
 pub mod check;
 pub mod config;
 pub mod cpuset;

@@ -3,6 +3,9 @@
 //! Each region is a sealed memfd, mapped shared, prefaulted and (by the `mlockall` of `run`)
 //! locked: no page fault of the host's can fall into a window, and the memory that a partition
 //! has is known before its first instruction.
+//!
+//! Channels are the only memory that several guests see. Which of them may write it is a matter of
+//! the memory slots: in all but one it is read-only.
 
 use std::fs::File;
 use std::io;
@@ -12,7 +15,7 @@ use std::sync::Arc;
 
 use kvm_bindings::{KVM_MEM_READONLY, kvm_userspace_memory_region};
 use kvm_ioctls::VmFd;
-use takt_abi::memory::{INFORMATION, PAGE, STATUS};
+use takt_abi::memory::{INFORMATION, PAGE, PORT_TABLE, STATUS};
 use thiserror::Error;
 use vm_memory::mmap::MmapRegionBuilder;
 use vm_memory::{
@@ -55,10 +58,63 @@ pub enum MemoryError {
     },
 }
 
+/// Memory that several guests see.
+#[derive(Debug)]
+pub struct SharedRegion {
+    file: File,
+    bytes: u64,
+}
+
+impl SharedRegion {
+    /// Zeroed memory.
+    ///
+    /// # Errors
+    /// See [`MemoryError`].
+    pub fn new(bytes: u64) -> Result<Self, MemoryError> {
+        Ok(Self { file: memfd(bytes)?, bytes })
+    }
+
+    /// Its length.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// A mapping of it for the host.
+    ///
+    /// # Errors
+    /// See [`MemoryError`].
+    pub fn map(&self) -> Result<GuestRegionMmap, MemoryError> {
+        self.map_at(0)
+    }
+
+    fn map_at(&self, start: u64) -> Result<GuestRegionMmap, MemoryError> {
+        let file = self.file.try_clone();
+        map(
+            start,
+            self.bytes,
+            file.map_err(|source| MemoryError::Allocate { bytes: self.bytes, source })?,
+        )
+    }
+}
+
+/// Where a guest sees a shared region.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a> {
+    /// Guest-physical start.
+    pub start: u64,
+    /// What it sees.
+    pub region: &'a SharedRegion,
+    /// Whether it may write there.
+    pub writable: bool,
+}
+
 /// All memory of one guest. The first region is RAM from address 0.
 #[derive(Clone)]
 pub struct GuestMemory {
     regions: Arc<GuestMemoryMmap>,
+    /// Starts of the regions that the guest may only read.
+    read_only: Arc<[u64]>,
 }
 
 impl GuestMemory {
@@ -72,26 +128,40 @@ impl GuestMemory {
         if bytes > low {
             regions.push(region(HOLE_END, bytes - low)?);
         }
-        Self::from_regions(regions, bytes)
+        Self::from_regions(regions, Vec::new(), bytes)
     }
 
-    /// RAM of a PLC guest, and the two pages through which it is told its time and tells its own.
+    /// RAM of a PLC guest, the pages through which it is told its time and its ports and tells
+    /// its own, and the channels that it has an end of.
     ///
     /// # Errors
     /// See [`MemoryError`].
-    pub fn for_plc(bytes: u64) -> Result<Self, MemoryError> {
-        let regions = vec![region(0, bytes)?, region(INFORMATION, PAGE)?, region(STATUS, PAGE)?];
-        Self::from_regions(regions, bytes)
+    pub fn for_plc(bytes: u64, channels: &[View<'_>]) -> Result<Self, MemoryError> {
+        let pages = [INFORMATION, STATUS, PORT_TABLE];
+        let mut regions = vec![region(0, bytes)?];
+        for start in pages {
+            regions.push(region(start, PAGE)?);
+        }
+        for view in channels {
+            regions.push(view.region.map_at(view.start)?);
+        }
+        let views = channels.iter().filter(|view| !view.writable).map(|view| view.start);
+        let read_only = [INFORMATION, PORT_TABLE].into_iter().chain(views).collect();
+        Self::from_regions(regions, read_only, bytes)
     }
 
-    fn from_regions(regions: Vec<GuestRegionMmap>, bytes: u64) -> Result<Self, MemoryError> {
+    fn from_regions(
+        regions: Vec<GuestRegionMmap>,
+        read_only: Vec<u64>,
+        bytes: u64,
+    ) -> Result<Self, MemoryError> {
         let regions = GuestMemoryMmap::from_regions(regions)
             .map_err(|e| MemoryError::Map { bytes, reason: e.to_string() })?;
-        Ok(Self { regions: Arc::new(regions) })
+        Ok(Self { regions: Arc::new(regions), read_only: read_only.into() })
     }
 
-    /// Gives all regions to a virtual machine. The information page becomes read-only there: a
-    /// guest's write to it is an exit, not a change.
+    /// Gives all regions to a virtual machine. What the guest may only read becomes a read-only
+    /// slot there: a write to it is an exit, not a change.
     ///
     /// # Errors
     /// [`MemoryError::Slot`].
@@ -100,7 +170,7 @@ impl GuestMemory {
             let address = region.start_addr().0;
             let slot = kvm_userspace_memory_region {
                 slot,
-                flags: if address == INFORMATION { KVM_MEM_READONLY } else { 0 },
+                flags: if self.read_only.contains(&address) { KVM_MEM_READONLY } else { 0 },
                 guest_phys_addr: address,
                 memory_size: region.len(),
                 userspace_addr: region.as_ptr() as u64,
@@ -137,6 +207,12 @@ impl GuestMemory {
         self.page(STATUS)
     }
 
+    /// The port table of a PLC guest; `None` for other guests.
+    #[must_use]
+    pub fn port_table(&self) -> Option<Page<takt_abi::PortTable>> {
+        self.page(PORT_TABLE)
+    }
+
     fn page<T: PageContent>(&self, address: u64) -> Option<Page<T>> {
         let region = self.regions.find_region(GuestAddress(address))?;
         let fits = region.start_addr().0 == address && region.len() >= size_of::<T>() as u64;
@@ -148,10 +224,14 @@ impl GuestMemory {
     }
 }
 
-/// A zeroed, shared, prefaulted mapping of `bytes` at guest-physical `start`.
+/// A zeroed, prefaulted mapping of `bytes` at guest-physical `start`.
 fn region(start: u64, bytes: u64) -> Result<GuestRegionMmap, MemoryError> {
+    map(start, bytes, memfd(bytes)?)
+}
+
+/// A sealed file in memory.
+fn memfd(bytes: u64) -> Result<File, MemoryError> {
     let allocate = |source| MemoryError::Allocate { bytes, source };
-    let map = |reason: String| MemoryError::Map { bytes, reason };
     // SAFETY: the name is a literal C string; the call has no other memory effect.
     let fd = unsafe {
         libc::memfd_create(c"takt-guest".as_ptr(), libc::MFD_CLOEXEC | libc::MFD_ALLOW_SEALING)
@@ -168,6 +248,12 @@ fn region(start: u64, bytes: u64) -> Result<GuestRegionMmap, MemoryError> {
     if unsafe { libc::fcntl(file.as_raw_fd(), libc::F_ADD_SEALS, seals) } < 0 {
         return Err(allocate(io::Error::last_os_error()));
     }
+    Ok(file)
+}
+
+/// Maps a file of `bytes` for the guest-physical address `start`, shared and prefaulted.
+fn map(start: u64, bytes: u64, file: File) -> Result<GuestRegionMmap, MemoryError> {
+    let map = |reason: String| MemoryError::Map { bytes, reason };
     let size = usize::try_from(bytes).map_err(|e| map(e.to_string()))?;
     let mapping = MmapRegionBuilder::new(size)
         .with_file_offset(FileOffset::new(file, 0))
@@ -190,6 +276,8 @@ pub unsafe trait PageContent: Copy {}
 unsafe impl PageContent for takt_abi::Information {}
 // SAFETY: as above.
 unsafe impl PageContent for takt_abi::Status {}
+// SAFETY: as above.
+unsafe impl PageContent for takt_abi::PortTable {}
 
 /// One page that host and guest both see, as a value that is copied whole.
 ///
@@ -224,6 +312,8 @@ impl<T: PageContent> Page<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use takt_abi::memory::CHANNELS;
+    use vm_memory::Bytes;
 
     #[test]
     fn linux_memory_leaves_the_hole_free() {
@@ -234,7 +324,7 @@ mod tests {
 
     #[test]
     fn a_plc_has_its_pages_and_linux_has_none() {
-        let memory = GuestMemory::for_plc(2 << 20).unwrap();
+        let memory = GuestMemory::for_plc(2 << 20, &[]).unwrap();
         let mut page = memory.information().unwrap();
         let mut information = page.read();
         assert_eq!(information.magic, 0);
@@ -246,8 +336,22 @@ mod tests {
     }
 
     #[test]
+    fn what_one_guest_writes_to_a_channel_the_other_sees() {
+        let shared = SharedRegion::new(PAGE).unwrap();
+        let view = |start, writable| View { start, region: &shared, writable };
+        let source = GuestMemory::for_plc(2 << 20, &[view(CHANNELS, true)]).unwrap();
+        let other = CHANNELS + PAGE;
+        let destination = GuestMemory::for_plc(2 << 20, &[view(other, false)]).unwrap();
+        source.regions().write_obj(7u64, GuestAddress(CHANNELS)).unwrap();
+        let seen: u64 = destination.regions().read_obj(GuestAddress(other)).unwrap();
+        assert_eq!(seen, 7);
+        assert_eq!(*source.read_only, [INFORMATION, PORT_TABLE]);
+        assert_eq!(*destination.read_only, [INFORMATION, PORT_TABLE, other]);
+    }
+
+    #[test]
     fn memory_that_does_not_exist_is_an_error() {
-        assert!(GuestMemory::for_plc(u64::MAX).is_err());
-        assert!(GuestMemory::for_plc(1 << 50).is_err());
+        assert!(GuestMemory::for_plc(u64::MAX, &[]).is_err());
+        assert!(GuestMemory::for_plc(1 << 50, &[]).is_err());
     }
 }

@@ -27,6 +27,7 @@ use crate::boot::acpi::{POWER_PORT, SERIAL_IRQ, SERIAL_PORT};
 use crate::boot::long_mode::{self, Entry};
 use crate::boot::plc::PlcImage;
 use crate::boot::touch::touch;
+use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile, ScheduleChange};
 use crate::cpuset::Domains;
 use crate::gather::Gather;
@@ -89,6 +90,8 @@ pub struct Preparation<'a> {
     pub file: &'a PartitionFile,
     /// KVM.
     pub kvm: Kvm,
+    /// The memory between partitions.
+    pub channels: &'a Channels<'a>,
     /// CPUs that got a scheduling domain of their own.
     pub domains: &'a Domains,
     /// Where threads tell of their ends.
@@ -131,10 +134,14 @@ impl Preparation<'_> {
         let unfit = |source| RunError::Plc { partition: partition.name().to_owned(), source };
         let bytes = partition.memory_bytes();
         let image = PlcImage::read(image, bytes).map_err(unfit)?;
-        let memory = GuestMemory::for_plc(bytes)?;
+        let ports = self.channels.of(partition.id());
+        let memory = GuestMemory::for_plc(bytes, &ports.views)?;
         let mut machine = machine::for_plc(&self.kvm, &memory)?;
         touch(&mut machine.vcpu, &memory)?;
         let entry = image.load(&memory).map_err(unfit)?;
+        let mut table =
+            memory.port_table().ok_or(MachineError::Missing("the PLC guest's port table"))?;
+        table.write(ports.table);
         long_mode::start(&machine.vcpu, memory.regions(), entry)?;
         let (console, output) = output::dropping();
         let frame = self.file.schedules().frame();

@@ -73,7 +73,7 @@ pub enum ProbeError {
 /// See [`ProbeError`].
 pub fn probe() -> Result<Speed, ProbeError> {
     let kvm = machine::open_kvm()?;
-    let memory = GuestMemory::for_plc(MEMORY)?;
+    let memory = GuestMemory::for_plc(MEMORY, &[])?;
     let mut machine = machine::for_plc(&kvm, &memory)?;
     // mov ecx, ROUNDS; 1: dec ecx; jnz 1b; hlt
     let [a, b, c, d] = ROUNDS.to_le_bytes();

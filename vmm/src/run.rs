@@ -18,6 +18,7 @@ use takt_scheduler::table::{Cpu, Role};
 use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 
 use crate::account::Account;
+use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile};
 use crate::cpuset::Domains;
 use crate::init_watch::InitSeen;
@@ -60,6 +61,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     kick::install()
         .map_err(|e| io::Error::from_raw_os_error(e.errno()))
         .map_err(|source| RunError::Host { what: "install the kick's signal handler", source })?;
+    let channels = Channels::new(file.channels())?;
     // Dropped after all threads have been let go.
     let domains = Domains::set_up(file.schedules())?;
     let (sender, ends) = channel();
@@ -68,6 +70,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let mut preparation = Preparation {
         file,
         kvm: machine::open_kvm()?,
+        channels: &channels,
         domains: &domains,
         sender,
         bell: clone(&bell)?,

@@ -10,6 +10,7 @@ use crate::boot::linux::LinuxImageError;
 use crate::boot::long_mode::StartError;
 use crate::boot::plc::PlcImageError;
 use crate::boot::touch::TouchError;
+use crate::channels::ChannelError;
 use crate::cpuset::CpusetError;
 use crate::machine::MachineError;
 use crate::memory::MemoryError;
@@ -28,6 +29,8 @@ pub enum RunError {
     Plc { partition: String, source: PlcImageError },
     #[error("partition {partition}: {source}")]
     Linux { partition: String, source: LinuxImageError },
+    #[error(transparent)]
+    Channel(#[from] ChannelError),
     #[error(transparent)]
     Start(#[from] StartError),
     #[error(transparent)]

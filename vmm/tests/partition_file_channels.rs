@@ -6,7 +6,8 @@ use std::fs;
 use std::path::Path;
 
 use takt::check;
-use takt::config::{self, CHANNELS_MAX, Channel, ChannelKind, PORTS_MAX, PartitionFile, WhenFull};
+use takt::config::{self, CHANNELS_MAX, Channel, ChannelKind, PartitionFile, WhenFull};
+use takt_abi::PORTS_MAX;
 use takt_scheduler::time::Nanos;
 
 fn good() -> PartitionFile {

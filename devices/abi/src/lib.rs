@@ -11,6 +11,7 @@
 //! | page | host | guest | why |
 //! | --- | --- | --- | --- |
 //! | [`Information`] | writes | reads (a read-only memory slot) | a guest cannot forge its own schedule |
+//! | [`PortTable`] | writes, before the start | reads (a read-only memory slot) | which ports it has is the file's business |
 //! | [`Status`] and text | reads | writes | a claim of the guest, checked before it is believed |
 //!
 //! The host writes the information page only while the vCPU is outside guest mode. A kick can take
@@ -23,7 +24,7 @@
 #![forbid(unsafe_code)]
 
 /// Version of this interface. A guest that finds another in [`Information::version`] must stop.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// First field of the information page: `"TAKT"`, little-endian.
 pub const MAGIC: u32 = u32::from_le_bytes(*b"TAKT");
@@ -46,6 +47,12 @@ pub mod memory {
     pub const TEXT: u64 = STATUS + PAGE / 2;
     /// Longest text of one call, in bytes.
     pub const TEXT_BYTES: usize = (PAGE / 2) as usize;
+    /// Guest-physical address of the [`PortTable`](crate::PortTable) page (read-only).
+    pub const PORT_TABLE: u64 = 0xc000_2000;
+    /// Start of the area of channel pages. Each is readable, and writable if it is the guest's own.
+    pub const CHANNELS: u64 = 0xc000_3000;
+    /// End of that area: it and the pages before it are in one page table.
+    pub const CHANNELS_END: u64 = 0xc020_0000;
 }
 
 /// The I/O ports that are the guest's calls to Takt. Each access is one VM exit.
@@ -136,6 +143,68 @@ pub struct Status {
     pub exception: Exception,
 }
 
+/// Most ports of a partition: what the port table has room for.
+pub const PORTS_MAX: usize = 42;
+
+/// The port table: the ends of channels that a partition has, fixed before it starts.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct PortTable {
+    /// How many of [`ports`](Self::ports) there are.
+    pub count: u32,
+    /// Zero.
+    pub reserved: u32,
+    /// The ports, in the order of the partition file; the rest is zero.
+    pub ports: [Port; PORTS_MAX],
+}
+
+/// One end of a channel. The layout of the regions is that of the channel crate (`takt-channel`,
+/// `docs/ports.md`).
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct Port {
+    /// Name of the port, filled up with zeros.
+    pub name: [u8; 32],
+    /// [`port_kind::SAMPLING`] or [`port_kind::QUEUING`].
+    pub kind: u32,
+    /// [`direction::SOURCE`] or [`direction::DESTINATION`].
+    pub direction: u32,
+    /// Longest message in bytes.
+    pub maximum: u32,
+    /// Messages that a queuing channel holds; 1 for a sampling channel.
+    pub depth: u32,
+    /// What a full queuing channel does: the channel crate's `Policy`; 0 for a sampling channel.
+    pub policy: u32,
+    /// Pages of [`own`](Self::own).
+    pub own_pages: u32,
+    /// Refresh period of a sampling channel; 0 for a queuing channel.
+    pub refresh_ns: u64,
+    /// Where the region that this partition may write lies; 0 if it has none.
+    pub own: u64,
+    /// Where the region that the other end writes lies; 0 if it has none.
+    pub peer: u64,
+    /// Pages of [`peer`](Self::peer).
+    pub peer_pages: u32,
+    /// Zero.
+    pub reserved: [u32; 3],
+}
+
+/// Values of [`Port::kind`].
+pub mod port_kind {
+    /// Newest message, with its age.
+    pub const SAMPLING: u32 = 1;
+    /// First in, first out.
+    pub const QUEUING: u32 = 2;
+}
+
+/// Values of [`Port::direction`].
+pub mod direction {
+    /// The partition sends.
+    pub const SOURCE: u32 = 1;
+    /// The partition receives.
+    pub const DESTINATION: u32 = 2;
+}
+
 /// A processor exception as the guest's handler saw it.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -184,6 +253,8 @@ pub const fn exception_name(vector: u64) -> Option<&'static str> {
 
 const _: () = {
     assert!(size_of::<Information>() == 96);
+    assert!(size_of::<Port>() == 96);
+    assert!(size_of::<PortTable>() as u64 <= memory::PAGE);
     assert!(size_of::<Exception>() == 48);
     assert!(size_of::<Status>() == 24 + 48);
     assert!(memory::STATUS + size_of::<Status>() as u64 <= memory::TEXT);

@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn the_built_in_guest_fits_a_small_partition() {
-        let memory = GuestMemory::for_plc(RAM).unwrap();
+        let memory = GuestMemory::for_plc(RAM, &[]).unwrap();
         let entry = PlcImage::read(None, RAM).unwrap().load(&memory).unwrap();
         assert!(entry.rip >= IMAGE_BASE);
         let first: u64 = memory.regions().read_obj(GuestAddress(entry.rip)).unwrap();
@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn a_warm_start_keeps_what_is_retained_and_a_cold_one_nothing() {
-        let memory = GuestMemory::for_plc(RAM).unwrap();
+        let memory = GuestMemory::for_plc(RAM, &[]).unwrap();
         let mut image = PlcImage::read(None, RAM).unwrap();
         image.retained.push(0x18_0000..0x18_1000);
         let entry = image.load(&memory).unwrap();

@@ -11,6 +11,7 @@
 
 use std::fmt;
 
+use takt_channel::{DEPTH_MAX, Geometry, GeometryError, MESSAGE_MAX, Policy};
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::Nanos;
 use toml::Spanned;
@@ -23,10 +24,6 @@ use super::raw::{self, Keys};
 
 /// Most channels of one file.
 pub const CHANNELS_MAX: usize = 128;
-/// Longest message, in bytes. It is the channel crate's `MESSAGE_MAX`.
-const MESSAGE_MAX: u32 = 64 * 1024;
-/// Deepest queue, in messages. It is the channel crate's `DEPTH_MAX`.
-const DEPTH_MAX: u32 = 1024;
 /// Longest refresh period, that of the longest major frame: above, it is a typing mistake.
 const REFRESH_MAX: Nanos = Nanos::from_millis(60_000);
 
@@ -63,6 +60,21 @@ pub enum ChannelKind {
     },
 }
 
+impl ChannelKind {
+    /// The layout of such a channel in memory.
+    ///
+    /// # Errors
+    /// If a number is out of the layout's bounds, which those of a checked file are not.
+    pub const fn geometry(self, message_bytes: u32) -> Result<Geometry, GeometryError> {
+        match self {
+            ChannelKind::Sampling { .. } => Geometry::sampling(message_bytes),
+            ChannelKind::Queuing { depth, when_full } => {
+                Geometry::queuing(message_bytes, depth, when_full.policy())
+            }
+        }
+    }
+}
+
 /// What happens to a message for a full queue.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum WhenFull {
@@ -71,6 +83,17 @@ pub enum WhenFull {
     Refuse,
     /// It replaces the oldest one, and the destination is told that one is lost.
     Overwrite,
+}
+
+impl WhenFull {
+    /// What the layout calls it.
+    #[must_use]
+    pub const fn policy(self) -> Policy {
+        match self {
+            WhenFull::Refuse => Policy::Refuse,
+            WhenFull::Overwrite => Policy::Overwrite,
+        }
+    }
 }
 
 /// Prints as it is written in the file.

@@ -44,7 +44,7 @@ use schedules::Draft;
 pub use channels::{CHANNELS_MAX, Channel, ChannelKind, End, WhenFull};
 pub use deadlines::{Met, WAKE_UP_ALLOWANCE};
 pub use images::Unreadable;
-pub use ports::{CHANNEL_AREA_PAGES, PORTS_MAX, region_bytes};
+pub use ports::{CHANNEL_AREA_PAGES, region_bytes};
 pub(crate) use schedules::percent;
 pub use tasks::NamedTask;
 pub(crate) use units::Bytes;

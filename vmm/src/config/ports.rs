@@ -4,7 +4,8 @@
 //! the table of its ports. Both are of a fixed size so that a guest finds them at addresses which
 //! no partition file moves; so a file can ask for more than there is, and is told so here.
 
-use takt_abi::memory::PAGE;
+use takt_abi::PORTS_MAX;
+use takt_abi::memory::{CHANNELS, CHANNELS_END, PAGE};
 use toml::Spanned;
 
 use super::channels::{Channel, ChannelKind};
@@ -13,26 +14,20 @@ use super::partition::Checked;
 use super::raw;
 use super::units::Bytes;
 
-/// Most ports of one partition: what the page with its port table holds.
-pub const PORTS_MAX: usize = 42;
-/// Pages in which a partition sees its channels.
+/// Pages of channels that a partition can see.
 pub const CHANNEL_AREA_PAGES: u64 = 500;
+const _: () = assert!(CHANNELS + CHANNEL_AREA_PAGES * PAGE <= CHANNELS_END);
 
 /// Guest memory that a channel takes in each of its partitions, in bytes, a multiple of the page
 /// size: the region that the source writes, and for a queue also the page in which its destination
 /// acknowledges. Each partition sees both, since one that writes the one has to read the other.
-///
-/// This is an upper bound, made without the channel crate, and to be replaced by that crate's
-/// `Geometry` as soon as the VMM links it: a header of 128 bytes, and slots of 24 bytes and the
-/// longest message in whole cache lines of 64 bytes, three more than messages can wait.
 #[must_use]
-pub const fn region_bytes(kind: ChannelKind, message_bytes: u32) -> u64 {
-    let (waiting, acknowledgement) = match kind {
-        ChannelKind::Sampling { .. } => (1, 0),
-        ChannelKind::Queuing { depth, .. } => (depth as u64, PAGE),
-    };
-    let slot = (24 + message_bytes as u64).next_multiple_of(64);
-    (128 + (waiting + 3) * slot).next_multiple_of(PAGE) + acknowledgement
+pub fn region_bytes(kind: ChannelKind, message_bytes: u32) -> u64 {
+    let pages = |bytes: usize| (bytes as u64).next_multiple_of(PAGE);
+    match kind.geometry(message_bytes) {
+        Ok(geometry) => pages(geometry.source_bytes()) + pages(geometry.destination_bytes()),
+        Err(_) => u64::MAX,
+    }
 }
 
 /// The ports of all partitions, as far as the channels have been read.

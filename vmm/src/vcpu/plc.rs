@@ -157,7 +157,7 @@ mod tests {
     use takt_scheduler::timetable::Idle;
 
     fn guest() -> (PlcGuest, GuestMemory, output::OutputEnd) {
-        let memory = GuestMemory::for_plc(2 << 20).unwrap();
+        let memory = GuestMemory::for_plc(2 << 20, &[]).unwrap();
         let (console, end) = output::dropping();
         let guest =
             PlcGuest::new(&memory, 2 << 20, 1_000_000, Nanos::from_millis(1), console).unwrap();

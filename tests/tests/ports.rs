@@ -1,0 +1,64 @@
+//! Channels between partitions, and what a hostile peer can do with them.
+
+use takt_tests::{BUSY, File, Outcome, long, plc_image};
+
+/// Two PLCs with a sampling and a queuing channel each way, and a busy Linux.
+fn two(left: &str, right: &str) -> File {
+    File::new("1ms")
+        .plc("left", Some(plc_image(left)), "")
+        .plc("right", Some(plc_image(right)), "")
+        .linux(BUSY)
+        .channels("left", "right")
+        .channels("right", "left")
+        .schedule("normal")
+        .window("left", 0, 200)
+        .window("right", 400, 200)
+}
+
+/// A count in the last line that `peer` has printed in a partition.
+fn count(outcome: &Outcome, partition: &str, before: &str) -> u64 {
+    let line = outcome.output.lines().rfind(|line| line.contains(&format!("[{partition}] cycle ")));
+    let line = line.unwrap_or_else(|| panic!("{partition} says nothing\n{}", outcome.output));
+    let words: Vec<&str> = line.split([' ', ',']).filter(|word| !word.is_empty()).collect();
+    let at = words.iter().position(|word| *word == before);
+    let value = at.and_then(|at| words.get(at + 1)).and_then(|word| word.trim().parse().ok());
+    value.unwrap_or_else(|| panic!("no {before} in {line}"))
+}
+
+#[test]
+fn two_plcs_exchange_a_record_each_way_in_every_cycle() {
+    let (duration, cycles) = if long() { ("60s", 59_000) } else { ("5s", 4_000) };
+    let outcome = two("peer", "peer").run("peers").lasting(duration).run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    for name in ["left", "right"] {
+        outcome.assert_kept_its_time(name, cycles);
+        for (what, allowed) in [("wrong", 0), ("hostile", 0), ("refused", 0)] {
+            assert_eq!(count(&outcome, name, what), allowed, "{name} {what}\n{}", outcome.output);
+        }
+        // None is lost, but for the first ones, when only one of the two had started.
+        let release = count(&outcome, name, "cycle");
+        assert!(release >= cycles, "{release}");
+        for what in ["samples", "messages"] {
+            let came = count(&outcome, name, what);
+            assert!(release - came <= 5, "{came} {what} in {release}\n{}", outcome.output);
+        }
+        outcome.assert_shows(&format!("[{name}] peer, records of 512 bytes each way"));
+    }
+    // Right runs 400 us after left in each cycle, and left 600 us after right.
+    let ages = [("right", 400_000), ("left", 600_000)];
+    for (name, age) in ages {
+        let oldest = count(&outcome, name, "oldest");
+        assert!(oldest.abs_diff(age) < 5_000, "{name} {oldest}\n{}", outcome.output);
+    }
+}
+
+#[test]
+fn a_hostile_peer_cannot_cost_the_other_a_cycle() {
+    let duration = if long() { "60s" } else { "5s" };
+    let outcome = two("hostile-peer", "peer").run("hostile-peer").lasting(duration).run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_kept_its_time("right", 4_900);
+    assert_eq!(outcome.number("right", "illegal_accesses"), 0);
+    // It is noticed.
+    assert!(count(&outcome, "right", "hostile") > 100, "{}", outcome.output);
+}
