@@ -18,6 +18,8 @@
 //! returned, and the caller decides how often to try again. A lock-free queue between threads
 //! would trust its indices; that is why none of them serves here.
 
+use core::num::NonZeroU64;
+
 use crate::layout::{Geometry, offset, word};
 use crate::memory::{Load, Store};
 use crate::time::Tsc;
@@ -55,7 +57,8 @@ pub(crate) struct Copied {
 /// Where the slots of a region lie.
 #[derive(Debug)]
 pub(crate) struct Slots {
-    count: u64,
+    /// Not zero by type: a remainder by it cannot panic.
+    count: NonZeroU64,
     stride: usize,
     maximum: usize,
 }
@@ -63,7 +66,7 @@ pub(crate) struct Slots {
 impl Slots {
     pub(crate) fn new(geometry: &Geometry) -> Self {
         Slots {
-            count: u64::from(geometry.slots()),
+            count: NonZeroU64::MIN.saturating_add(u64::from(geometry.slots() - 1)),
             stride: word(geometry.slot_bytes()),
             maximum: geometry.maximum as usize,
         }

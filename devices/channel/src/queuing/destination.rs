@@ -236,6 +236,7 @@ impl<L: Load, S: Store> QueuingDestination<L, S> {
 }
 
 /// Whether message `a` comes after message `b`, on a circle of numbers.
+#[inline]
 fn is_ahead(a: u64, b: u64) -> bool {
     (1..=u64::MAX / 2).contains(&a.wrapping_sub(b))
 }

@@ -45,6 +45,15 @@ fn peer(start: NonNull<u8>) -> PeerPages<'static> {
 
 const MAXIMUM: usize = 100;
 
+/// Ends the other thread, also when an assertion ends this one.
+struct Stop<'a>(&'a AtomicBool);
+
+impl Drop for Stop<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
 #[test]
 fn samples_are_whole_across_a_read_only_mapping() {
     let geometry = Geometry::sampling(MAXIMUM as u32).unwrap();
@@ -62,6 +71,7 @@ fn samples_are_whole_across_a_read_only_mapping() {
                 source.write(&whole(n, MAXIMUM), Tsc(n)).unwrap();
             }
         });
+        let _stop = Stop(&stop);
         let (mut last, mut read) = (0, 0);
         while read < 10_000 {
             let mut buffer = [0; MAXIMUM];
@@ -71,7 +81,6 @@ fn samples_are_whole_across_a_read_only_mapping() {
                 (last, read) = (n, read + 1);
             }
         }
-        stop.store(true, Ordering::Relaxed);
     });
     assert_eq!(destination.status().counters.hostile, 0);
 }
@@ -87,15 +96,19 @@ fn a_queue_delivers_all_in_order_across_read_only_mappings() {
     let mut destination =
         QueuingDestination::open(peer(messages_seen), own(taken), &geometry).unwrap();
     const COUNT: u64 = 10_000;
+    let stop = AtomicBool::new(false);
     thread::scope(|scope| {
-        scope.spawn(move || {
+        scope.spawn(|| {
             for n in 0..COUNT {
-                while source.send(&whole(n, MAXIMUM), Tsc(n)) == Err(SendError::Full) {
+                while source.send(&whole(n, MAXIMUM), Tsc(n)) == Err(SendError::Full)
+                    && !stop.load(Ordering::Relaxed)
+                {
                     thread::yield_now();
                 }
             }
             assert_eq!(source.status().counters.hostile, 0);
         });
+        let _stop = Stop(&stop);
         let mut expected = 0;
         while expected < COUNT {
             let mut buffer = [0; MAXIMUM];
