@@ -5,9 +5,9 @@
 //! header is not looked at again: all arithmetic uses the end's own copy, so that a peer that
 //! changes its header later changes nothing.
 //!
-//! The number of slots is more than the depth. The spare ones are what a writer must fill before it reaches
-//! the oldest message that a reader may be copying, so that an honest writer practically never
-//! disturbs a reader.
+//! The number of slots is more than the depth. The spare ones are what a writer must fill before it
+//! reaches the oldest message that a reader may be copying, so that an honest writer practically
+//! never disturbs a reader.
 
 use core::fmt;
 
@@ -195,8 +195,9 @@ impl Geometry {
     }
 
     /// Writes the header of the source's region, and nothing else. A new region must be zeroed by
-    /// whoever makes it. To be called before the first start of the owner, and again before each further
-    /// one, in case the owner has damaged it; what lies behind the header must then stay as it is.
+    /// whoever makes it. To be called before the first start of the owner, and again before each
+    /// further one, in case the owner has damaged it; what lies behind the header must then stay as
+    /// it is.
     ///
     /// # Errors
     /// [`OpenError::TooSmall`].

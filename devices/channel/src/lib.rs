@@ -13,9 +13,10 @@
 //! | queuing | acknowledgement | the destination |
 //!
 //! Both kinds of channel share one region of messages: a ring of slots, each guarded by a sequence
-//! number. A sampling channel is such a ring whose destinations look at the newest message only, and
-//! a queuing channel one whose destination goes through it in order. Every operation takes a bounded number
-//! of steps whatever the other end does; waiting, time-outs and doorbells are built on top.
+//! number. A sampling channel is such a ring whose destinations look at the newest message only,
+//! and a queuing channel one whose destination goes through it in order. Every operation takes a
+//! bounded number of steps whatever the other end does; waiting, time-outs and doorbells are built
+//! on top.
 //!
 //! Nothing here maps memory, reads a clock or knows a port's name. Memory comes as [`OwnPages`] and
 //! [`PeerPages`], or as anything else that implements [`Load`] and [`Store`], which is how the models

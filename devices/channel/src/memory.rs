@@ -57,9 +57,9 @@ impl<'a> PeerPages<'a> {
     /// [`Misaligned`].
     ///
     /// # Safety
-    /// For all of `'a` the memory must be mapped, at least for reading, and whatever is executed
-    /// in this address space accesses it through atomics only. What others do through mappings of their own does not
-    /// matter.
+    /// For all of `'a` the memory must be mapped, at least for reading, and whatever is executed in
+    /// this address space accesses it through atomics only. What others do through mappings of
+    /// their own does not matter.
     pub unsafe fn new(start: NonNull<u8>, bytes: usize) -> Result<Self, Misaligned> {
         // SAFETY: this function's contract is that of `words_at`.
         Ok(PeerPages(unsafe { words_at(start, bytes) }?))

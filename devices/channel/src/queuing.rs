@@ -5,9 +5,10 @@
 //! whenever they are used. The difference is the number of waiting messages.
 //!
 //! The policy decides who yields when that difference reaches the depth. With
-//! [`Policy::Refuse`](crate::Policy) the source does: it looks at the destination's counter and returns
-//! `Full`. With [`Policy::Overwrite`](crate::Policy) the source never looks, and the destination finds that
-//! the source has got further ahead than the depth: it skips what is lost and says so once.
+//! [`Policy::Refuse`](crate::Policy) the source does: it looks at the destination's counter and
+//! returns `Full`. With [`Policy::Overwrite`](crate::Policy) the source goes on, and the
+//! destination finds that the source has got further ahead than the depth: it skips what is lost
+//! and says so once.
 //!
 //! Messages are not told again after a restart of the source, nor after one of the destination:
 //! opening either end empties the queue.
