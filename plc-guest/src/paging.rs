@@ -149,18 +149,11 @@ mod tests {
     /// With two pages of its own, one of its peer's, and one that lies elsewhere.
     fn port() -> Port {
         Port {
-            name: [0; 32],
-            kind: 0,
-            direction: 0,
-            maximum: 0,
-            depth: 0,
-            policy: 0,
-            own_pages: 2,
-            refresh_ns: 0,
             own: memory::CHANNELS,
+            own_pages: 2,
             peer: memory::CHANNELS_END - memory::PAGE,
             peer_pages: 2,
-            reserved: [0; 3],
+            ..Port::NONE
         }
     }
 

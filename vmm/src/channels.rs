@@ -2,20 +2,21 @@
 //!
 //! Each end of a channel writes a region of its own: the source its messages, the destination of a
 //! queuing channel how far it has read. A region is writable in one guest and read-only in all
-//! others, by their memory slots. All of it exists, and has its headers, before any guest runs;
-//! Takt then neither reads nor writes it again.
+//! others, by their memory slots. All of it exists before any guest runs. Takt writes the header of
+//! a region whenever its owner is about to start, since an owner may have damaged it, and nothing
+//! else.
 
 use std::ptr::NonNull;
 
 use takt_abi::memory::{CHANNELS, PAGE};
 use takt_abi::{PORTS_MAX, Port, PortTable, direction, port_kind};
-use takt_channel::{GeometryError, Misaligned, OpenError, OwnPages};
+use takt_channel::{Geometry, GeometryError, Misaligned, OpenError, OwnPages};
 use takt_scheduler::table::PartitionId;
 use thiserror::Error;
-use vm_memory::GuestMemoryRegion;
+use vm_memory::{GuestAddress, GuestMemoryBackend, GuestMemoryRegion};
 
 use crate::config::{Channel, ChannelKind, End};
-use crate::memory::{MemoryError, SharedRegion, View};
+use crate::memory::{GuestMemory, MemoryError, SharedRegion, View};
 
 /// Channels could not be made.
 #[derive(Debug, Error)]
@@ -25,15 +26,18 @@ pub enum ChannelError {
     Memory { channel: String, source: MemoryError },
     #[error("channel {channel}: {source}")]
     Geometry { channel: String, source: GeometryError },
-    #[error("channel {channel}: {source}")]
-    Format { channel: String, source: OpenError },
-    #[error("channel {channel}: {source}")]
-    Region { channel: String, source: Misaligned },
+    #[error("a partition has no memory for its channel at {start:#x}")]
+    Missing { start: u64 },
+    #[error("cannot write the header of a channel's region: {0}")]
+    Format(#[from] OpenError),
+    #[error("cannot write the header of a channel's region: {0}")]
+    Region(#[from] Misaligned),
 }
 
 /// The regions of one channel.
 struct Regions<'a> {
     channel: &'a Channel,
+    geometry: Geometry,
     source: SharedRegion,
     /// Of a queuing channel.
     destination: Option<SharedRegion>,
@@ -50,6 +54,38 @@ pub struct Ports<'a> {
     pub views: Vec<View<'a>>,
     /// What it is told of it.
     pub table: PortTable,
+    /// What of it is its own.
+    pub own: Vec<OwnRegion>,
+}
+
+/// A region that a partition may write.
+#[derive(Clone, Copy, Debug)]
+pub struct OwnRegion {
+    /// Guest-physical start.
+    start: u64,
+    geometry: Geometry,
+    is_source: bool,
+}
+
+impl OwnRegion {
+    /// Writes its header. The guest in `memory` must not run.
+    ///
+    /// # Errors
+    /// See [`ChannelError`].
+    pub fn format(&self, memory: &GuestMemory) -> Result<(), ChannelError> {
+        let region = memory.regions().find_region(GuestAddress(self.start));
+        let region = region.ok_or(ChannelError::Missing { start: self.start })?;
+        let start = NonNull::new(region.as_ptr()).ok_or(Misaligned)?;
+        // SAFETY: the region is mapped writable, that long, for as long as `memory` lives; what
+        // else in this process looks at it goes through mappings of its own.
+        let mut pages = unsafe { OwnPages::new(start, region.len() as usize) }?;
+        if self.is_source {
+            self.geometry.format_source(&mut pages)?;
+        } else {
+            self.geometry.format_destination(&mut pages)?;
+        }
+        Ok(())
+    }
 }
 
 impl<'a> Channels<'a> {
@@ -64,23 +100,10 @@ impl<'a> Channels<'a> {
     /// What a partition has of them, laid out in its channel area in the order of the file.
     #[must_use]
     pub fn of(&self, partition: PartitionId) -> Ports<'_> {
-        let none = Port {
-            name: [0; 32],
-            kind: 0,
-            direction: 0,
-            maximum: 0,
-            depth: 0,
-            policy: 0,
-            own_pages: 0,
-            refresh_ns: 0,
-            own: 0,
-            peer: 0,
-            peer_pages: 0,
-            reserved: [0; 3],
-        };
         let mut ports = Ports {
             views: Vec::new(),
-            table: PortTable { count: 0, reserved: 0, ports: [none; PORTS_MAX] },
+            table: PortTable { count: 0, reserved: 0, ports: [Port::NONE; PORTS_MAX] },
+            own: Vec::new(),
         };
         let mut next = CHANNELS;
         for regions in &self.all {
@@ -109,34 +132,12 @@ impl<'a> Regions<'a> {
                 .map_err(|source| ChannelError::Memory { channel: name(), source })
         };
         let source = region(geometry.source_bytes())?;
-        format(&source, name, |pages| geometry.format_source(pages))?;
         let destination = match geometry.destination_bytes() {
             0 => None,
-            bytes => {
-                let destination = region(bytes)?;
-                format(&destination, name, |pages| geometry.format_destination(pages))?;
-                Some(destination)
-            }
+            bytes => Some(region(bytes)?),
         };
-        Ok(Self { channel, source, destination })
+        Ok(Self { channel, geometry, source, destination })
     }
-}
-
-/// Writes a region's header, through a mapping that is gone afterwards.
-fn format(
-    region: &SharedRegion,
-    channel: impl Fn() -> String,
-    write: impl FnOnce(&mut OwnPages<'_>) -> Result<(), OpenError>,
-) -> Result<(), ChannelError> {
-    let mapping =
-        region.map().map_err(|source| ChannelError::Memory { channel: channel(), source })?;
-    // The end of a mapping is page-aligned and its start is not null.
-    let start = NonNull::new(mapping.as_ptr()).unwrap_or(NonNull::dangling());
-    // SAFETY: the mapping is writable, that long, and lives until the end of this function; nobody
-    // else in this process has one of the region.
-    let pages = unsafe { OwnPages::new(start, mapping.len() as usize) };
-    let mut pages = pages.map_err(|source| ChannelError::Region { channel: channel(), source })?;
-    write(&mut pages).map_err(|source| ChannelError::Format { channel: channel(), source })
 }
 
 impl<'a> Ports<'a> {
@@ -156,12 +157,12 @@ impl<'a> Ports<'a> {
         port.direction = direction;
         port.maximum = channel.message_bytes;
         let (source, destination) = (Some(&regions.source), regions.destination.as_ref());
-        let (own, peer) = if direction == direction::SOURCE {
-            (source, destination)
-        } else {
-            (destination, source)
-        };
+        let is_source = direction == direction::SOURCE;
+        let (own, peer) = if is_source { (source, destination) } else { (destination, source) };
         (port.own, port.own_pages) = place(&mut self.views, own, true, next);
+        if own.is_some() {
+            self.own.push(OwnRegion { start: port.own, geometry: regions.geometry, is_source });
+        }
         (port.peer, port.peer_pages) = place(&mut self.views, peer, false, next);
     }
 }
@@ -178,4 +179,101 @@ fn place<'a>(
     *next += region.bytes();
     views.push(View { start, region, writable });
     (start, (region.bytes() / PAGE) as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::WhenFull;
+    use takt_channel::{Load, PeerPages, QueuingDestination, QueuingSource};
+    use takt_scheduler::time::Nanos;
+    use vm_memory::Bytes;
+
+    const RAM: u64 = 2 << 20;
+
+    fn channel(name: &str, kind: ChannelKind, from: usize, to: &[usize]) -> Channel {
+        let end = |p: usize| End { partition: PartitionId(p), port: format!("{name}-{p}") };
+        Channel {
+            name: name.to_owned(),
+            kind,
+            message_bytes: 16,
+            source: end(from),
+            destinations: to.iter().copied().map(end).collect(),
+        }
+    }
+
+    fn channels() -> [Channel; 2] {
+        let sampling = ChannelKind::Sampling { refresh: Nanos::from_millis(3) };
+        let queuing = ChannelKind::Queuing { depth: 2, when_full: WhenFull::Refuse };
+        [channel("state", sampling, 0, &[1, 2]), channel("orders", queuing, 1, &[0])]
+    }
+
+    fn rights(ports: &Ports<'_>) -> Vec<(u64, bool)> {
+        ports.views.iter().map(|view| (view.start, view.writable)).collect()
+    }
+
+    #[test]
+    fn each_region_is_writable_for_one_partition_only() {
+        let channels = channels();
+        let all = Channels::new(&channels).unwrap();
+        let [source, both, reader, nobody] = [0, 1, 2, 3].map(|p| all.of(PartitionId(p)));
+        let page = |n| CHANNELS + n * PAGE;
+        // Its state; what it has read of the orders, and the orders.
+        assert_eq!(rights(&source), [(page(0), true), (page(1), true), (page(2), false)]);
+        assert_eq!(rights(&both), [(page(0), false), (page(1), true), (page(2), false)]);
+        assert_eq!(rights(&reader), [(page(0), false)]);
+        assert_eq!((nobody.views.len(), nobody.table.count), (0, 0));
+        assert_eq!((source.own.len(), both.own.len(), reader.own.len()), (2, 1, 0));
+    }
+
+    #[test]
+    fn the_port_table_says_what_the_file_says() {
+        let channels = channels();
+        let all = Channels::new(&channels).unwrap();
+        let table = all.of(PartitionId(0)).table;
+        assert_eq!(table.count, 2);
+        let [state, orders, ..] = table.ports;
+        assert!(state.name.starts_with(b"state-0\0") && orders.name.starts_with(b"orders-0\0"));
+        assert_eq!((state.kind, state.direction), (port_kind::SAMPLING, direction::SOURCE));
+        assert_eq!((orders.kind, orders.direction), (port_kind::QUEUING, direction::DESTINATION));
+        assert_eq!((state.maximum, state.refresh_ns, state.peer), (16, 3_000_000, 0));
+        assert_eq!((orders.depth, orders.policy, orders.own_pages), (2, 1, 1));
+        assert_eq!(table.ports[2].kind, 0);
+    }
+
+    #[test]
+    fn a_header_that_its_owner_has_damaged_is_whole_after_a_restart() {
+        let channels = channels();
+        let all = Channels::new(&channels).unwrap();
+        let memory = [0, 1].map(|p| {
+            let ports = all.of(PartitionId(p));
+            let memory = GuestMemory::for_plc(RAM, &ports.views).unwrap();
+            ports.own.iter().for_each(|region| region.format(&memory).unwrap());
+            memory
+        });
+        let place = |guest: usize, page: u64| {
+            let region = memory[guest].regions().find_region(GuestAddress(CHANNELS + page * PAGE));
+            (NonNull::new(region.unwrap().as_ptr()).unwrap(), PAGE as usize)
+        };
+        // SAFETY: mapped for as long as `memory` lives; read and written by this test only.
+        let (own, peer) = unsafe {
+            let ((own, length), (peer, _)) = (place(1, 1), place(1, 2));
+            (OwnPages::new(own, length).unwrap(), PeerPages::new(peer, length).unwrap())
+        };
+        let geometry = channels[1].kind.geometry(16).unwrap();
+        assert!(own.words() > 0);
+        QueuingSource::open(own, peer, &geometry).unwrap();
+
+        let start = GuestAddress(CHANNELS + PAGE);
+        memory[1].regions().write_obj(0u64, start).unwrap();
+        // SAFETY: as above.
+        let open = || unsafe {
+            let ((own, length), (peer, _)) = (place(0, 1), place(0, 2));
+            let (peer, own) = (PeerPages::new(peer, length), OwnPages::new(own, length));
+            QueuingDestination::open(peer.unwrap(), own.unwrap(), &geometry).map(|_| ())
+        };
+        assert!(open().is_err(), "the damage is not seen");
+        all.of(PartitionId(1)).own[0].format(&memory[1]).unwrap();
+        assert_eq!(open(), Ok(()));
+    }
 }

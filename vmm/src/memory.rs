@@ -80,14 +80,6 @@ impl SharedRegion {
         self.bytes
     }
 
-    /// A mapping of it for the host.
-    ///
-    /// # Errors
-    /// See [`MemoryError`].
-    pub fn map(&self) -> Result<GuestRegionMmap, MemoryError> {
-        self.map_at(0)
-    }
-
     fn map_at(&self, start: u64) -> Result<GuestRegionMmap, MemoryError> {
         let file = self.file.try_clone();
         map(

@@ -142,13 +142,16 @@ impl Preparation<'_> {
         let mut table =
             memory.port_table().ok_or(MachineError::Missing("the PLC guest's port table"))?;
         table.write(ports.table);
+        for region in &ports.own {
+            region.format(&memory)?;
+        }
         long_mode::start(&machine.vcpu, memory.regions(), entry)?;
         let (console, output) = output::dropping();
         let frame = self.file.schedules().frame();
         let tsc = *self.frequency.get_or_insert(machine.tsc);
         let guest = PlcGuest::new(&memory, bytes, tsc.khz(), frame, console)
             .ok_or(MachineError::Missing("the PLC guest's pages"))?;
-        let (restart, revivals) = Restart::new(memory.clone(), image);
+        let (restart, revivals) = Restart::new(memory.clone(), image, ports.own);
         let mut prepared = self.spawn(partition, machine, memory, guest, output, revivals)?;
         prepared.account.restart = Some(restart);
         Ok(prepared)

@@ -8,8 +8,10 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 
 use crate::boot::StartMode;
 use crate::boot::long_mode::Entry;
-use crate::boot::plc::{PlcImage, PlcImageError};
+use crate::boot::plc::PlcImage;
+use crate::channels::OwnRegion;
 use crate::memory::GuestMemory;
+use crate::run_error::RunError;
 
 /// The word to a partition's thread that its guest has been loaded.
 #[derive(Clone, Copy, Debug)]
@@ -24,23 +26,33 @@ pub struct Revival {
 pub struct Restart {
     memory: GuestMemory,
     image: PlcImage,
+    /// What the guest may have damaged and needs to be whole.
+    channels: Vec<OwnRegion>,
     thread: Sender<Revival>,
 }
 
 impl Restart {
     /// For the guest of `image` in `memory`; the other part is for its thread.
     #[must_use]
-    pub fn new(memory: GuestMemory, image: PlcImage) -> (Self, Receiver<Revival>) {
+    pub fn new(
+        memory: GuestMemory,
+        image: PlcImage,
+        channels: Vec<OwnRegion>,
+    ) -> (Self, Receiver<Revival>) {
         let (thread, revivals) = channel();
-        (Self { memory, image, thread }, revivals)
+        (Self { memory, image, channels, thread }, revivals)
     }
 
     /// Loads the guest and lets its thread go on. The thread must have told of its end.
     ///
     /// # Errors
-    /// If the image cannot be loaded, which then does not happen for the first time.
-    pub fn start(&self, mode: StartMode) -> Result<(), PlcImageError> {
-        let entry = self.image.reload(&self.memory, mode)?;
+    /// If the image cannot be loaded, or a channel not prepared: neither happens for the first
+    /// time then.
+    pub fn start(&self, mode: StartMode) -> Result<(), RunError> {
+        let entry = self.image.reload(&self.memory, mode).map_err(RunError::Reload)?;
+        for region in &self.channels {
+            region.format(&self.memory)?;
+        }
         // A thread that is gone has told of that too.
         let _ = self.thread.send(Revival { mode, entry });
         Ok(())

@@ -27,6 +27,8 @@ pub enum RunError {
     Memory(#[from] MemoryError),
     #[error("partition {partition}: {source}")]
     Plc { partition: String, source: PlcImageError },
+    #[error(transparent)]
+    Reload(PlcImageError),
     #[error("partition {partition}: {source}")]
     Linux { partition: String, source: LinuxImageError },
     #[error(transparent)]

@@ -189,6 +189,24 @@ pub struct Port {
     pub reserved: [u32; 3],
 }
 
+impl Port {
+    /// No port.
+    pub const NONE: Port = Port {
+        name: [0; 32],
+        kind: 0,
+        direction: 0,
+        maximum: 0,
+        depth: 0,
+        policy: 0,
+        own_pages: 0,
+        refresh_ns: 0,
+        own: 0,
+        peer: 0,
+        peer_pages: 0,
+        reserved: [0; 3],
+    };
+}
+
 /// Values of [`Port::kind`].
 pub mod port_kind {
     /// Newest message, with its age.
