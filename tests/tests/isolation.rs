@@ -25,8 +25,8 @@ fn bad_neighbours(duration: &str) -> Outcome {
 
 #[test]
 fn bad_neighbours_are_confined_counted_and_reported() {
-    let frames = 2_500;
-    let outcome = bad_neighbours("5s");
+    let frames = 1_500;
+    let outcome = bad_neighbours("3s");
 
     // The good one notices nothing, and Linux gets to its shell.
     outcome.assert_kept_its_time("plc", frames - 5);

@@ -1,6 +1,6 @@
 //! Channels between partitions, and what a hostile peer can do with them.
 
-use takt_tests::{BUSY, File, Outcome, long, plc_image};
+use takt_tests::{BUSY, File, Outcome, Run, long, plc_image};
 
 /// Two PLCs with a sampling and a queuing channel each way, and a busy Linux.
 fn two(left: &str, right: &str) -> File {
@@ -27,7 +27,7 @@ fn count(outcome: &Outcome, partition: &str, before: &str) -> u64 {
 
 #[test]
 fn two_plcs_exchange_a_record_each_way_in_every_cycle() {
-    let (duration, cycles) = if long() { ("60s", 59_000) } else { ("5s", 4_000) };
+    let (duration, cycles) = if long() { ("60s", 59_000) } else { ("4s", 3_000) };
     let outcome = two("peer", "peer").run("peers").lasting(duration).run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     for name in ["left", "right"] {
@@ -53,11 +53,19 @@ fn two_plcs_exchange_a_record_each_way_in_every_cycle() {
 }
 
 #[test]
+fn the_shipped_example_tells_the_others_level() {
+    let outcome = Run::of("configs/channel.toml").lasting("3s").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("[upper] the other level is 0.63");
+    outcome.assert_shows("[lower] the other level is 0.63");
+}
+
+#[test]
 fn a_hostile_peer_cannot_cost_the_other_a_cycle() {
-    let duration = if long() { "60s" } else { "5s" };
+    let (duration, cycles) = if long() { ("60s", 59_900) } else { ("3s", 2_900) };
     let outcome = two("hostile-peer", "peer").run("hostile-peer").lasting(duration).run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
-    outcome.assert_kept_its_time("right", 4_900);
+    outcome.assert_kept_its_time("right", cycles);
     assert_eq!(outcome.number("right", "illegal_accesses"), 0);
     // It is noticed.
     assert!(count(&outcome, "right", "hostile") > 100, "{}", outcome.output);

@@ -72,20 +72,20 @@ fn linux_has_its_minimum(outcome: &Outcome) {
 
 #[test]
 fn an_overrun_ends_at_its_windows_end_and_moves_nobody() {
-    let outcome = monopolist().run("overrun").lasting("5s").run();
+    let outcome = monopolist().run("overrun").lasting("3s").run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     let overruns = outcome.number("greedy", "overruns");
-    assert!(overruns >= 4_980, "{overruns} overruns\n{}", outcome.output);
+    assert!(overruns >= 2_980, "{overruns} overruns\n{}", outcome.output);
     // The guest stamps the clock for ever: its last stamp is the last moment at which it ran.
     assert!(outcome.number("greedy", "overrun_ns.max") <= 10_000, "{}", outcome.output);
-    outcome.assert_kept_its_time("plc", 4_980);
+    outcome.assert_kept_its_time("plc", 2_980);
     assert!(outcome.jitter_ns("plc") <= 10, "{}", outcome.output);
     linux_has_its_minimum(&outcome);
 }
 
 #[test]
 fn without_the_kick_the_reservation_still_bounds_an_overrun() {
-    let outcome = monopolist().run("no-kick").with("--without-kick").lasting("5s").run();
+    let outcome = monopolist().run("no-kick").with("--without-kick").lasting("3s").run();
     assert_eq!(outcome.report["kick"], false);
     // 370 us in each ms are reserved: guard, window and 50 us for the kick that does not come. The
     // scheduler enforces that as its timer finds it, 1.3 % of the CPU late.
@@ -113,13 +113,13 @@ fn sixteen_partitions_share_a_cpu() {
     let file = names.iter().fold(File::new("4ms"), |file, name| file.plc(name, None, ""));
     let file = file.linux("").schedule("normal");
     let file = (0..).zip(&names).fold(file, |file, (n, name)| file.window(name, n * 250, 100));
-    let outcome = file.run("sixteen").lasting("3s").run();
+    let outcome = file.run("sixteen").lasting("2s").run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     for name in &names {
-        outcome.assert_kept_its_time(name, 740);
+        outcome.assert_kept_its_time(name, 490);
         assert!(outcome.jitter_ns(name) <= INTERRUPT, "{name}\n{}", outcome.output);
     }
-    outcome.assert_shows("linux# ");
+    outcome.assert_shows("Linux version ");
 }
 
 #[test]

@@ -1,12 +1,16 @@
 //! The demonstration: a controller that holds the level of a simulated tank, and a blinking lamp.
 //!
 //! It is a whole control program in small: it computes from elapsed time, it keeps its promise of
-//! one bounded scan per release, and now and then it says what it did.
+//! one bounded scan per release, and now and then it says what it did. If the partition file gives
+//! it a port `level`, it publishes its level there, and if it has a port `other-level`, it says
+//! what it reads from it; both are of 8 bytes, of sampling channels.
 
 #![no_std]
 #![no_main]
 
 use core::time::Duration;
+use takt_channel::{Tsc, Validity};
+use takt_plc_guest::channel::{self, Input, Output};
 use takt_plc_guest::console::print;
 use takt_plc_guest::control::blinker::Blinker;
 use takt_plc_guest::control::pid::{Gains, Pid};
@@ -29,6 +33,18 @@ struct Demo {
     valve: f64,
     next_report: Duration,
     missed: u64,
+    level: Option<Output>,
+    other_level: Option<Input>,
+}
+
+impl Demo {
+    /// What the other end of the channel has published, if it is still valid.
+    fn other_level(&mut self) -> Option<f64> {
+        let mut buffer = [0; 8];
+        let sample = self.other_level.as_mut()?.read(&mut buffer, Tsc(cycle::now())).ok()?;
+        let bytes: [u8; 8] = sample.bytes.try_into().ok()?;
+        (sample.validity == Validity::Valid).then_some(f64::from_le_bytes(bytes))
+    }
 }
 
 impl Program for Demo {
@@ -40,6 +56,10 @@ impl Program for Demo {
         let level = self.tank.level();
         self.valve = self.controller.update(set, level, cycle.elapsed);
         let lamp = self.blinker.update(cycle.elapsed);
+        if let Some(port) = &mut self.level {
+            // Eight bytes are what the port is for.
+            let _ = port.write(&level.to_le_bytes(), Tsc(cycle::now()));
+        }
         if cycle.time >= self.next_report {
             self.next_report = cycle.time + REPORT;
             print(format_args!(
@@ -49,6 +69,9 @@ impl Program for Demo {
                 if lamp { "on" } else { "off" },
                 self.missed,
             ));
+            if let Some(other) = self.other_level() {
+                print(format_args!("the other level is {other:.3} m"));
+            }
         }
     }
 }
@@ -68,6 +91,8 @@ fn main() -> ! {
         valve: 0.0,
         next_report: REPORT,
         missed: 0,
+        level: channel::output("level", 8).ok(),
+        other_level: channel::input("other-level", 8).ok(),
     })
 }
 
