@@ -313,7 +313,7 @@ impl Body {
                 return;
             }
             guest.restarted(mode);
-            windowed.resume();
+            windowed.catch_up();
         }
     }
 

@@ -12,7 +12,7 @@
 //! | `0xa000` | page directory pointers, four entries |
 //! | `0xb000` | four page directories of 2 MiB pages: the first 4 GiB, identity-mapped |
 
-use kvm_bindings::{kvm_fpu, kvm_regs, kvm_segment, kvm_sregs};
+use kvm_bindings::{kvm_debugregs, kvm_fpu, kvm_regs, kvm_segment, kvm_sregs, kvm_vcpu_events};
 use kvm_ioctls::VcpuFd;
 use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress, GuestMemoryError, GuestMemoryMmap};
@@ -36,6 +36,10 @@ const CR0: u64 = 1 | 1 << 1 | 1 << 4 | 1 << 5 | 1 << 16 | 1 << 31;
 const CR4: u64 = 1 << 5 | 1 << 9 | 1 << 10;
 /// EFER: long mode enabled and active, no-execute.
 const EFER: u64 = 1 << 8 | 1 << 10 | 1 << 11;
+
+/// Debug registers at reset: nothing hit, nothing armed.
+const DR6: u64 = 0xffff_0ff0;
+const DR7: u64 = 0x400;
 
 /// The initial state could not be set.
 #[derive(Debug, Error)]
@@ -82,6 +86,10 @@ pub fn start(vcpu: &VcpuFd, memory: &GuestMemoryMmap, entry: Entry) -> Result<()
         ..Default::default()
     })?;
     vcpu.set_fpu(&kvm_fpu { fcw: 0x37f, mxcsr: 0x1f80, ..Default::default() })?;
+    // What an earlier guest of this vCPU may have left: an exception that was about to be
+    // delivered, and breakpoints.
+    vcpu.set_vcpu_events(&kvm_vcpu_events::default())?;
+    vcpu.set_debug_regs(&kvm_debugregs { dr6: DR6, dr7: DR7, ..Default::default() })?;
     Ok(())
 }
 

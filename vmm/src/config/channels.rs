@@ -18,7 +18,8 @@ use toml::Spanned;
 
 use super::Kind;
 use super::diagnostic::{Diagnostic, Span, quote};
-use super::partition::{self, Checked, check_name, check_word};
+use super::names::{check_name, check_word};
+use super::partition::{self, Checked};
 use super::ports::Ports;
 use super::raw::{self, Keys};
 

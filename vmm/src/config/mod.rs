@@ -20,6 +20,7 @@ mod deadlines;
 mod diagnostic;
 mod explain;
 mod images;
+mod names;
 mod partition;
 mod ports;
 mod raw;
@@ -279,7 +280,7 @@ fn absolute(path: &Path) -> io::Result<PathBuf> {
 fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<PartitionFile, Diagnostic> {
     let file = syntax::parse(text)?;
     let Keys(system) = file.system.get_ref();
-    let name = partition::check_name(&system.name)?.to_owned();
+    let name = names::check_name(&system.name)?.to_owned();
     schedules::check_frame(&system.major_frame)?;
     let folder = path.parent().unwrap_or(Path::new("/"));
     let around = Surroundings { folder, host_cpus, frame: &system.major_frame };

@@ -9,6 +9,7 @@ use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
 use super::images::{self, Image};
+use super::names::check_name;
 use super::raw::{self, Keys};
 use super::tasks::{self, CheckedTasks};
 use super::units::{Bytes, Duration};
@@ -16,8 +17,6 @@ use super::{Kind, Partition, ScheduleChange};
 
 /// Most partitions of one file.
 pub const PARTITIONS_MAX: usize = 16;
-/// Longest name, in characters.
-const NAME_MAX: usize = 32;
 /// CPU numbers end here: `cpu_set_t` of the C library, which carries the affinity, has 1024 bits.
 const CPUS: usize = 1024;
 /// A PLC's memory: its image needs at least a page above the structures that start its vCPU.
@@ -97,25 +96,6 @@ pub fn check_one_linux(partitions: &[Checked]) -> Result<(), Diagnostic> {
         }
         _ => Ok(()),
     }
-}
-
-/// A name, of anything that has one.
-pub fn check_name(name: &Spanned<String>) -> Result<&str, Diagnostic> {
-    check_word(name.get_ref(), name.span())
-}
-
-/// A name that may be a part only of the value at `span`.
-pub fn check_word(text: &str, span: Span) -> Result<&str, Diagnostic> {
-    let rest = |c: char| matches!(c, 'a'..='z' | '0'..='9' | '-');
-    if text.starts_with(|c: char| c.is_ascii_lowercase())
-        && text.chars().all(rest)
-        && text.len() <= NAME_MAX
-    {
-        return Ok(text);
-    }
-    let found = format!("the name {} is not a word of the allowed form", quote(text));
-    let allowed = "1 to 32 of a-z, 0-9 and \"-\", the first of them a letter";
-    Err(Diagnostic::new(span, found, allowed))
 }
 
 /// The partition of this name, for the value at `span` that asks for it.

@@ -11,7 +11,8 @@ use takt_scheduler::table::{Cpu, FRAME_MAX, FRAME_MIN, PartitionId, Placement, W
 use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
-use super::partition::{self, Checked, check_name};
+use super::names::check_name;
+use super::partition::{self, Checked};
 use super::raw::{self, Keys};
 use super::units::Duration;
 

@@ -10,7 +10,7 @@ use takt_scheduler::time::Nanos;
 use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
-use super::partition::check_name;
+use super::names::check_name;
 use super::raw::{self, Keys};
 use super::units::Duration;
 

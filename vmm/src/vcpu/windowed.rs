@@ -96,12 +96,6 @@ impl Windowed {
         self.log.unrecorded
     }
 
-    /// Lets the windows go that passed while the partition did not run. The guest that is started
-    /// now counts from its own first scan, so they are not lost releases.
-    pub fn resume(&mut self) {
-        self.catch_up();
-    }
-
     /// Runs the guest in its windows until it ends or is stopped.
     pub fn run(
         &mut self,
@@ -180,18 +174,20 @@ impl Windowed {
         }
     }
 
-    /// Sleeps until `instant`; false if the partition is to stop.
+    /// Sleeps until `instant`; false if the partition is to stop. A kick that comes just before
+    /// the sleep is lost, but what it is for is seen before the next one, a frame later at most.
     fn sleep(&self, instant: Tsc, control: &Control) -> bool {
-        while sleep_until(instant, self.base.frequency) == Woken::BySignal {
-            if control.stopping() {
-                return false;
+        while !control.stopping() {
+            if sleep_until(instant, self.base.frequency) == Woken::OnTime {
+                return true;
             }
         }
-        true
+        false
     }
 
-    /// Goes on to the first slot that is not over.
-    fn catch_up(&mut self) {
+    /// Goes on to the first slot that is not over. For a guest that is started anew, what it passes
+    /// are no lost releases: it counts from its own first scan.
+    pub fn catch_up(&mut self) {
         let now = self.base.offset(Tsc::now());
         self.switch = self.plan.board.switch();
         self.slot = self.plan.timetable.catch_up(&self.slot, now, self.switch);
