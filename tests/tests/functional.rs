@@ -4,7 +4,7 @@ use takt_tests::{Run, System, Value, long};
 
 #[test]
 fn both_guests_run_from_the_shipped_file() {
-    let (duration, releases) = if long() { ("60s", 59_990) } else { ("6s", 5_990) };
+    let (duration, releases) = if long() { ("60s", 59_990) } else { ("4s", 3_990) };
     let outcome = Run::of("configs/plc-and-linux.toml").lasting(duration).run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_shows("Linux version ");

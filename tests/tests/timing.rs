@@ -31,7 +31,7 @@ fn a_guarded_release_has_no_jitter_and_linux_gets_what_the_plc_leaves() {
 #[test]
 fn linux_gets_all_of_the_windows_of_a_plc_that_has_ended() {
     let file = File::new("1ms").plc("plc", Some(plc_image("fault")), "").linux(BUSY);
-    let outcome = file.schedule("normal").window("plc", 0, 800).run("ended").lasting("3s").run();
+    let outcome = file.schedule("normal").window("plc", 0, 600).run("ended").lasting("2s").run();
     assert_eq!(outcome.status, 4, "{}", outcome.output);
     outcome.assert_shows("[takt] plc: page fault");
     assert!(outcome.received("linux") >= 0.97, "{}", outcome.output);
@@ -40,7 +40,7 @@ fn linux_gets_all_of_the_windows_of_a_plc_that_has_ended() {
 
 #[test]
 fn without_a_guard_the_wake_up_is_the_jitter() {
-    let outcome = tenth("0us").run("unguarded").for_jitter().lasting("3s").run();
+    let outcome = tenth("0us").run("unguarded").for_jitter().lasting("2s").run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     let of = |key: &str| outcome.number("plc", key);
     assert_eq!(of("lost"), 0, "{}", outcome.output);
@@ -85,7 +85,7 @@ fn an_overrun_ends_at_its_windows_end_and_moves_nobody() {
 
 #[test]
 fn without_the_kick_the_reservation_still_bounds_an_overrun() {
-    let outcome = monopolist().run("no-kick").with("--without-kick").lasting("3s").run();
+    let outcome = monopolist().run("no-kick").with("--without-kick").lasting("2s").run();
     assert_eq!(outcome.report["kick"], false);
     // 370 us in each ms are reserved: guard, window and 50 us for the kick that does not come. The
     // scheduler enforces that as its timer finds it, 1.3 % of the CPU late.
@@ -98,9 +98,9 @@ fn without_the_kick_the_reservation_still_bounds_an_overrun() {
 
 #[test]
 fn three_plcs_of_different_periods_and_linux_share_a_cpu() {
-    let outcome = Run::of("configs/three-plcs.toml").lasting("4s").run();
+    let outcome = Run::of("configs/three-plcs.toml").lasting("3s").run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
-    for (name, releases) in [("axis", 3_990), ("cell", 1_990), ("climate", 990)] {
+    for (name, releases) in [("axis", 2_990), ("cell", 1_490), ("climate", 740)] {
         outcome.assert_kept_its_time(name, releases);
         assert!(outcome.jitter_ns(name) <= INTERRUPT, "{}", outcome.output);
     }
