@@ -9,7 +9,7 @@
 use std::ptr::NonNull;
 
 use takt_abi::memory::{CHANNELS, PAGE};
-use takt_abi::{PORTS_MAX, Port, PortTable, direction, port_kind};
+use takt_abi::{PortTable, direction, port_kind};
 use takt_channel::{Geometry, GeometryError, Misaligned, OpenError, OwnPages};
 use takt_scheduler::table::PartitionId;
 use thiserror::Error;
@@ -100,11 +100,7 @@ impl<'a> Channels<'a> {
     /// What a partition has of them, laid out in its channel area in the order of the file.
     #[must_use]
     pub fn of(&self, partition: PartitionId) -> Ports<'_> {
-        let mut ports = Ports {
-            views: Vec::new(),
-            table: PortTable { count: 0, reserved: 0, ports: [Port::NONE; PORTS_MAX] },
-            own: Vec::new(),
-        };
+        let mut ports = Ports { views: Vec::new(), table: PortTable::EMPTY, own: Vec::new() };
         let mut next = CHANNELS;
         for regions in &self.all {
             let channel = regions.channel;

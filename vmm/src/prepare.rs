@@ -10,6 +10,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 
 use kvm_ioctls::Kvm;
 use rtrb::{Consumer, RingBuffer};
+use takt_abi::PortTable;
 use takt_devices::output;
 use takt_devices::ports::PortBus;
 use takt_devices::power::{AcpiPower, KeyboardController, PowerLine};
@@ -141,14 +142,14 @@ impl Preparation<'_> {
         let entry = image.load(&memory).map_err(unfit)?;
         let mut table =
             memory.port_table().ok_or(MachineError::Missing("the PLC guest's port table"))?;
-        table.write(ports.table);
+        let tsc = *self.frequency.get_or_insert(machine.tsc);
+        table.write(PortTable { tsc_khz: tsc.khz().into(), ..ports.table });
         for region in &ports.own {
             region.format(&memory)?;
         }
         long_mode::start(&machine.vcpu, memory.regions(), entry)?;
         let (console, output) = output::dropping();
         let frame = self.file.schedules().frame();
-        let tsc = *self.frequency.get_or_insert(machine.tsc);
         let guest = PlcGuest::new(&memory, bytes, tsc.khz(), frame, console)
             .ok_or(MachineError::Missing("the PLC guest's pages"))?;
         let (restart, revivals) = Restart::new(memory.clone(), image, ports.own);

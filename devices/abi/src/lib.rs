@@ -24,7 +24,7 @@
 #![forbid(unsafe_code)]
 
 /// Version of this interface. A guest that finds another in [`Information::version`] must stop.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 
 /// First field of the information page: `"TAKT"`, little-endian.
 pub const MAGIC: u32 = u32::from_le_bytes(*b"TAKT");
@@ -69,6 +69,10 @@ pub mod port {
     pub const EXCEPTION: u16 = 0x7a04;
     /// 32-bit write of an exit code: the guest ends itself; 0 is success.
     pub const EXIT: u16 = 0x7a08;
+    /// 32-bit write of a port's place in the [`PortTable`](crate::PortTable), if that port is a
+    /// source with a doorbell: whoever waits for its messages is woken. The host's kernel does it,
+    /// within the instruction.
+    pub const DOORBELL: u16 = 0x7a10;
 }
 
 /// The partition information page: what a partition is told about its own time.
@@ -147,15 +151,37 @@ pub struct Status {
 pub const PORTS_MAX: usize = 42;
 
 /// The port table: the ends of channels that a partition has, fixed before it starts.
+///
+/// A PLC guest finds it at [`memory::PORT_TABLE`], with guest-physical addresses in it. A Linux
+/// guest finds it in the first page of its PCI function's read-only memory, and the addresses are
+/// byte offsets in the function's read-write ([`Port::own`]) and read-only ([`Port::peer`]) memory.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct PortTable {
+    /// [`MAGIC`].
+    pub magic: u32,
+    /// [`VERSION`].
+    pub version: u32,
     /// How many of [`ports`](Self::ports) there are.
     pub count: u32,
     /// Zero.
     pub reserved: u32,
+    /// TSC frequency in kHz, for the age of messages.
+    pub tsc_khz: u64,
     /// The ports, in the order of the partition file; the rest is zero.
     pub ports: [Port; PORTS_MAX],
+}
+
+impl PortTable {
+    /// No ports, and the frequency not known yet.
+    pub const EMPTY: PortTable = PortTable {
+        magic: MAGIC,
+        version: VERSION,
+        count: 0,
+        reserved: 0,
+        tsc_khz: 0,
+        ports: [Port::NONE; PORTS_MAX],
+    };
 }
 
 /// One end of a channel. The layout of the regions is that of the channel crate (`takt-channel`,
@@ -185,8 +211,10 @@ pub struct Port {
     pub peer: u64,
     /// Pages of [`peer`](Self::peer).
     pub peer_pages: u32,
+    /// 1 if the source rings a doorbell after a message, and somebody waits for it; else 0.
+    pub doorbell: u32,
     /// Zero.
-    pub reserved: [u32; 3],
+    pub reserved: [u32; 2],
 }
 
 impl Port {
@@ -203,7 +231,8 @@ impl Port {
         own: 0,
         peer: 0,
         peer_pages: 0,
-        reserved: [0; 3],
+        doorbell: 0,
+        reserved: [0; 2],
     };
 }
 
