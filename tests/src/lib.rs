@@ -20,6 +20,10 @@ pub use serde_json::Value;
 /// Real time after which a run is given up. It is never what a test waits for.
 const TIMEOUT_S: &str = "900";
 
+/// Longest time in ns that an interrupt of the host takes from a guest in the lab, and then some:
+/// 5 us have been seen.
+const INTERRUPT_NS: u64 = 10_000;
+
 /// What a run left behind.
 #[derive(Debug)]
 pub struct Outcome {
@@ -67,11 +71,21 @@ impl Outcome {
         of("donation.received_ns") / of("donation.offered_ns")
     }
 
-    /// Latest less earliest start after a release, in ns.
-    #[must_use]
-    pub fn jitter_ns(&self, partition: &str) -> u64 {
+    /// Fails unless a PLC started each scan within 10 ns of its release, but for those that an
+    /// interrupt of the host fell onto.
+    ///
+    /// With one CPU the host's tick and Linux's timers go off there, 250 times a second each, and
+    /// they creep along the frames, because the kernel measures the TSC's frequency only to some
+    /// millionths. Whether they meet a release during a run depends on when it began.
+    pub fn assert_punctual(&self, partition: &str) {
         let of = |key| self.number(partition, key);
-        of("release_latency_ns.max") - of("release_latency_ns.min")
+        assert!(of("release_latency_ns.p50") <= 10, "{partition}\n{}", self.output);
+        let latest = of("release_latency_ns.max");
+        assert!(latest <= INTERRUPT_NS, "{partition}: {latest}\n{}", self.output);
+        let late = self.partition(partition)["late_starts"].as_array();
+        let causes: Vec<&Value> = late.into_iter().flatten().map(|start| &start["cause"]).collect();
+        let explained = causes.iter().all(|cause| **cause == "host_interrupt");
+        assert!(explained && (latest <= 10 || !causes.is_empty()), "{partition}: {causes:?}");
     }
 
     /// Fails unless a PLC kept every release, and there were at least so many.

@@ -44,11 +44,12 @@ fn two_plcs_exchange_a_record_each_way_in_every_cycle() {
         }
         outcome.assert_shows(&format!("[{name}] peer, records of 512 bytes each way"));
     }
-    // Right runs 400 us after left in each cycle, and left 600 us after right.
+    // Right runs 400 us after left in each cycle, and left 600 us after right, if no interrupt of
+    // the host falls onto one of them.
     let ages = [("right", 400_000), ("left", 600_000)];
     for (name, age) in ages {
         let oldest = count(&outcome, name, "oldest");
-        assert!(oldest.abs_diff(age) < 5_000, "{name} {oldest}\n{}", outcome.output);
+        assert!(oldest.abs_diff(age) < 20_000, "{name} {oldest}\n{}", outcome.output);
     }
 }
 

@@ -4,10 +4,6 @@
 
 use takt_tests::{BUSY, File, Outcome, Run, Value, long, plc_image};
 
-/// Where the console is used, or Linux idles, its timers and the host's come at any time, and an
-/// interrupt may fall onto a release.
-const INTERRUPT: u64 = 5_000;
-
 /// A PLC with a window of 300 us in 1 ms that computes for a tenth of it, beside a busy Linux.
 fn tenth(guard: &str) -> File {
     File::new("1ms")
@@ -23,7 +19,7 @@ fn a_guarded_release_has_no_jitter_and_linux_gets_what_the_plc_leaves() {
     let outcome = tenth("20us").run("guarded").lasting(duration).run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_kept_its_time("plc", 10_000);
-    assert!(outcome.jitter_ns("plc") <= 10, "{}", outcome.output);
+    outcome.assert_punctual("plc");
     let received = outcome.received("linux");
     assert!(received >= 0.97, "Linux received {received}\n{}", outcome.output);
 }
@@ -79,7 +75,7 @@ fn an_overrun_ends_at_its_windows_end_and_moves_nobody() {
     // The guest stamps the clock for ever: its last stamp is the last moment at which it ran.
     assert!(outcome.number("greedy", "overrun_ns.max") <= 10_000, "{}", outcome.output);
     outcome.assert_kept_its_time("plc", 2_980);
-    assert!(outcome.jitter_ns("plc") <= 10, "{}", outcome.output);
+    outcome.assert_punctual("plc");
     linux_has_its_minimum(&outcome);
 }
 
@@ -102,7 +98,7 @@ fn three_plcs_of_different_periods_and_linux_share_a_cpu() {
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     for (name, releases) in [("axis", 2_990), ("cell", 1_490), ("climate", 740)] {
         outcome.assert_kept_its_time(name, releases);
-        assert!(outcome.jitter_ns(name) <= INTERRUPT, "{}", outcome.output);
+        outcome.assert_punctual(name);
     }
     outcome.assert_shows("linux# ");
 }
@@ -117,7 +113,7 @@ fn sixteen_partitions_share_a_cpu() {
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     for name in &names {
         outcome.assert_kept_its_time(name, 490);
-        assert!(outcome.jitter_ns(name) <= INTERRUPT, "{name}\n{}", outcome.output);
+        outcome.assert_punctual(name);
     }
     outcome.assert_shows("Linux version ");
 }
@@ -150,7 +146,7 @@ fn a_switch_of_schedules_takes_effect_at_a_frames_end_with_each_change_action() 
     // Nobody loses a release by a switch, and the one that ignores it does not start anew.
     for (name, restarts) in [("stays", 0), ("warm", 2), ("cold", 1)] {
         outcome.assert_kept_its_time(name, 100);
-        assert!(outcome.jitter_ns(name) <= INTERRUPT, "{name}\n{}", outcome.output);
+        outcome.assert_punctual(name);
         assert_eq!(outcome.number(name, "restarts"), restarts, "{}", outcome.output);
     }
     outcome.assert_shows("[warm] cold start, condition 0, retained 0, forgotten 0");
