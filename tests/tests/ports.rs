@@ -54,6 +54,25 @@ fn two_plcs_exchange_a_record_each_way_in_every_cycle() {
 }
 
 #[test]
+fn a_port_costs_little_more_than_moving_the_bytes() {
+    let outcome = two("cost", "cost").run("cost").lasting("300ms").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    let line = outcome.output.lines().find(|line| line.contains("[left] ticks for 512 bytes: "));
+    let line = line.unwrap_or_else(|| panic!("no figures\n{}", outcome.output));
+    let of = |what: &str| {
+        let after = line.split([' ', ',']).skip_while(|word| *word != what).nth(1);
+        after.and_then(|word| word.trim().parse::<u64>().ok())
+    };
+    let copy = of("copy").unwrap_or_else(|| panic!("no copy in {line}"));
+    for what in ["write", "read", "send", "receive"] {
+        assert!(of(what).is_some_and(|ticks| ticks <= copy + 60), "{what}: {line}");
+    }
+    // A window of four such operations is left once, when the guest is done.
+    assert_eq!(outcome.number("left", "vm_exits.min"), 1, "{}", outcome.output);
+    assert_eq!(outcome.number("left", "vm_exits.p50"), 1, "{}", outcome.output);
+}
+
+#[test]
 fn the_shipped_example_tells_the_others_level() {
     let outcome = Run::of("configs/channel.toml").lasting("3s").run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);

@@ -116,13 +116,16 @@ pub struct Releases {
     pub overrun_ns: Option<Summary>,
     /// In overruns, from the window's end to the thread's being out of the guest.
     pub kick_ns: Option<Summary>,
+    /// Exits from the guest in a window, as KVM counts them: those of the guest's own doing, and
+    /// those of the host's interrupts. Not a time. `None` if KVM does not tell.
+    pub vm_exits: Option<Summary>,
     /// The releases that started latest, and why; those that were on time are left out.
     pub late_starts: Vec<LateStart>,
     /// The scans that took longest, and why.
     pub longest_scans: Vec<LongScan>,
 }
 
-/// A distribution, in nanoseconds.
+/// A distribution, in nanoseconds if it is one of times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Summary {
     /// Smallest value, exact.
@@ -315,6 +318,7 @@ mod tests {
                         exit_ns: None,
                         overrun_ns: None,
                         kick_ns: None,
+                        vm_exits: None,
                         late_starts: Vec::new(),
                         longest_scans: Vec::new(),
                     }),

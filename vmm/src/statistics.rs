@@ -19,7 +19,7 @@ const WORST: usize = 5;
 /// Digits that a percentile keeps. Minimum and maximum are exact.
 const SIGNIFICANT_DIGITS: u8 = 3;
 
-/// Values of one quantity, in nanoseconds.
+/// Values of one quantity: nanoseconds, or a count.
 pub struct Distribution {
     histogram: Histogram<u32>,
     min: u64,
@@ -32,11 +32,15 @@ impl Distribution {
         Some(Self { histogram, min: u64::MAX, max: 0 })
     }
 
-    fn record(&mut self, value: Nanos) {
-        self.min = self.min.min(value.0);
-        self.max = self.max.max(value.0);
+    fn record(&mut self, Nanos(value): Nanos) {
+        self.count(value);
+    }
+
+    fn count(&mut self, value: u64) {
+        self.min = self.min.min(value);
+        self.max = self.max.max(value);
         // Grows as needed; only a value beyond 2^63 would be refused.
-        let _ = self.histogram.record(value.0);
+        let _ = self.histogram.record(value);
     }
 
     /// The percentiles; `None` while there is no value.
@@ -83,6 +87,8 @@ pub struct Releases {
     last_stamp: Distribution,
     /// From a window's end to the thread's being out of the guest, in overruns.
     kick: Distribution,
+    /// Exits in a window, as KVM counts them.
+    vm_exits: Distribution,
     worst: Worst,
 }
 
@@ -105,6 +111,7 @@ impl Releases {
             exit: Distribution::new()?,
             last_stamp: Distribution::new()?,
             kick: Distribution::new()?,
+            vm_exits: Distribution::new()?,
             worst: Worst::new(base, WORST),
         })
     }
@@ -140,6 +147,9 @@ impl Releases {
             return;
         };
         self.happened += 1;
+        if record.kernel_exits > 0 {
+            self.vm_exits.count(record.kernel_exits);
+        }
         self.worst.add(record, detours);
         self.latency.record(nanos(scan.start.since(record.release)));
         if (scan.start..=record.left).contains(&scan.done) {
@@ -167,6 +177,7 @@ impl Releases {
             exit_ns: self.exit.summary(),
             overrun_ns: self.last_stamp.summary(),
             kick_ns: self.kick.summary(),
+            vm_exits: self.vm_exits.summary(),
             late_starts: self.worst.starts().filter(|s| s.latency_ns >= REMARKABLE_NS).collect(),
             longest_scans: self.worst.scans().collect(),
         }
@@ -216,6 +227,7 @@ mod tests {
         let max = |summary: Option<Summary>| summary.map(|s| s.max);
         assert_eq!((max(r.release_latency_ns), max(r.execution_ns)), (Some(4), Some(100)));
         assert_eq!((max(r.wake_up_latency_ns), max(r.entry_ns)), (Some(5), Some(5)));
+        assert_eq!(max(r.vm_exits), Some(1));
         assert_eq!((max(r.exit_ns), max(r.kick_ns)), (Some(196), None));
         assert!(r.late_starts.is_empty());
         account.add(&record(Some((1100, 1104))), &[]);

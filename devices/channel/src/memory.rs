@@ -25,6 +25,13 @@ pub trait Load {
     /// The word with this number, counted from 0; nothing after it in program order may happen
     /// before it. 0 for a word outside the region, so that no index can end a partition.
     fn load(&self, word: usize) -> u64;
+
+    /// Copies the bytes from this word on; nothing after it in program order may happen before it.
+    /// As if by [`load`](Self::load), word after word.
+    #[inline]
+    fn load_bytes(&self, word: usize, target: &mut [u8]) {
+        load_each(self, word, target);
+    }
 }
 
 /// A region that this end alone writes.
@@ -32,6 +39,13 @@ pub trait Store: Load {
     /// Writes a word; nothing before it in program order may happen after it. Without effect
     /// outside the region.
     fn store(&mut self, word: usize, value: u64);
+
+    /// Writes these bytes from this word on, and zeros to the end of the last word. As if by
+    /// [`store`](Self::store), word after word.
+    #[inline]
+    fn store_bytes(&mut self, word: usize, bytes: &[u8]) {
+        store_each(self, word, bytes);
+    }
 }
 
 /// The memory is not aligned to 64-bit words.
@@ -75,6 +89,15 @@ impl Load for PeerPages<'_> {
     fn load(&self, word: usize) -> u64 {
         load(self.0, word)
     }
+
+    #[inline]
+    fn load_bytes(&self, word: usize, target: &mut [u8]) {
+        let done = load_rows(self.0, word, target);
+        match target.get_mut(done..) {
+            None | Some([]) => {}
+            Some(rest) => load_each(self, word + done / WORD, rest),
+        }
+    }
 }
 
 /// Pages that only this end writes.
@@ -105,6 +128,15 @@ impl Load for OwnPages<'_> {
     fn load(&self, word: usize) -> u64 {
         load(self.0, word)
     }
+
+    #[inline]
+    fn load_bytes(&self, word: usize, target: &mut [u8]) {
+        let done = load_rows(self.0, word, target);
+        match target.get_mut(done..) {
+            None | Some([]) => {}
+            Some(rest) => load_each(self, word + done / WORD, rest),
+        }
+    }
 }
 
 impl Store for OwnPages<'_> {
@@ -114,6 +146,15 @@ impl Store for OwnPages<'_> {
             cell.store(value, Ordering::Release);
         }
     }
+
+    #[inline]
+    fn store_bytes(&mut self, word: usize, bytes: &[u8]) {
+        let done = store_rows(self.0, word, bytes);
+        match bytes.get(done..) {
+            None | Some([]) => {}
+            Some(rest) => store_each(self, word + done / WORD, rest),
+        }
+    }
 }
 
 #[inline]
@@ -121,6 +162,65 @@ fn load(words: &[AtomicU64], word: usize) -> u64 {
     let value = words.get(word).map_or(0, |cell| cell.load(Ordering::Relaxed));
     fence(Ordering::Acquire);
     value
+}
+
+const WORD: usize = size_of::<u64>();
+
+fn load_each(region: &(impl Load + ?Sized), word: usize, target: &mut [u8]) {
+    let (whole, last) = target.as_chunks_mut::<WORD>();
+    let words = whole.len();
+    for (n, to) in whole.iter_mut().enumerate() {
+        *to = region.load(word + n).to_le_bytes();
+    }
+    if !last.is_empty() {
+        let bytes = region.load(word + words).to_le_bytes();
+        last.iter_mut().zip(bytes).for_each(|(to, from)| *to = from);
+    }
+}
+
+fn store_each(region: &mut (impl Store + ?Sized), word: usize, bytes: &[u8]) {
+    let (whole, last) = bytes.as_chunks::<WORD>();
+    for (n, from) in whole.iter().enumerate() {
+        region.store(word + n, u64::from_le_bytes(*from));
+    }
+    if !last.is_empty() {
+        let mut value = [0; WORD];
+        value.iter_mut().zip(last).for_each(|(to, from)| *to = *from);
+        region.store(word + whole.len(), u64::from_le_bytes(value));
+    }
+}
+
+/// Words that are copied at a time, without a look at the bounds for each: what makes the copy of a
+/// long message cost little more than its loads and stores.
+const ROW: usize = 8;
+
+/// As [`Load::load_bytes`], for whole rows; returns how many bytes those were.
+#[inline]
+fn load_rows(words: &[AtomicU64], word: usize, target: &mut [u8]) -> usize {
+    let (from, _) = words.get(word..).unwrap_or_default().as_chunks::<ROW>();
+    let (to, _) = target.as_chunks_mut::<WORD>().0.as_chunks_mut::<ROW>();
+    let rows = from.len().min(to.len());
+    for (to, from) in to.iter_mut().zip(from) {
+        for (to, from) in to.iter_mut().zip(from) {
+            *to = from.load(Ordering::Relaxed).to_le_bytes();
+        }
+    }
+    fence(Ordering::Acquire);
+    rows * ROW * WORD
+}
+
+/// As [`Store::store_bytes`], for whole rows; returns how many bytes those were.
+#[inline]
+fn store_rows(words: &[AtomicU64], word: usize, bytes: &[u8]) -> usize {
+    let (to, _) = words.get(word..).unwrap_or_default().as_chunks::<ROW>();
+    let (from, _) = bytes.as_chunks::<WORD>().0.as_chunks::<ROW>();
+    let rows = from.len().min(to.len());
+    for (to, from) in to.iter().zip(from) {
+        for (to, from) in to.iter().zip(from) {
+            to.store(u64::from_le_bytes(*from), Ordering::Release);
+        }
+    }
+    rows * ROW * WORD
 }
 
 /// Sees memory as words.

@@ -88,16 +88,7 @@ impl Slots {
         region.store(slot + word(offset::SEQUENCE), complete(n).wrapping_sub(1));
         region.store(slot + word(offset::STAMP), stamp.0);
         region.store(slot + word(offset::LENGTH), bytes.len() as u64);
-        let payload = slot + word(offset::PAYLOAD);
-        let (whole, rest) = bytes.as_chunks::<8>();
-        for (i, chunk) in whole.iter().enumerate() {
-            region.store(payload + i, u64::from_le_bytes(*chunk));
-        }
-        if !rest.is_empty() {
-            let mut last = [0; 8];
-            last.iter_mut().zip(rest).for_each(|(to, from)| *to = *from);
-            region.store(payload + whole.len(), u64::from_le_bytes(last));
-        }
+        region.store_bytes(slot + word(offset::PAYLOAD), bytes);
         region.store(slot + word(offset::SEQUENCE), complete(n));
     }
 
@@ -121,16 +112,7 @@ impl Slots {
         let Some(target) = buffer.get_mut(..length) else {
             return Err(Fault::Impossible(Claim::Length));
         };
-        let payload = slot + word(offset::PAYLOAD);
-        let (whole, rest) = target.as_chunks_mut::<8>();
-        let words = whole.len();
-        for (i, chunk) in whole.iter_mut().enumerate() {
-            *chunk = region.load(payload + i).to_le_bytes();
-        }
-        if !rest.is_empty() {
-            let last = region.load(payload + words).to_le_bytes();
-            rest.iter_mut().zip(last).for_each(|(to, from)| *to = from);
-        }
+        region.load_bytes(slot + word(offset::PAYLOAD), target);
         look(sequence(region), n)?;
         Ok(Copied { length, stamp })
     }
