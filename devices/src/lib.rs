@@ -8,6 +8,7 @@
 #![forbid(unsafe_code)]
 
 pub mod output;
+pub mod pci;
 pub mod ports;
 pub mod power;
 pub mod serial;
