@@ -5,6 +5,10 @@
 //! others, by their memory slots. All of it exists before any guest runs. Takt writes the header of
 //! a region whenever its owner is about to start, since an owner may have damaged it, and nothing
 //! else.
+//!
+//! A PLC finds all of its regions in one area of its memory. A Linux finds them in the memory of a
+//! PCI function, what it may write apart from what it may only read. Both are told where by a table
+//! of the same form.
 
 use std::ptr::NonNull;
 
@@ -15,7 +19,7 @@ use takt_scheduler::table::PartitionId;
 use thiserror::Error;
 use vm_memory::{GuestAddress, GuestMemoryBackend, GuestMemoryRegion};
 
-use crate::config::{Channel, ChannelKind, End};
+use crate::config::{Channel, ChannelKind, End, Kind};
 use crate::memory::{GuestMemory, MemoryError, SharedRegion, View};
 
 /// Channels could not be made.
@@ -50,7 +54,7 @@ pub struct Channels<'a> {
 
 /// What a partition sees of the channels.
 pub struct Ports<'a> {
-    /// Its memory.
+    /// Its memory, at the places that the table tells.
     pub views: Vec<View<'a>>,
     /// What it is told of it.
     pub table: PortTable,
@@ -58,10 +62,31 @@ pub struct Ports<'a> {
     pub own: Vec<OwnRegion>,
 }
 
+/// Where the next region of a partition lies, in the terms of its port table.
+enum Area {
+    /// A PLC's: one guest-physical area for all.
+    Shared(u64),
+    /// A Linux's: offsets in two pieces of memory.
+    Apart { read_write: u64, read_only: u64 },
+}
+
+impl Area {
+    fn take(&mut self, bytes: u64, writable: bool) -> u64 {
+        let next = match self {
+            Area::Shared(next) => next,
+            Area::Apart { read_write, .. } if writable => read_write,
+            Area::Apart { read_only, .. } => read_only,
+        };
+        let start = *next;
+        *next += bytes;
+        start
+    }
+}
+
 /// A region that a partition may write.
 #[derive(Clone, Copy, Debug)]
 pub struct OwnRegion {
-    /// Guest-physical start.
+    /// Guest-physical start, once it is [placed](Ports::place).
     start: u64,
     geometry: Geometry,
     is_source: bool,
@@ -97,19 +122,22 @@ impl<'a> Channels<'a> {
         Ok(Self { all: channels.iter().map(Regions::new).collect::<Result<_, _>>()? })
     }
 
-    /// What a partition has of them, laid out in its channel area in the order of the file.
+    /// What a partition of this kind has of them, laid out in the order of the file.
     #[must_use]
-    pub fn of(&self, partition: PartitionId) -> Ports<'_> {
+    pub fn of(&self, partition: PartitionId, kind: &Kind) -> Ports<'_> {
         let mut ports = Ports { views: Vec::new(), table: PortTable::EMPTY, own: Vec::new() };
-        let mut next = CHANNELS;
+        let mut area = match kind {
+            Kind::Plc { .. } => Area::Shared(CHANNELS),
+            Kind::Linux { .. } => Area::Apart { read_write: 0, read_only: PAGE },
+        };
         for regions in &self.all {
             let channel = regions.channel;
             if channel.source.partition == partition {
-                ports.add(regions, &channel.source, direction::SOURCE, &mut next);
+                ports.add(regions, &channel.source, direction::SOURCE, &mut area);
             }
             let destinations = channel.destinations.iter();
             for end in destinations.filter(|end| end.partition == partition) {
-                ports.add(regions, end, direction::DESTINATION, &mut next);
+                ports.add(regions, end, direction::DESTINATION, &mut area);
             }
         }
         ports
@@ -137,7 +165,25 @@ impl<'a> Regions<'a> {
 }
 
 impl<'a> Ports<'a> {
-    fn add(&mut self, regions: &'a Regions<'_>, end: &End, direction: u32, next: &mut u64) {
+    /// Puts memory that the table tells of by offsets where the two pieces really begin. The table
+    /// stays as it is.
+    pub fn place(&mut self, read_write: u64, read_only: u64) {
+        for view in &mut self.views {
+            view.start += if view.writable { read_write } else { read_only };
+        }
+        for region in &mut self.own {
+            region.start += read_write;
+        }
+    }
+
+    /// Bytes of all regions that the partition may write, or of all that it may only read.
+    #[must_use]
+    pub fn bytes(&self, writable: bool) -> u64 {
+        let views = self.views.iter().filter(|view| view.writable == writable);
+        views.map(|view| view.region.bytes()).sum()
+    }
+
+    fn add(&mut self, regions: &'a Regions<'_>, end: &End, direction: u32, area: &mut Area) {
         let Some(port) = self.table.ports.get_mut(self.table.count as usize) else { return };
         self.table.count += 1;
         for (slot, byte) in port.name.iter_mut().zip(end.port.bytes()) {
@@ -152,27 +198,27 @@ impl<'a> Ports<'a> {
         };
         port.direction = direction;
         port.maximum = channel.message_bytes;
+        port.doorbell = channel.doorbell.into();
         let (source, destination) = (Some(&regions.source), regions.destination.as_ref());
         let is_source = direction == direction::SOURCE;
         let (own, peer) = if is_source { (source, destination) } else { (destination, source) };
-        (port.own, port.own_pages) = place(&mut self.views, own, true, next);
+        (port.own, port.own_pages) = place(&mut self.views, own, true, area);
         if own.is_some() {
             self.own.push(OwnRegion { start: port.own, geometry: regions.geometry, is_source });
         }
-        (port.peer, port.peer_pages) = place(&mut self.views, peer, false, next);
+        (port.peer, port.peer_pages) = place(&mut self.views, peer, false, area);
     }
 }
 
-/// Gives a region the next place in the channel area; returns where, and its length in pages.
+/// Gives a region the next place in the area; returns where, and its length in pages.
 fn place<'a>(
     views: &mut Vec<View<'a>>,
     region: Option<&'a SharedRegion>,
     writable: bool,
-    next: &mut u64,
+    area: &mut Area,
 ) -> (u64, u32) {
     let Some(region) = region else { return (0, 0) };
-    let start = *next;
-    *next += region.bytes();
+    let start = area.take(region.bytes(), writable);
     views.push(View { start, region, writable });
     (start, (region.bytes() / PAGE) as u32)
 }
@@ -181,11 +227,13 @@ fn place<'a>(
 mod tests {
     use super::*;
     use crate::config::WhenFull;
+    use std::path::PathBuf;
     use takt_channel::{Load, PeerPages, QueuingDestination, QueuingSource};
     use takt_scheduler::time::Nanos;
     use vm_memory::Bytes;
 
     const RAM: u64 = 2 << 20;
+    const PLC: Kind = Kind::Plc { image: None };
 
     fn channel(name: &str, kind: ChannelKind, from: usize, to: &[usize]) -> Channel {
         let end = |p: usize| End { partition: PartitionId(p), port: format!("{name}-{p}") };
@@ -195,6 +243,7 @@ mod tests {
             message_bytes: 16,
             source: end(from),
             destinations: to.iter().copied().map(end).collect(),
+            doorbell: name == "orders",
         }
     }
 
@@ -212,7 +261,7 @@ mod tests {
     fn each_region_is_writable_for_one_partition_only() {
         let channels = channels();
         let all = Channels::new(&channels).unwrap();
-        let [source, both, reader, nobody] = [0, 1, 2, 3].map(|p| all.of(PartitionId(p)));
+        let [source, both, reader, nobody] = [0, 1, 2, 3].map(|p| all.of(PartitionId(p), &PLC));
         let page = |n| CHANNELS + n * PAGE;
         // Its state; what it has read of the orders, and the orders.
         assert_eq!(rights(&source), [(page(0), true), (page(1), true), (page(2), false)]);
@@ -226,7 +275,7 @@ mod tests {
     fn the_port_table_says_what_the_file_says() {
         let channels = channels();
         let all = Channels::new(&channels).unwrap();
-        let table = all.of(PartitionId(0)).table;
+        let table = all.of(PartitionId(0), &PLC).table;
         assert_eq!(table.count, 2);
         let [state, orders, ..] = table.ports;
         assert!(state.name.starts_with(b"state-0\0") && orders.name.starts_with(b"orders-0\0"));
@@ -234,7 +283,33 @@ mod tests {
         assert_eq!((orders.kind, orders.direction), (port_kind::QUEUING, direction::DESTINATION));
         assert_eq!((state.maximum, state.refresh_ns, state.peer), (16, 3_000_000, 0));
         assert_eq!((orders.depth, orders.policy, orders.own_pages), (2, 1, 1));
+        assert_eq!((state.doorbell, orders.doorbell), (0, 1));
         assert_eq!(table.ports[2].kind, 0);
+    }
+
+    #[test]
+    fn a_linux_sees_the_same_regions_as_offsets_in_two_pieces_of_memory() {
+        let linux = Kind::Linux { kernel: PathBuf::new(), initrd: None, cmdline: String::new() };
+        let channels = channels();
+        let all = Channels::new(&channels).unwrap();
+        let mut ports = all.of(PartitionId(0), &linux);
+        let [state, orders, ..] = ports.table.ports;
+        assert_eq!((state.own, state.own_pages, state.peer_pages), (0, 1, 0));
+        // The acknowledgement behind the state, and the orders behind the table's page.
+        assert_eq!((orders.own, orders.peer, orders.peer_pages), (PAGE, PAGE, 1));
+        assert_eq!((ports.bytes(true), ports.bytes(false)), (2 * PAGE, PAGE));
+        ports.place(0x10_0000, 0x20_0000);
+        let expected = [(0x10_0000, true), (0x10_1000, true), (0x20_1000, false)];
+        assert_eq!(rights(&ports), expected);
+        assert_eq!(
+            ports.own.iter().map(|own| own.start).collect::<Vec<_>>(),
+            [0x10_0000, 0x10_1000]
+        );
+        assert_eq!(ports.table.ports[1].own, PAGE, "the table's offsets stay");
+        let memory = GuestMemory::for_linux(1 << 20, &ports.views).unwrap();
+        ports.own.iter().for_each(|region| region.format(&memory).unwrap());
+        let magic: u32 = memory.regions().read_obj(GuestAddress(0x10_0000)).unwrap();
+        assert_eq!(magic.to_le_bytes(), *b"TKCH");
     }
 
     #[test]
@@ -242,7 +317,7 @@ mod tests {
         let channels = channels();
         let all = Channels::new(&channels).unwrap();
         let memory = [0, 1].map(|p| {
-            let ports = all.of(PartitionId(p));
+            let ports = all.of(PartitionId(p), &PLC);
             let memory = GuestMemory::for_plc(RAM, &ports.views).unwrap();
             ports.own.iter().for_each(|region| region.format(&memory).unwrap());
             memory
@@ -269,7 +344,7 @@ mod tests {
             QueuingDestination::open(peer.unwrap(), own.unwrap(), &geometry).map(|_| ())
         };
         assert!(open().is_err(), "the damage is not seen");
-        all.of(PartitionId(1)).own[0].format(&memory[1]).unwrap();
+        all.of(PartitionId(1), &PLC).own[0].format(&memory[1]).unwrap();
         assert_eq!(open(), Ok(()));
     }
 }

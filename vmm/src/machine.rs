@@ -66,6 +66,7 @@ pub fn open_kvm() -> Result<Kvm, MachineError> {
     let needed = [
         (Cap::Irqchip, "an in-kernel interrupt controller (KVM_CAP_IRQCHIP)"),
         (Cap::Irqfd, "interrupts by eventfd (KVM_CAP_IRQFD)"),
+        (Cap::Ioeventfd, "doorbells by eventfd (KVM_CAP_IOEVENTFD)"),
         (Cap::ImmediateExit, "immediate exit (KVM_CAP_IMMEDIATE_EXIT)"),
         (Cap::ReadonlyMem, "read-only memory slots (KVM_CAP_READONLY_MEM)"),
         (Cap::GetTscKhz, "the TSC's frequency (KVM_CAP_GET_TSC_KHZ)"),

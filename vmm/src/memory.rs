@@ -110,17 +110,17 @@ pub struct GuestMemory {
 }
 
 impl GuestMemory {
-    /// RAM of a Linux guest, with a hole below 4 GiB.
+    /// RAM of a Linux guest, with a hole below 4 GiB, and what it sees of its channels in there.
     ///
     /// # Errors
     /// See [`MemoryError`].
-    pub fn for_linux(bytes: u64) -> Result<Self, MemoryError> {
+    pub fn for_linux(bytes: u64, channels: &[View<'_>]) -> Result<Self, MemoryError> {
         let low = bytes.min(HOLE_START);
         let mut regions = vec![region(0, low)?];
         if bytes > low {
             regions.push(region(HOLE_END, bytes - low)?);
         }
-        Self::from_regions(regions, Vec::new(), bytes)
+        Self::from_regions(regions, &[], channels, bytes)
     }
 
     /// RAM of a PLC guest, the pages through which it is told its time and its ports and tells
@@ -134,22 +134,25 @@ impl GuestMemory {
         for start in pages {
             regions.push(region(start, PAGE)?);
         }
+        Self::from_regions(regions, &[INFORMATION, PORT_TABLE], channels, bytes)
+    }
+
+    /// Adds the channels to the guest's own regions, of which it may only read some.
+    fn from_regions(
+        mut regions: Vec<GuestRegionMmap>,
+        read_only: &[u64],
+        channels: &[View<'_>],
+        bytes: u64,
+    ) -> Result<Self, MemoryError> {
         for view in channels {
             regions.push(view.region.map_at(view.start)?);
         }
         let views = channels.iter().filter(|view| !view.writable).map(|view| view.start);
-        let read_only = [INFORMATION, PORT_TABLE].into_iter().chain(views).collect();
-        Self::from_regions(regions, read_only, bytes)
-    }
-
-    fn from_regions(
-        regions: Vec<GuestRegionMmap>,
-        read_only: Vec<u64>,
-        bytes: u64,
-    ) -> Result<Self, MemoryError> {
+        let read_only = read_only.iter().copied().chain(views).collect();
+        regions.sort_by_key(|region| region.start_addr());
         let regions = GuestMemoryMmap::from_regions(regions)
             .map_err(|e| MemoryError::Map { bytes, reason: e.to_string() })?;
-        Ok(Self { regions: Arc::new(regions), read_only: read_only.into() })
+        Ok(Self { regions: Arc::new(regions), read_only })
     }
 
     /// Gives all regions to a virtual machine. What the guest may only read becomes a read-only
@@ -182,9 +185,14 @@ impl GuestMemory {
         &self.regions
     }
 
-    /// The ranges of RAM: guest-physical start and length.
+    /// All ranges: guest-physical start and length.
     pub fn ranges(&self) -> impl Iterator<Item = (u64, u64)> {
         self.regions.iter().map(|r| (r.start_addr().0, r.len()))
+    }
+
+    /// Those of RAM. What lies in the hole is something else.
+    pub fn ram(&self) -> impl Iterator<Item = (u64, u64)> {
+        self.ranges().filter(|(start, _)| !(HOLE_START..HOLE_END).contains(start))
     }
 
     /// The information page of a PLC guest; `None` for other guests.
@@ -199,10 +207,10 @@ impl GuestMemory {
         self.page(STATUS)
     }
 
-    /// The port table of a PLC guest; `None` for other guests.
+    /// The port table, which lies at `address`; `None` if there is nothing.
     #[must_use]
-    pub fn port_table(&self) -> Option<Page<takt_abi::PortTable>> {
-        self.page(PORT_TABLE)
+    pub fn port_table(&self, address: u64) -> Option<Page<takt_abi::PortTable>> {
+        self.page(address)
     }
 
     fn page<T: PageContent>(&self, address: u64) -> Option<Page<T>> {
@@ -308,10 +316,16 @@ mod tests {
     use vm_memory::Bytes;
 
     #[test]
-    fn linux_memory_leaves_the_hole_free() {
-        let ranges =
-            |bytes| GuestMemory::for_linux(bytes).map(|m| m.ranges().collect::<Vec<_>>()).unwrap();
-        assert_eq!(ranges(64 << 20), [(0, 64 << 20)]);
+    fn linux_has_its_channels_in_the_hole_and_they_are_no_ram() {
+        let shared = SharedRegion::new(PAGE).unwrap();
+        let view = |start, writable| View { start, region: &shared, writable };
+        let views = [view(HOLE_END - PAGE, true), view(HOLE_START, false)];
+        let memory = GuestMemory::for_linux(64 << 20, &views).unwrap();
+        let ram = (0, 64 << 20);
+        let all = [ram, (HOLE_START, PAGE), (HOLE_END - PAGE, PAGE)];
+        assert_eq!(memory.ranges().collect::<Vec<_>>(), all);
+        assert_eq!(memory.ram().collect::<Vec<_>>(), [ram]);
+        assert_eq!(*memory.read_only, [HOLE_START]);
     }
 
     #[test]
@@ -324,7 +338,7 @@ mod tests {
         page.write(information);
         assert_eq!(memory.information().unwrap().read().release, 7);
         assert!(memory.status().is_some());
-        assert!(GuestMemory::for_linux(1 << 20).unwrap().information().is_none());
+        assert!(GuestMemory::for_linux(1 << 20, &[]).unwrap().information().is_none());
     }
 
     #[test]

@@ -11,6 +11,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use kvm_ioctls::Kvm;
 use rtrb::{Consumer, RingBuffer};
 use takt_abi::PortTable;
+use takt_abi::memory::PORT_TABLE;
 use takt_devices::output;
 use takt_devices::ports::PortBus;
 use takt_devices::power::{AcpiPower, KeyboardController, PowerLine};
@@ -31,10 +32,12 @@ use crate::boot::touch::touch;
 use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile, ScheduleChange};
 use crate::cpuset::Domains;
+use crate::doorbell;
 use crate::gather::Gather;
 use crate::init_watch::{InitSeen, InitWatch};
 use crate::machine::{self, Machine, MachineError};
 use crate::memory::GuestMemory;
+use crate::pci::{self, Pci};
 use crate::restart::{Restart, Revival};
 use crate::run_error::RunError;
 use crate::supervisor::Console;
@@ -107,6 +110,8 @@ pub struct Preparation<'a> {
     pub frequency: Option<TscFrequency>,
     /// The serial port of the Linux guest, once there is one.
     pub console: Option<Console>,
+    /// What sources ring to wake the Linux guest.
+    pub doorbell: EventFd,
 }
 
 /// What a guest's thread keeps for as long as the guest exists.
@@ -135,18 +140,20 @@ impl Preparation<'_> {
         let unfit = |source| RunError::Plc { partition: partition.name().to_owned(), source };
         let bytes = partition.memory_bytes();
         let image = PlcImage::read(image, bytes).map_err(unfit)?;
-        let ports = self.channels.of(partition.id());
+        let ports = self.channels.of(partition.id(), partition.kind());
         let memory = GuestMemory::for_plc(bytes, &ports.views)?;
         let mut machine = machine::for_plc(&self.kvm, &memory)?;
         touch(&mut machine.vcpu, &memory)?;
         let entry = image.load(&memory).map_err(unfit)?;
-        let mut table =
-            memory.port_table().ok_or(MachineError::Missing("the PLC guest's port table"))?;
+        let mut table = memory
+            .port_table(PORT_TABLE)
+            .ok_or(MachineError::Missing("the PLC guest's port table"))?;
         let tsc = *self.frequency.get_or_insert(machine.tsc);
         table.write(PortTable { tsc_khz: tsc.khz().into(), ..ports.table });
         for region in &ports.own {
             region.format(&memory)?;
         }
+        doorbell::attach_sources(&machine.vm, &ports.table, &self.doorbell)?;
         long_mode::start(&machine.vcpu, memory.regions(), entry)?;
         let (console, output) = output::dropping();
         let frame = self.file.schedules().frame();
@@ -165,8 +172,11 @@ impl Preparation<'_> {
         initrd: Option<&Path>,
         cmdline: &str,
     ) -> Result<Prepared, RunError> {
-        let memory = GuestMemory::for_linux(partition.memory_bytes())?;
-        let entry = boot::linux::load(&memory, kernel, initrd, cmdline)
+        let pci = Pci::new(self.channels.of(partition.id(), partition.kind()))?;
+        let views = pci.as_ref().map(Pci::views).unwrap_or_default();
+        let memory = GuestMemory::for_linux(partition.memory_bytes(), &views)?;
+        let window = pci.as_ref().map(|_| pci::WINDOW);
+        let entry = boot::linux::load(&memory, kernel, initrd, cmdline, window)
             .map_err(|source| RunError::Linux { partition: partition.name().to_owned(), source })?;
         let machine = machine::for_linux(&self.kvm, &memory)?;
         long_mode::start(&machine.vcpu, memory.regions(), entry)?;
@@ -185,6 +195,10 @@ impl Preparation<'_> {
         ports.attach(SERIAL_PORT..=last, Box::new(console.clone()))?;
         ports.attach(POWER_PORT..=POWER_PORT + 2, Box::new(AcpiPower(power.clone())))?;
         ports.attach(0x60..=0x64, Box::new(KeyboardController::new(power.clone())))?;
+        if let Some(pci) = pci {
+            let tsc = *self.frequency.get_or_insert(machine.tsc);
+            pci.attach(&memory, tsc, &machine, &mut ports, &self.doorbell)?;
+        }
         self.console = Some(console);
         let guest = LinuxGuest::new(ports, power);
         // Nobody holds the other end: a Linux that has ended is not started again.

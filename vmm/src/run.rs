@@ -78,6 +78,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         board: Arc::new(SwitchBoard::new(schedules.frame(), schedules.tables().len())),
         frequency: None,
         console: None,
+        doorbell: eventfd()?,
     };
     let mut prepared = Vec::new();
     for partition in file.partitions() {

@@ -3,6 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
+use takt_devices::pci::bar::WindowFull;
 use takt_devices::ports::Overlap;
 use thiserror::Error;
 
@@ -43,6 +44,8 @@ pub enum RunError {
     Thread(#[from] ThreadError),
     #[error(transparent)]
     Supervisor(#[from] SupervisorError),
+    #[error(transparent)]
+    Pci(#[from] WindowFull),
     #[error("two devices of the Linux machine collide: {0}")]
     Ports(#[from] Overlap),
     #[error("cannot lock memory: {0}; run as root, or raise the limit (ulimit -l unlimited)")]

@@ -6,8 +6,11 @@
 //! its processor and interrupt controllers, its serial port, and registers to switch off and
 //! restart. It needs no system control interrupt, no fixed hardware and no firmware behind it.
 
+use std::ops::RangeInclusive;
+
 use acpi_tables::aml::{
-    Device, EISAName, IO, Interrupt, Name, Package, Path, ResourceTemplate, Scope,
+    AddressSpace as Range, AddressSpaceCacheable, Device, EISAName, IO, Interrupt, Method, Name,
+    Package, Path, ResourceTemplate, Scope,
 };
 use acpi_tables::fadt::{FADTBuilder, Flags};
 use acpi_tables::gas::{AccessSize, AddressSpace, GAS};
@@ -17,7 +20,8 @@ use acpi_tables::madt::{
 use acpi_tables::rsdp::Rsdp;
 use acpi_tables::sdt::Sdt;
 use acpi_tables::xsdt::XSDT;
-use acpi_tables::{Aml, aml};
+use acpi_tables::{Aml, AmlSink, aml};
+use takt_devices::pci::config_ports;
 use takt_devices::power::AcpiPower;
 use takt_devices::serial;
 use vm_memory::{Bytes, GuestAddress, GuestMemoryError, GuestMemoryMmap};
@@ -30,6 +34,8 @@ pub const POWER_PORT: u16 = 0x600;
 pub const SERIAL_PORT: u16 = 0x3f8;
 /// Its interrupt.
 pub const SERIAL_IRQ: u32 = 4;
+/// The interrupt of the PCI function: the first pin of the I/O APIC beyond those of the ISA bus.
+pub const PCI_GSI: u32 = 16;
 
 /// Addresses at which KVM's in-kernel interrupt controllers answer.
 const LOCAL_APIC: u32 = 0xfee0_0000;
@@ -48,10 +54,14 @@ mod absent {
 }
 
 /// Writes the tables to guest memory; returns the address of the first, for the boot parameters.
+/// `pci` is where the memory of PCI functions may lie, if the machine has a PCI bus.
 ///
 /// # Errors
 /// If the guest has no memory there.
-pub fn write(memory: &GuestMemoryMmap) -> Result<u64, GuestMemoryError> {
+pub fn write(
+    memory: &GuestMemoryMmap,
+    pci: Option<RangeInclusive<u32>>,
+) -> Result<u64, GuestMemoryError> {
     let mut next = TABLES + 64;
     let mut put = |table: &dyn Aml| {
         let mut bytes = Vec::new();
@@ -61,7 +71,7 @@ pub fn write(memory: &GuestMemoryMmap) -> Result<u64, GuestMemoryError> {
         next = (at + bytes.len() as u64).next_multiple_of(64);
         Ok::<u64, GuestMemoryError>(at)
     };
-    let dsdt = put(&dsdt())?;
+    let dsdt = put(&dsdt(pci))?;
     let fadt = put(&fadt(dsdt))?;
     let madt = put(&madt())?;
     let mut xsdt = XSDT::new(OEM, MACHINE, REVISION);
@@ -100,8 +110,9 @@ fn madt() -> impl Aml {
     madt
 }
 
-/// The machine's description in ACPI's own byte code: how to switch off, and the serial port.
-fn dsdt() -> Sdt {
+/// The machine's description in ACPI's own byte code: how to switch off, the serial port, and the
+/// PCI bus, if there is one.
+fn dsdt(pci: Option<RangeInclusive<u32>>) -> Sdt {
     let mut body = Vec::new();
     let off = AcpiPower::SOFT_OFF;
     Name::new(Path::new("_S5_"), &Package::new(vec![&off, &aml::ZERO, &aml::ZERO, &aml::ZERO]))
@@ -113,20 +124,101 @@ fn dsdt() -> Sdt {
     let resources = ResourceTemplate::new(vec![&interrupt, &ports]);
     let crs = Name::new(Path::new("_CRS"), &resources);
     let serial = Device::new(Path::new("COM1"), vec![&hid, &uid, &crs]);
-    Scope::new(Path::new("_SB_"), vec![&serial]).to_aml_bytes(&mut body);
+    let bus = pci.map(PciBus);
+    let mut devices: Vec<&dyn Aml> = vec![&serial];
+    if let Some(bus) = &bus {
+        devices.extend([&InterruptLink as &dyn Aml, bus]);
+    }
+    Scope::new(Path::new("_SB_"), devices).to_aml_bytes(&mut body);
     let mut table = Sdt::new(*b"DSDT", 36, 2, OEM, MACHINE, REVISION);
     table.append_slice(&body);
     table
+}
+
+/// What the PCI function's pin is wired to (ACPI 6.5, section 6.2.13).
+///
+/// A pin that is routed without a link is triggered by its level to Linux. This one is not, and only
+/// a link can say so. It has one setting; Linux wants to have asked for it even so
+/// (`drivers/acpi/pci_link.c`).
+struct InterruptLink;
+
+impl Aml for InterruptLink {
+    fn to_aml_bytes(&self, sink: &mut dyn AmlSink) {
+        let hid = Name::new(Path::new("_HID"), &EISAName::new("PNP0C0F"));
+        let uid = Name::new(Path::new("_UID"), &aml::ZERO);
+        let (edge, active_low, shared) = (true, false, false);
+        let interrupt = Interrupt::new(true, edge, active_low, shared, PCI_GSI);
+        let setting = ResourceTemplate::new(vec![&interrupt]);
+        let [possible, current] = ["_PRS", "_CRS"].map(|name| Name::new(Path::new(name), &setting));
+        let set = Method::new(Path::new("_SRS"), 1, false, Vec::new());
+        let disable = Method::new(Path::new("_DIS"), 0, false, Vec::new());
+        Device::new(Path::new("LNKA"), vec![&hid, &uid, &possible, &current, &set, &disable])
+            .to_aml_bytes(sink);
+    }
+}
+
+/// The root of the PCI bus (PCI Firmware Specification 3.3, section 4.1.3; ACPI 6.5, sections
+/// 6.2.13 and 19.6.1), with the addresses that functions' memory may have. Linux takes what a
+/// function already has if it lies in there.
+struct PciBus(RangeInclusive<u32>);
+
+impl Aml for PciBus {
+    fn to_aml_bytes(&self, sink: &mut dyn AmlSink) {
+        let hid = Name::new(Path::new("_HID"), &EISAName::new("PNP0A03"));
+        let uid = Name::new(Path::new("_UID"), &aml::ZERO);
+        let buses = Range::new_bus_number(0u16, 0);
+        let ports = config_ports::LAST - config_ports::FIRST + 1;
+        let ports = IO::new(config_ports::FIRST, config_ports::FIRST, 1, ports as u8);
+        let Self(window) = self;
+        let kind = AddressSpaceCacheable::NotCacheable;
+        let memory = Range::new_memory(kind, true, *window.start(), *window.end(), None);
+        let resources = ResourceTemplate::new(vec![&buses, &ports, &memory]);
+        let crs = Name::new(Path::new("_CRS"), &resources);
+        // Any function of the device (the low word), pin A, and the link that its interrupt comes by.
+        let device = u32::from(config_ports::FUNCTION_DEVICE) << 16 | 0xffff;
+        let link = Path::new("\\_SB_.LNKA");
+        let pin_a = Package::new(vec![&device, &aml::ZERO, &link, &aml::ZERO]);
+        let prt = Name::new(Path::new("_PRT"), &Package::new(vec![&pin_a]));
+        Device::new(Path::new("PCI0"), vec![&hid, &uid, &crs, &prt]).to_aml_bytes(sink);
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn dsdt_bytes(pci: Option<RangeInclusive<u32>>) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        dsdt(pci).to_aml_bytes(&mut bytes);
+        bytes
+    }
+
+    fn contains(bytes: &[u8], part: &[u8]) -> bool {
+        bytes.windows(part.len()).any(|window| window == part)
+    }
+
+    #[test]
+    fn only_a_machine_with_a_function_has_a_pci_bus() {
+        let without = dsdt_bytes(None);
+        let with = dsdt_bytes(Some(0xd000_0000..=0xdfff_ffff));
+        for name in [b"PCI0", b"_PRT", b"LNKA"] {
+            assert!(!contains(&without, name));
+            assert!(contains(&with, name));
+        }
+        // Minimum and maximum of the memory descriptor.
+        assert!(contains(&with, &[0, 0, 0, 0xd0, 0xff, 0xff, 0xff, 0xdf]));
+        // The routing entry: device 1, pin A, the link.
+        let mut entry = vec![4, 0x0c, 0xff, 0xff, 1, 0, 0];
+        entry.extend_from_slice(b"\\._SB_LNKA\0");
+        assert!(contains(&with, &entry));
+        // Extended interrupt: consumer, edge, active high, exclusive, one of them, 16.
+        assert!(contains(&with, &[0x89, 6, 0, 0b0011, 1, 16, 0, 0, 0]));
+    }
+
     #[test]
     fn every_table_has_its_signature_and_a_good_checksum() {
         let memory = GuestMemoryMmap::from_ranges(&[(GuestAddress(0), 1 << 20)]).unwrap();
-        let rsdp = write(&memory).unwrap();
+        let rsdp = write(&memory, Some(0xd000_0000..=0xdfff_ffff)).unwrap();
         let word = |at| memory.read_obj::<u32>(GuestAddress(at)).unwrap();
         let long = |at| memory.read_obj::<u64>(GuestAddress(at)).unwrap();
         let check = |at: u64| {

@@ -16,6 +16,7 @@
 
 use std::fs::File;
 use std::io;
+use std::ops::RangeInclusive;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
@@ -118,7 +119,8 @@ struct Kernel {
     end: u64,
 }
 
-/// Loads kernel, RAM disk and tables into memory.
+/// Loads kernel, RAM disk and tables into memory. `pci` is where the memory of PCI functions may
+/// lie, if the machine has a PCI bus.
 ///
 /// # Errors
 /// See [`LinuxImageError`].
@@ -127,6 +129,7 @@ pub fn load(
     kernel: &Path,
     initrd: Option<&Path>,
     cmdline: &str,
+    pci: Option<RangeInclusive<u32>>,
 ) -> Result<Entry, LinuxImageError> {
     let mut parameters = boot_params::default();
     let kernel = load_kernel(memory, kernel)?;
@@ -145,8 +148,8 @@ pub fn load(
         .regions()
         .write_slice(&RESTART, GuestAddress(RESTART_VECTOR))
         .map_err(|e| LinuxImageError::Parameters(e.to_string()))?;
-    parameters.acpi_rsdp_addr =
-        acpi::write(memory.regions()).map_err(|e| LinuxImageError::Parameters(e.to_string()))?;
+    parameters.acpi_rsdp_addr = acpi::write(memory.regions(), pci)
+        .map_err(|e| LinuxImageError::Parameters(e.to_string()))?;
     write_memory_map(&mut parameters, memory);
     LinuxBootConfigurator::write_bootparams(
         &BootParams::new(&parameters, GuestAddress(BOOT_PARAMETERS)),
@@ -240,7 +243,7 @@ fn write_cmdline(memory: &GuestMemory, text: &str) -> Result<(), LinuxImageError
 
 /// End of the RAM below the device hole.
 fn low_ram_end(memory: &GuestMemory) -> u64 {
-    memory.ranges().next().map_or(0, |(_, bytes)| bytes.min(HOLE_START))
+    memory.ram().next().map_or(0, |(_, bytes)| bytes.min(HOLE_START))
 }
 
 fn write_memory_map(parameters: &mut boot_params, memory: &GuestMemory) {
@@ -249,7 +252,7 @@ fn write_memory_map(parameters: &mut boot_params, memory: &GuestMemory) {
         (acpi::TABLES, HIGH_RAM_START - acpi::TABLES, E820_RESERVED),
         (HIGH_RAM_START, low_ram_end(memory).saturating_sub(HIGH_RAM_START), E820_RAM),
     ];
-    let high = memory.ranges().skip(1).map(|(start, bytes)| (start, bytes, E820_RAM));
+    let high = memory.ram().skip(1).map(|(start, bytes)| (start, bytes, E820_RAM));
     let mut count = 0;
     for (slot, (addr, size, r#type)) in
         parameters.e820_table.iter_mut().zip(low.into_iter().chain(high))

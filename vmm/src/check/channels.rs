@@ -19,7 +19,8 @@ pub fn list(out: &mut String, file: &PartitionFile) {
         };
         let (name, bytes) = (&channel.name, channel.message_bytes);
         line(out, &format!("  {name}: {kind}, up to {bytes} bytes, {rest}"));
-        line(out, &format!("    {}", end(file, &channel.source)));
+        let doorbell = if channel.doorbell { ", with a doorbell" } else { "" };
+        line(out, &format!("    {}{doorbell}", end(file, &channel.source)));
         for destination in &channel.destinations {
             line(out, &format!("      -> {}", end(file, destination)));
         }

@@ -42,6 +42,9 @@ pub struct Channel {
     /// Who receives: at least one, and exactly one if the channel is a queuing one. No partition
     /// is in here twice, nor is that of the source.
     pub destinations: Vec<End>,
+    /// Whether the source rings after each message, so that a destination in a Linux, of which
+    /// there is one then, can wait for it.
+    pub doorbell: bool,
 }
 
 /// What becomes of the messages of a channel.
@@ -110,7 +113,7 @@ impl fmt::Display for WhenFull {
 /// One end of a channel: a port of a partition.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct End {
-    /// The partition, a PLC.
+    /// The partition.
     pub partition: PartitionId,
     /// Name of the port, unique in the partition; of the same form as a partition's name.
     pub port: String,
@@ -168,8 +171,10 @@ fn check_one(
     let source = check_end(&raw.source, partitions)?;
     let ends = raw.destinations.get_ref().iter().map(|end| check_end(end, partitions));
     let destinations: Vec<End> = ends.collect::<Result<_, _>>()?;
-    let channel = Channel { name, kind, message_bytes, source, destinations };
+    let doorbell = raw.doorbell.as_ref().is_some_and(|doorbell| *doorbell.get_ref());
+    let channel = Channel { name, kind, message_bytes, source, destinations, doorbell };
     check_ends(&channel, raw, partitions)?;
+    check_doorbell(&channel, raw, partitions)?;
     Ok(channel)
 }
 
@@ -252,13 +257,6 @@ fn check_end(end: &Spanned<String>, partitions: &[Checked]) -> Result<End, Diagn
         return Err(Diagnostic::new(end.span(), found, allowed));
     };
     let owner = partition::find(partitions, owner, end.span())?;
-    if let Kind::Linux { .. } = owner.partition.kind {
-        let name = quote(&owner.partition.name);
-        let found = format!("partition {name} is of kind \"linux\" and cannot have a port");
-        let allowed = "ends in partitions of kind \"plc\", in this version of Takt";
-        return Err(Diagnostic::new(end.span(), found, allowed)
-            .and(owner.kind.clone(), format!("the kind of {name}")));
-    }
     let port = check_word(port, end.span())?.to_owned();
     Ok(End { partition: owner.partition.id, port })
 }
@@ -294,6 +292,26 @@ fn check_ends(
         }
     }
     Ok(())
+}
+
+/// A doorbell is for somebody who waits, and a PLC never does: it looks in each scan.
+fn check_doorbell(
+    channel: &Channel,
+    raw: &raw::Channel,
+    partitions: &[Checked],
+) -> Result<(), Diagnostic> {
+    let Some(doorbell) = raw.doorbell.as_ref().filter(|_| channel.doorbell) else { return Ok(()) };
+    let is_linux =
+        |end: &End| matches!(partitions[end.partition.0].partition.kind, Kind::Linux { .. });
+    if channel.destinations.iter().any(is_linux) {
+        return Ok(());
+    }
+    let name = quote(&channel.name);
+    let found = format!("channel {name} has a doorbell, and no destination that waits for it");
+    let allowed = "`doorbell = true` with a destination in a partition of kind \"linux\"; a PLC \
+                   looks at its ports in each scan and never waits";
+    Err(Diagnostic::new(doorbell.span(), found, allowed)
+        .and(raw.destinations.span(), "the destinations"))
 }
 
 impl Channel {

@@ -39,7 +39,6 @@ pub struct Checked {
     pub images: Vec<Image>,
     pub header: Span,
     pub name: Span,
-    pub kind: Span,
     pub background: Option<Span>,
     pub tasks: CheckedTasks,
 }
@@ -147,7 +146,6 @@ fn check(
         images,
         header: table.span(),
         name: raw.name.span(),
-        kind: raw.kind.span(),
         background: raw.background.as_ref().map(Spanned::span),
     })
 }

@@ -2,7 +2,8 @@
 //!
 //! A partition sees its channels in an area of guest memory of a fixed size, beside a page with
 //! the table of its ports. Both are of a fixed size so that a guest finds them at addresses which
-//! no partition file moves; so a file can ask for more than there is, and is told so here.
+//! no partition file moves; so a file can ask for more than there is, and is told so here. A Linux
+//! is told where its channels are, but a bound has to be somewhere, and one for all is simpler.
 
 use takt_abi::PORTS_MAX;
 use takt_abi::memory::{CHANNELS, CHANNELS_END, PAGE};

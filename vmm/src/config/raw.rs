@@ -97,6 +97,7 @@ pub struct Channel {
     pub refresh_period: Option<Spanned<Duration>>,
     pub depth: Option<Spanned<i64>>,
     pub when_full: Option<Spanned<String>>,
+    pub doorbell: Option<Spanned<bool>>,
 }
 
 /// A table that is written with keys. serde's derived structs also take an array of the values in

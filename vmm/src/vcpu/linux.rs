@@ -1,4 +1,8 @@
 //! The Linux guest's side of the loop: the few devices that are emulated for it.
+//!
+//! Of the memory of its PCI function nothing is here. The regions of channels are memory slots;
+//! what comes here is a write to one that is read-only, and any access to what is empty. That goes
+//! for the page of doorbells too: a doorbell wakes a Linux, and it is the only one.
 
 use kvm_ioctls::VcpuExit;
 use takt_devices::ports::PortBus;
@@ -86,6 +90,7 @@ impl Guest for LinuxGuest {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pci;
     use takt_devices::power::AcpiPower;
 
     #[test]
@@ -107,5 +112,26 @@ mod tests {
         let mut data = [0; 4];
         assert_eq!(guest.handle(VcpuExit::MmioRead(0xd000_0000, &mut data)), Step::Resume);
         assert_eq!((data, guest.illegal_accesses()), ([0xff; 4], 1));
+    }
+
+    #[test]
+    fn every_access_to_the_doorbells_and_to_empty_memory_is_counted() {
+        let mut guest = LinuxGuest::new(PortBus::default(), PowerLine::default());
+        let mut number = 0x2545_f491_4f6c_dd1du64;
+        for count in 1..=20_000 {
+            number = number.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            let address = u64::from(*pci::WINDOW.start()) + (number >> 40 & 0x1f_ffff);
+            let width = 1 << (number >> 62);
+            let mut data = [number as u8 & 0x7f; 8];
+            if number >> 33 & 1 == 0 {
+                let write = VcpuExit::MmioWrite(address, &data[..width]);
+                assert_eq!(guest.handle(write), Step::Resume);
+            } else {
+                let read = VcpuExit::MmioRead(address, &mut data[..width]);
+                assert_eq!(guest.handle(read), Step::Resume);
+                assert_eq!(data[..width], [0xff; 8][..width]);
+            }
+            assert_eq!(guest.illegal_accesses(), count);
+        }
     }
 }

@@ -214,6 +214,16 @@ mod tests {
     }
 
     #[test]
+    fn a_ring_that_kvm_does_not_take_is_for_nobody() {
+        let (mut guest, _memory, _end) = guest();
+        for number in [0u32, 1, 41, 42, u32::MAX] {
+            let ring = VcpuExit::IoOut(port::DOORBELL, &number.to_le_bytes());
+            assert_eq!(guest.handle(ring), Step::Resume);
+        }
+        assert_eq!(guest.illegal_accesses(), 5);
+    }
+
+    #[test]
     fn a_text_is_printed_up_to_the_length_that_was_said() {
         let (mut guest, memory, mut end) = guest();
         memory.regions().write_slice(b"level 1.2\nnot this", GuestAddress(TEXT)).unwrap();

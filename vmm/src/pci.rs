@@ -1,0 +1,83 @@
+//! The PCI function of a Linux guest with ports: where its memory lies, and what is in it.
+//!
+//! Memory has to be there before the machine is made, and the machine before it can be connected,
+//! so there are two steps: [`Pci::new`] chooses addresses, [`Pci::attach`] fills and connects. A
+//! Linux without ports takes neither and has no PCI at all.
+
+use std::ops::RangeInclusive;
+
+use takt_abi::PortTable;
+use takt_abi::memory::PAGE;
+use takt_devices::pci::config_ports::{self, ConfigPorts};
+use takt_devices::pci::function::{Bars, Function};
+use takt_devices::ports::PortBus;
+use takt_scheduler::time::TscFrequency;
+use vmm_sys_util::eventfd::EventFd;
+
+use crate::channels::Ports;
+use crate::doorbell;
+use crate::machine::{Machine, MachineError};
+use crate::memory::{GuestMemory, SharedRegion, View};
+use crate::run_error::RunError;
+
+/// Addresses for functions' memory: in the hole below 4 GiB, apart from the interrupt controllers
+/// (from `0xfec0_0000`), from the three pages that KVM needs on Intel processors, and from where a
+/// PLC has its pages, so that an address is never mistaken for one of another kind of guest.
+pub const WINDOW: RangeInclusive<u32> = 0xd000_0000..=0xdfff_ffff;
+
+/// A function that is laid out.
+pub struct Pci<'a> {
+    bars: Bars,
+    ports: Ports<'a>,
+    table: SharedRegion,
+}
+
+impl<'a> Pci<'a> {
+    /// Lays out the function for these ports; `None` if there are none.
+    ///
+    /// # Errors
+    /// If there is no memory for the page of the table, or no room for the function's memory, of
+    /// which a checked file does not ask for so much.
+    pub fn new(mut ports: Ports<'a>) -> Result<Option<Self>, RunError> {
+        if ports.table.count == 0 {
+            return Ok(None);
+        }
+        let bars = Bars::assign(&WINDOW, PAGE + ports.bytes(false), ports.bytes(true))?;
+        ports.place(bars.read_write.address().into(), bars.read_only.address().into());
+        Ok(Some(Self { bars, ports, table: SharedRegion::new(PAGE)? }))
+    }
+
+    /// What the guest sees: its port table, and the regions of its channels. What is left of the
+    /// function's memory, which is a power of two, stays empty.
+    #[must_use]
+    pub fn views(&self) -> Vec<View<'_>> {
+        let start = self.bars.read_only.address().into();
+        let table = View { start, region: &self.table, writable: false };
+        std::iter::once(table).chain(self.ports.views.iter().copied()).collect()
+    }
+
+    /// Fills the guest's `memory`, made of [these views](Self::views), and connects the function:
+    /// configuration to the guest's I/O ports, the interrupt to `bell`.
+    ///
+    /// # Errors
+    /// See [`RunError`].
+    pub fn attach(
+        self,
+        memory: &GuestMemory,
+        tsc: TscFrequency,
+        machine: &Machine,
+        bus: &mut PortBus,
+        bell: &EventFd,
+    ) -> Result<(), RunError> {
+        let mut table = memory
+            .port_table(self.bars.read_only.address().into())
+            .ok_or(MachineError::Missing("the Linux guest's port table"))?;
+        table.write(PortTable { tsc_khz: tsc.khz().into(), ..self.ports.table });
+        for region in &self.ports.own {
+            region.format(memory)?;
+        }
+        let function = ConfigPorts::new(Function::new(self.bars));
+        bus.attach(config_ports::FIRST..=config_ports::LAST, Box::new(function))?;
+        Ok(doorbell::attach_listener(&machine.vm, bell)?)
+    }
+}
