@@ -1,8 +1,12 @@
 //! The partition's ports: ends of channels, by the names that the partition file gives them.
 //!
-//! A port is opened once, usually before the first scan, and then used from it. No call blocks, none
-//! leaves the guest, and each is bounded, whatever the other end does (see the channel crate). What
-//! ARINC 653 makes a return code is one here too.
+//! A port is opened once, usually before the first scan, and then used from it. No call blocks, and
+//! each is bounded, whatever the other end does (see the channel crate). What ARINC 653 makes a
+//! return code is one here too.
+//!
+//! No call leaves the guest either, but for one: if the partition file gives the channel a doorbell,
+//! each message that is written or sent rings it, so that a Linux can wait for it. That is one VM
+//! exit, which ends in the host's kernel.
 
 use core::ptr::NonNull;
 use core::sync::atomic::{AtomicU64, Ordering};
@@ -10,20 +14,82 @@ use core::sync::atomic::{AtomicU64, Ordering};
 use takt_abi::{PORTS_MAX, Port, PortTable, direction, memory, port_kind};
 pub use takt_channel::ReturnCode;
 use takt_channel::{
-    Geometry, OwnPages, PeerPages, Policy, QueuingDestination, QueuingSource, SamplingDestination,
-    SamplingSource, Ticks,
+    Geometry, LengthError, OwnPages, PeerPages, Policy, QueuingDestination, QueuingSource,
+    SamplingDestination, SamplingSource, SendError, SourceStatus, Ticks, Tsc,
 };
 
-use crate::pages;
+use crate::{pages, port};
 
 /// A port that sends the newest value.
-pub type Output = SamplingSource<OwnPages<'static>>;
+#[derive(Debug)]
+pub struct Output {
+    source: SamplingSource<OwnPages<'static>>,
+    doorbell: Doorbell,
+}
+
+impl Output {
+    /// Replaces the message, and rings. `stamp` is now.
+    ///
+    /// # Errors
+    /// [`LengthError`]; the message before stays.
+    pub fn write(&mut self, bytes: &[u8], stamp: Tsc) -> Result<(), LengthError> {
+        self.source.write(bytes, stamp)?;
+        self.doorbell.ring();
+        Ok(())
+    }
+}
+
 /// A port that reads the newest value.
 pub type Input = SamplingDestination<PeerPages<'static>>;
 /// A port that sends messages.
-pub type Sender = QueuingSource<OwnPages<'static>, PeerPages<'static>>;
+#[derive(Debug)]
+pub struct Sender {
+    source: QueuingSource<OwnPages<'static>, PeerPages<'static>>,
+    doorbell: Doorbell,
+}
+
+impl Sender {
+    /// Sends a message, and rings. `stamp` is now.
+    ///
+    /// # Errors
+    /// [`SendError`]; then nobody is woken, since there is nothing new.
+    pub fn send(&mut self, bytes: &[u8], stamp: Tsc) -> Result<(), SendError> {
+        self.source.send(bytes, stamp)?;
+        self.doorbell.ring();
+        Ok(())
+    }
+
+    /// What is known of the port, after a look at the destination.
+    pub fn status(&mut self) -> SourceStatus {
+        self.source.status()
+    }
+}
+
 /// A port that receives messages.
 pub type Receiver = QueuingDestination<PeerPages<'static>, OwnPages<'static>>;
+
+/// What a source rings: the number of its port, if it has a doorbell.
+#[derive(Clone, Copy, Debug)]
+struct Doorbell(Option<u32>);
+
+impl Doorbell {
+    const fn of(taken: &Taken) -> Self {
+        Self(if taken.port.doorbell == 0 { None } else { Some(taken.number) })
+    }
+
+    fn ring(self) {
+        if let Some(number) = self.0 {
+            port::write(takt_abi::port::DOORBELL, number);
+        }
+    }
+}
+
+/// A port that was handed out.
+struct Taken {
+    /// Its place in the table.
+    number: u32,
+    port: &'static Port,
+}
 
 /// Ports that have been opened, one bit each.
 static OPENED: AtomicU64 = AtomicU64::new(0);
@@ -44,9 +110,10 @@ pub fn ports() -> &'static [Port] {
 /// `InvalidConfig` if there is no such port or it differs from what is asked for; `NoAction` if it
 /// is open already.
 pub fn output(name: &str, maximum: u32) -> Result<Output, ReturnCode> {
-    let port = take(name, port_kind::SAMPLING, direction::SOURCE, maximum)?;
+    let taken = take(name, port_kind::SAMPLING, direction::SOURCE, maximum)?;
     let geometry = Geometry::sampling(maximum).map_err(|_| ReturnCode::InvalidConfig)?;
-    SamplingSource::open(own(port)?, &geometry).map_err(|error| error.code())
+    let source = SamplingSource::open(own(taken.port)?, &geometry).map_err(|error| error.code())?;
+    Ok(Output { source, doorbell: Doorbell::of(&taken) })
 }
 
 /// Opens a destination of a sampling channel.
@@ -54,7 +121,7 @@ pub fn output(name: &str, maximum: u32) -> Result<Output, ReturnCode> {
 /// # Errors
 /// As [`output`].
 pub fn input(name: &str, maximum: u32) -> Result<Input, ReturnCode> {
-    let port = take(name, port_kind::SAMPLING, direction::DESTINATION, maximum)?;
+    let Taken { port, .. } = take(name, port_kind::SAMPLING, direction::DESTINATION, maximum)?;
     let geometry = Geometry::sampling(maximum).map_err(|_| ReturnCode::InvalidConfig)?;
     let khz = u128::from(pages::information().tsc_khz);
     let refresh = Ticks((u128::from(port.refresh_ns) * khz / 1_000_000) as u64);
@@ -66,9 +133,11 @@ pub fn input(name: &str, maximum: u32) -> Result<Input, ReturnCode> {
 /// # Errors
 /// As [`output`].
 pub fn sender(name: &str, maximum: u32) -> Result<Sender, ReturnCode> {
-    let port = take(name, port_kind::QUEUING, direction::SOURCE, maximum)?;
-    let (own, peer) = (own(port)?, peer(port)?);
-    QueuingSource::open(own, peer, &queuing(port)?).map_err(|error| error.code())
+    let taken = take(name, port_kind::QUEUING, direction::SOURCE, maximum)?;
+    let (own, peer) = (own(taken.port)?, peer(taken.port)?);
+    let source =
+        QueuingSource::open(own, peer, &queuing(taken.port)?).map_err(|error| error.code())?;
+    Ok(Sender { source, doorbell: Doorbell::of(&taken) })
 }
 
 /// Opens the destination of a queuing channel.
@@ -76,21 +145,21 @@ pub fn sender(name: &str, maximum: u32) -> Result<Sender, ReturnCode> {
 /// # Errors
 /// As [`output`].
 pub fn receiver(name: &str, maximum: u32) -> Result<Receiver, ReturnCode> {
-    let port = take(name, port_kind::QUEUING, direction::DESTINATION, maximum)?;
+    let Taken { port, .. } = take(name, port_kind::QUEUING, direction::DESTINATION, maximum)?;
     let (peer, own) = (peer(port)?, own(port)?);
     QueuingDestination::open(peer, own, &queuing(port)?).map_err(|error| error.code())
 }
 
 /// The port of that name, if it is what is asked for and nobody has taken it yet.
-fn take(name: &str, kind: u32, direction: u32, maximum: u32) -> Result<&'static Port, ReturnCode> {
-    let found = ports().iter().enumerate().find(|(_, port)| is_named(port, name));
+fn take(name: &str, kind: u32, direction: u32, maximum: u32) -> Result<Taken, ReturnCode> {
+    let found = (0..).zip(ports()).find(|(_, port)| is_named(port, name));
     let (number, port) = found.ok_or(ReturnCode::InvalidConfig)?;
     if (port.kind, port.direction, port.maximum) != (kind, direction, maximum) {
         return Err(ReturnCode::InvalidConfig);
     }
     let bit = 1 << number;
     match OPENED.fetch_or(bit, Ordering::Relaxed) & bit {
-        0 => Ok(port),
+        0 => Ok(Taken { number, port }),
         _ => Err(ReturnCode::NoAction),
     }
 }

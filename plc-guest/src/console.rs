@@ -9,19 +9,20 @@ use core::fmt::{self, Write};
 use takt_abi::{memory, port::CONSOLE};
 
 /// Longest line in bytes, with the line feed.
-const LINE: usize = 160;
+pub const LINE: usize = 160;
 /// Ends a line that was cut off.
 const CUT: &[u8] = b"...\n";
 
 /// One line of text.
-struct Line {
+pub struct Line {
     bytes: [u8; LINE],
     length: usize,
 }
 
 impl Line {
     /// Formats a line; the line feed is added.
-    fn new(text: fmt::Arguments) -> Self {
+    #[must_use]
+    pub fn new(text: fmt::Arguments) -> Self {
         let mut body = Body { line: Self { bytes: [0; LINE], length: 0 }, cut: false };
         // A line that is too long has been marked, and a value whose formatting fails has nobody
         // to tell: what there is of it is printed.
@@ -31,8 +32,16 @@ impl Line {
         line
     }
 
-    fn text(&self) -> &[u8] {
+    /// The line, with its line feed: at most [`LINE`] bytes.
+    #[must_use]
+    pub fn text(&self) -> &[u8] {
         &self.bytes[..self.length]
+    }
+
+    /// Prints it, at the price of one VM exit.
+    pub fn print(&self) {
+        pages::publish_text(self.text());
+        port::write(CONSOLE, self.length as u32);
     }
 
     /// Appends what fits below `limit`; returns whether that was everything. A cut in the middle
@@ -59,11 +68,9 @@ impl Write for Body {
     }
 }
 
-/// Prints one line, at the price of one VM exit.
+/// Formats one line and prints it.
 pub fn print(text: fmt::Arguments) {
-    let line = Line::new(text);
-    pages::publish_text(line.text());
-    port::write(CONSOLE, line.length as u32);
+    Line::new(text).print();
 }
 
 const _: () = assert!(LINE <= memory::TEXT_BYTES);
