@@ -1,4 +1,4 @@
-//! Channels between partitions, and what a hostile peer can do with them.
+//! Channels between partitions, how Linux finds its own, and what a hostile peer can do with them.
 
 use takt_tests::{BUSY, File, Outcome, Run, long, plc_image};
 
@@ -89,4 +89,44 @@ fn a_hostile_peer_cannot_cost_the_other_a_cycle() {
     assert_eq!(outcome.number("right", "illegal_accesses"), 0);
     // It is noticed.
     assert!(count(&outcome, "right", "hostile") > 100, "{}", outcome.output);
+}
+
+#[test]
+fn a_linux_finds_its_ports_and_is_woken_by_a_doorbell() {
+    let dialogue = [
+        (
+            "linux# ",
+            "cd /sys/bus/pci/devices/0000:00:01.0; \
+             echo function $(cat vendor device class revision); head -3 resource; \
+             table=$(sed -n 2p resource | cut -d' ' -f1); \
+             echo table $(for at in 0 4 8; do devmem $((table + at)) 32; done); \
+             devmem $table 32 0; echo magic $(devmem $table 32) after a write\n",
+        ),
+        (
+            "0x544B4154 after",
+            "dd if=/dev/uio0 of=/tmp/count bs=4 count=1; \
+             echo rung, a count of $(stat -c %s /tmp/count) bytes; \
+             while :; do cat /proc/kallsyms > /dev/null; done\n",
+        ),
+    ];
+    let run = Run::of("configs/channel-linux.toml").lasting("3s").typing(&dialogue);
+    let outcome = run.run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("function 0x1af4 0x10f0 0x058000 0x01");
+    // Doorbells; the table, the level and the log; an acknowledgement and the setpoint. The third
+    // figure says memory, and prefetchable but for the first.
+    for bar in [
+        "0x00000000d0006000 0x00000000d0006fff 0x0000000000040200",
+        "0x00000000d0000000 0x00000000d0003fff 0x0000000000042208",
+        "0x00000000d0004000 0x00000000d0005fff 0x0000000000042208",
+    ] {
+        outcome.assert_shows(bar);
+    }
+    // "TAKT", the version, and three ports.
+    outcome.assert_shows("table 0x544B4154 0x00000004 0x00000003");
+    outcome.assert_shows("magic 0x544B4154 after a write");
+    // With its first line on the console, after 2.5 s.
+    outcome.assert_shows("rung, a count of 4 bytes");
+    outcome.assert_kept_its_time("plc", 2_990);
+    assert_eq!(outcome.number("plc", "illegal_accesses"), 0);
 }
