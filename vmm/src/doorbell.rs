@@ -5,11 +5,13 @@
 //! ```
 //!
 //! A ring never leaves the kernel of the host. The PLC's instruction is one exit, which adds to a
-//! counter and goes back; no thread of Takt wakes up, so none can be late, and a guest that rings
-//! without end costs nobody but itself. The interrupt is brought by a worker thread of the kernel's,
-//! of the ordinary class: on the PLC's own CPU, when no window is in the way. There is one counter
-//! for all sources, because there is one Linux at most and one pin of it: which port has something
-//! new is seen in the channels.
+//! counter and goes back; no thread of Takt wakes up, so none can be late. The interrupt is brought
+//! by a worker thread of the kernel's, of the ordinary class and on the PLC's CPU: when no window is
+//! in the way. A guest that rings without end spends its own window, and interrupts Linux as often
+//! as Linux takes it.
+//!
+//! There is one counter for all sources, because there is one Linux at most and one pin of it: which
+//! port has something new is seen in the channels.
 //!
 //! KVM takes only the rings of ports that have a doorbell. Any other value goes the way of every
 //! access that means nothing: an exit to Takt, which counts it as illegal.
