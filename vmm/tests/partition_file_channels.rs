@@ -61,6 +61,19 @@ fn the_report_ends_with_the_channels() {
 }
 
 #[test]
+fn a_linux_may_be_at_either_end_and_a_doorbell_is_reported() {
+    let path = Path::new("tests/partition_files/good-linux-channels.toml");
+    let file = config::load(path, Some(2)).unwrap_or_else(|error| panic!("{error}"));
+    let [setpoints, orders] = file.channels() else { panic!("{file:?}") };
+    assert_eq!(ends(setpoints), [(0, "setpoints"), (1, "setpoints"), (2, "setpoints")]);
+    assert_eq!(ends(orders), [(2, "orders"), (0, "orders")]);
+    assert_eq!((setpoints.doorbell, orders.doorbell), (true, false));
+    let text = listed(&file);
+    assert!(text.contains("\n    cell:setpoints, with a doorbell\n"), "{text}");
+    assert!(text.contains("\n    linux:orders\n"), "{text}");
+}
+
+#[test]
 fn the_documentation_shows_two_of_these_channels_as_they_are_written_and_reported() {
     let page = fs::read_to_string("../docs/partition-file.md").unwrap();
     let written = fs::read_to_string("tests/partition_files/good-channels.toml").unwrap();
