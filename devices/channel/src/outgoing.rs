@@ -4,6 +4,11 @@
 //! `written`), and then counting up its epoch. Message numbers go on: were they to begin again
 //! at 0, a reader could not tell an old message 5 from a new one. The counter is the only thing
 //! an end believes of its own region at its start, and any value of it will do.
+//!
+//! An end that *attaches* continues a life instead: short-lived processes that follow each other are
+//! then one source. It believes two numbers of its own region, and stores nothing. Only its own
+//! partition can have damaged them; if the two contradict each other, there is no life to continue,
+//! and a new one begins.
 
 use core::fmt;
 
@@ -11,7 +16,7 @@ use crate::code::ReturnCode;
 use crate::layout::{Geometry, offset, word};
 use crate::memory::Store;
 use crate::open::OpenError;
-use crate::slots::Slots;
+use crate::slots::{LIFE_MAX, Slots};
 use crate::time::Tsc;
 
 /// Why a message has the wrong length.
@@ -69,6 +74,17 @@ impl<S: Store> Outgoing<S> {
         region.store(word(offset::FIRST), next);
         begin_epoch(&mut region);
         Ok(Outgoing { region, slots: Slots::new(geometry), first: next, next })
+    }
+
+    /// Continues the life that the region is in, or begins a new one if it cannot be in any.
+    pub(crate) fn attach(region: S, geometry: &Geometry) -> Result<Self, OpenError> {
+        geometry.check_source(&region)?;
+        let first = region.load(word(offset::FIRST));
+        let next = region.load(word(offset::WRITTEN));
+        if next.wrapping_sub(first) >= LIFE_MAX {
+            return Self::open(region, geometry);
+        }
+        Ok(Outgoing { region, slots: Slots::new(geometry), first, next })
     }
 
     /// The number of the first message of this life.

@@ -11,7 +11,8 @@
 //! and says so once.
 //!
 //! Messages are not told again after a restart of the source, nor after one of the destination:
-//! opening either end empties the queue.
+//! opening either end empties the queue. Where processes follow each other at an end, each attaches to
+//! it instead, and the queue goes on.
 
 pub(crate) mod destination;
 pub(crate) mod source;

@@ -32,6 +32,19 @@ impl<S: Store> SamplingSource<S> {
         Ok(SamplingSource { outgoing: Outgoing::open(region, geometry)? })
     }
 
+    /// Continues where the source's last owner left off: the message that is there stays, and no
+    /// destination notices. That owner must not write any more.
+    ///
+    /// Counters of the own region that contradict each other, which only this partition can have
+    /// caused, are as good as none: the channel is then emptied as by [`open`](Self::open).
+    ///
+    /// # Errors
+    /// [`OpenError`], INVALID_CONFIG.
+    pub fn attach(region: S, geometry: &Geometry) -> Result<Self, OpenError> {
+        geometry.must_be_sampling()?;
+        Ok(SamplingSource { outgoing: Outgoing::attach(region, geometry)? })
+    }
+
     /// Replaces the message. `stamp` is now. Wait-free.
     ///
     /// # Errors
@@ -137,6 +150,17 @@ impl<L: Load> SamplingDestination<L> {
     /// # Errors
     /// [`OpenError`], INVALID_CONFIG.
     pub fn open(region: L, geometry: &Geometry, refresh: Ticks) -> Result<Self, OpenError> {
+        let mut opened = Self::attach(region, geometry, refresh)?;
+        opened.opened_at = Some(opened.region.load(word(offset::WRITTEN)));
+        Ok(opened)
+    }
+
+    /// Opens a destination that also sees what was written before, in this life of the source. A
+    /// destination leaves nothing behind, so there is nothing else to continue.
+    ///
+    /// # Errors
+    /// [`OpenError`], INVALID_CONFIG.
+    pub fn attach(region: L, geometry: &Geometry, refresh: Ticks) -> Result<Self, OpenError> {
         geometry.must_be_sampling()?;
         geometry.check_source(&region)?;
         if refresh.0 == 0 {
@@ -146,7 +170,7 @@ impl<L: Load> SamplingDestination<L> {
             slots: Slots::new(geometry),
             refresh,
             watch: EpochWatch::new(region.load(word(offset::EPOCH))),
-            opened_at: Some(region.load(word(offset::WRITTEN))),
+            opened_at: None,
             validity: Validity::Invalid,
             counters: Counters::default(),
             region,

@@ -105,23 +105,38 @@ impl<L: Load, S: Store> QueuingDestination<L, S> {
     ///
     /// # Errors
     /// [`OpenError`], INVALID_CONFIG.
-    pub fn open(peer: L, mut own: S, geometry: &Geometry) -> Result<Self, OpenError> {
+    pub fn open(peer: L, own: S, geometry: &Geometry) -> Result<Self, OpenError> {
+        let mut opened = Self::attach(peer, own, geometry)?;
+        opened.take_up_to(opened.peer.load(word(offset::WRITTEN)));
+        begin_epoch(&mut opened.own);
+        Ok(opened)
+    }
+
+    /// Continues where the destination's last owner left off: the next message is the first that
+    /// it has not taken, and the source does not notice. That owner must not receive any more. A
+    /// message is taken when [`receive`](Self::receive) returns it; what an owner has not
+    /// returned before it ended, the next one gets. An overflow that it noticed and did not tell
+    /// is forgotten.
+    ///
+    /// The number of the next message is all that is believed of the own region. Where this
+    /// partition has damaged it, messages can come twice or be left out, and the source may be
+    /// counted as hostile for what is not its fault; the looks that follow correct it.
+    ///
+    /// # Errors
+    /// [`OpenError`], INVALID_CONFIG.
+    pub fn attach(peer: L, own: S, geometry: &Geometry) -> Result<Self, OpenError> {
         let policy = geometry.queuing_policy()?;
         geometry.check_source(&peer)?;
         geometry.check_destination(&own)?;
-        let watch = EpochWatch::new(peer.load(word(offset::EPOCH)));
-        let next = peer.load(word(offset::WRITTEN));
-        own.store(word(offset::READ), next);
-        begin_epoch(&mut own);
         Ok(QueuingDestination {
+            next: own.load(word(offset::READ)),
+            watch: EpochWatch::new(peer.load(word(offset::EPOCH))),
             peer,
             own,
             slots: Slots::new(geometry),
             policy,
             depth: geometry.depth,
-            next,
             overflowed: false,
-            watch,
             counters: Counters::default(),
         })
     }

@@ -84,10 +84,33 @@ impl<S: Store, L: Load> QueuingSource<S, L> {
     /// # Errors
     /// [`OpenError`], INVALID_CONFIG.
     pub fn open(own: S, peer: L, geometry: &Geometry) -> Result<Self, OpenError> {
+        Self::begin(own, peer, geometry, Outgoing::open)
+    }
+
+    /// Continues where the source's last owner left off: what is waiting stays, and the destination
+    /// does not notice. That owner must not send any more. A message that it was writing when it
+    /// ended was never sent.
+    ///
+    /// Counters of the own region that contradict each other, which only this partition can have
+    /// caused, are as good as none: the queue is then emptied as by [`open`](Self::open).
+    ///
+    /// # Errors
+    /// [`OpenError`], INVALID_CONFIG.
+    pub fn attach(own: S, peer: L, geometry: &Geometry) -> Result<Self, OpenError> {
+        Self::begin(own, peer, geometry, Outgoing::attach)
+    }
+
+    fn begin(
+        own: S,
+        peer: L,
+        geometry: &Geometry,
+        outgoing: fn(S, &Geometry) -> Result<Outgoing<S>, OpenError>,
+    ) -> Result<Self, OpenError> {
         let policy = geometry.queuing_policy()?;
         geometry.check_destination(&peer)?;
-        let outgoing = Outgoing::open(own, geometry)?;
+        let outgoing = outgoing(own, geometry)?;
         Ok(QueuingSource {
+            // What was taken since then, the next look tells.
             taken: outgoing.first(),
             outgoing,
             watch: EpochWatch::new(peer.load(word(offset::EPOCH))),

@@ -299,3 +299,54 @@ fn a_queuing_source_survives_a_hostile_destination() {
     }
     assert!(hostile > 0 && sent > 0 && full > 0, "{hostile} {sent} {full}");
 }
+
+/// An end whose own partition has written nonsense to the end's own region too, and that attaches
+/// to it again and again while the peer goes on.
+#[test]
+fn ends_that_attach_survive_hostile_peers_and_their_own_damage() {
+    let mut delivered = 0;
+    for seed in seeds() {
+        let policy = if seed % 2 == 0 { Policy::Refuse } else { Policy::Overwrite };
+        let queue = Queue::new(MAXIMUM as u32, 1 + (seed % 3) as u32, policy);
+        let geometry = queue.geometry;
+        let (messages, acknowledgement) = (&queue.messages, &queue.acknowledgement);
+        let attackers = [(messages, geometry.source_bytes()), (acknowledgement, 128)]
+            .map(|(region, bytes)| shared(Attacker::new(seed, region.clone(), bytes, &geometry)));
+        let watched = |region: &Region| {
+            let evil = attackers.clone();
+            Watched::new(region.clone(), move || {
+                evil.iter().for_each(|(attacker, _)| attacker.borrow_mut().before_look());
+            })
+        };
+        for _ in 0..OPERATIONS / 4 {
+            let (mut whole, mut taken) = (messages.clone(), acknowledgement.clone());
+            geometry.format_source(&mut whole).unwrap();
+            geometry.format_destination(&mut taken).unwrap();
+            attackers.iter().for_each(|(_, looks)| looks.set(0));
+            // The attacker may have damaged the header between two looks of the check.
+            if let Ok(mut source) =
+                QueuingSource::attach(whole, watched(acknowledgement), &geometry)
+            {
+                let _ = source.send(b"message", Tsc(0));
+                assert!(source.status().waiting <= 3);
+            }
+            geometry.format_source(&mut messages.clone()).unwrap();
+            if let Ok(mut end) = QueuingDestination::attach(watched(messages), taken, &geometry) {
+                let mut buffer = buffer();
+                if let Ok(received) = end.receive(&mut buffer) {
+                    assert!((1..=MAXIMUM).contains(&received.bytes.len()), "seed {seed}");
+                    delivered += 1;
+                }
+                assert_eq!(buffer[MAXIMUM..], CANARY, "seed {seed}");
+            }
+            let looks: u32 = attackers.iter().map(|(_, looks)| looks.get()).sum();
+            assert!(looks <= 4 * LOOKS, "seed {seed}: {looks} looks");
+        }
+        geometry.format_source(&mut messages.clone()).unwrap();
+        geometry.format_destination(&mut acknowledgement.clone()).unwrap();
+        let (mut source, mut destination) = (queue.source(), queue.destination());
+        source.send(b"restored", Tsc(0)).unwrap();
+        assert_eq!(destination.receive(&mut buffer()).unwrap().bytes, b"restored", "seed {seed}");
+    }
+    assert!(delivered > 0);
+}

@@ -4,6 +4,7 @@
 // Models replace the ring's dimensions, and `tests/loom.rs` is what runs then.
 #![cfg(not(loom))]
 
+mod attach;
 mod claims;
 mod header;
 mod hostile;

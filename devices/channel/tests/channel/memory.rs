@@ -35,6 +35,11 @@ impl Region {
         self.0.borrow_mut()[offset / 8] = value;
     }
 
+    /// All words of the region as they are now.
+    pub fn snapshot(&self) -> Vec<u64> {
+        self.0.borrow().clone()
+    }
+
     pub fn peek(&self, offset: usize) -> u64 {
         assert_eq!(offset % 8, 0);
         self.0.borrow()[offset / 8]

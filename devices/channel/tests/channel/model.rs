@@ -17,6 +17,8 @@ enum Step {
     Clear,
     RestartSource,
     RestartDestination,
+    FollowSource,
+    FollowDestination,
 }
 
 fn steps() -> impl Strategy<Value = Vec<Step>> {
@@ -26,6 +28,8 @@ fn steps() -> impl Strategy<Value = Vec<Step>> {
         1 => Just(Step::Clear),
         1 => Just(Step::RestartSource),
         1 => Just(Step::RestartDestination),
+        3 => Just(Step::FollowSource),
+        3 => Just(Step::FollowDestination),
     ];
     prop::collection::vec(step, 0..200)
 }
@@ -107,6 +111,17 @@ fn run_queue(maximum: usize, depth: u32, policy: Policy, steps: &[Step]) {
                 reference.empty();
                 lost = 0;
             }
+            Step::FollowSource => {
+                let (own, peer) = (queue.messages.clone(), queue.acknowledgement.clone());
+                source = QueuingSource::attach(own, peer, &queue.geometry).unwrap();
+            }
+            Step::FollowDestination => {
+                let (peer, own) = (queue.messages.clone(), queue.acknowledgement.clone());
+                destination = QueuingDestination::attach(peer, own, &queue.geometry).unwrap();
+                // What the one before has noticed, it cannot tell any more.
+                reference.overflowed = reference.lost > 0;
+                lost = 0;
+            }
         }
         assert_eq!(source.status().waiting as usize, reference.waiting.len());
     }
@@ -124,6 +139,8 @@ enum SamplingStep {
     Wait(u64),
     RestartSource,
     RestartDestination(usize),
+    FollowSource,
+    FollowDestination(usize),
 }
 
 fn sampling_steps() -> impl Strategy<Value = Vec<SamplingStep>> {
@@ -133,6 +150,8 @@ fn sampling_steps() -> impl Strategy<Value = Vec<SamplingStep>> {
         4 => (0..100_u64).prop_map(SamplingStep::Wait),
         1 => Just(SamplingStep::RestartSource),
         1 => (0..2_usize).prop_map(SamplingStep::RestartDestination),
+        2 => Just(SamplingStep::FollowSource),
+        1 => (0..2_usize).prop_map(SamplingStep::FollowDestination),
     ];
     prop::collection::vec(step, 0..200)
 }
@@ -147,13 +166,15 @@ fn run_sampling(maximum: usize, refresh: u64, steps: &[SamplingStep]) {
     let mut readers = [destination(), destination()];
     // The message that each destination must see.
     let mut newest: [Option<u64>; 2] = [None; 2];
+    let mut in_this_life = None;
     let mut now = 0;
     for step in steps {
         match *step {
             SamplingStep::Write => {
                 now += 1;
                 writer.write(&whole(now, maximum), Tsc(now)).unwrap();
-                newest = [Some(now); 2];
+                in_this_life = Some(now);
+                newest = [in_this_life; 2];
             }
             SamplingStep::Read { destination } => {
                 let mut buffer = vec![0; maximum];
@@ -171,11 +192,20 @@ fn run_sampling(maximum: usize, refresh: u64, steps: &[SamplingStep]) {
             SamplingStep::Wait(ticks) => now += ticks,
             SamplingStep::RestartSource => {
                 writer = source();
-                newest = [None; 2];
+                in_this_life = None;
+                newest = [in_this_life; 2];
             }
             SamplingStep::RestartDestination(i) => {
                 readers[i] = destination();
                 newest[i] = None;
+            }
+            SamplingStep::FollowSource => {
+                writer = SamplingSource::attach(region.clone(), &geometry).unwrap();
+            }
+            SamplingStep::FollowDestination(i) => {
+                readers[i] =
+                    SamplingDestination::attach(region.clone(), &geometry, Ticks(refresh)).unwrap();
+                newest[i] = in_this_life;
             }
         }
     }
