@@ -1,0 +1,228 @@
+//! Messages as the tool takes and shows them.
+
+use std::io::{self, Read, Write};
+
+use serde::Serialize;
+use serde_json::Value as Json;
+
+use crate::arguments::Shape;
+use crate::failure::Failure;
+use crate::layout::{Layout, Values};
+
+/// What is shown of a message that came.
+#[derive(Debug)]
+pub struct Message<'a> {
+    pub port: &'a str,
+    /// 0, or 4 if messages before it were overwritten.
+    pub code: u32,
+    pub age_ns: u64,
+    /// Only samples have one.
+    pub valid: Option<bool>,
+    pub bytes: &'a [u8],
+}
+
+/// A line of `--json`.
+#[derive(Debug, Serialize)]
+struct Line<'a> {
+    port: &'a str,
+    code: u32,
+    age_ns: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    valid: Option<bool>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bytes: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fields: Option<Values<'a>>,
+}
+
+impl Shape {
+    /// Shows a message, at once.
+    pub fn show(&self, message: &Message<'_>, out: &mut impl Write) -> Result<(), Failure> {
+        let bytes = message.bytes;
+        let values = self.layout.as_ref().map(|layout| layout.decode(bytes)).transpose();
+        let values =
+            values.map_err(|error| Failure::Shape(format!("{}: {error}", message.port)))?;
+        let written = match (self.json, values) {
+            (true, fields) => {
+                let line = Line {
+                    port: message.port,
+                    code: message.code,
+                    age_ns: message.age_ns,
+                    valid: message.valid,
+                    bytes: fields.is_none().then(|| hexadecimal(bytes)),
+                    fields,
+                };
+                serde_json::to_string(&line)
+                    .map_err(io::Error::from)
+                    .and_then(|line| writeln!(out, "{line}"))
+            }
+            (false, Some(values)) => writeln!(out, "{values}"),
+            (false, None) if self.hex => writeln!(out, "{}", hexadecimal(bytes)),
+            (false, None) => out.write_all(bytes),
+        };
+        written.and_then(|()| out.flush()).map_err(|error| Failure::Stream("output", error))
+    }
+
+    /// Calls `each` with every message of the argument or of standard input.
+    pub fn take(
+        &self,
+        data: Option<&str>,
+        count: Option<u64>,
+        input: impl io::BufRead,
+        mut each: impl FnMut(&[u8]) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let failed = |error| Failure::Stream("input", error);
+        if let Some(data) = data {
+            let message = self.parse(data.as_bytes())?;
+            return (0..count.unwrap_or(1)).try_for_each(|_| each(&message));
+        }
+        if self.is_raw() {
+            let mut message = Vec::new();
+            // One byte more than any message, so that one that is too long is seen to be.
+            let most = u64::from(takt_port::channel::MESSAGE_MAX) + 1;
+            input.take(most).read_to_end(&mut message).map_err(failed)?;
+            return (0..count.unwrap_or(1)).try_for_each(|_| each(&message));
+        }
+        let most = usize::try_from(count.unwrap_or(u64::MAX)).unwrap_or(usize::MAX);
+        for line in input.split(b'\n').take(most) {
+            each(&self.parse(&line.map_err(failed)?)?)?;
+        }
+        Ok(())
+    }
+
+    fn is_raw(&self) -> bool {
+        !self.hex && !self.json && self.layout.is_none()
+    }
+
+    fn parse(&self, data: &[u8]) -> Result<Vec<u8>, Failure> {
+        if self.is_raw() {
+            return Ok(data.to_owned());
+        }
+        let text = std::str::from_utf8(data).map_err(|error| Failure::Usage(error.to_string()))?;
+        let parsed = match (self.json, &self.layout) {
+            (true, layout) => from_json(text, layout.as_ref()),
+            (false, Some(layout)) => layout.encode_text(text),
+            (false, None) => from_hexadecimal(text),
+        };
+        parsed.map_err(Failure::Usage)
+    }
+}
+
+fn from_json(text: &str, layout: Option<&Layout>) -> Result<Vec<u8>, String> {
+    let object: Json = serde_json::from_str(text).map_err(|error| format!("JSON: {error}"))?;
+    match (object.get("fields"), object.get("bytes"), layout) {
+        (Some(fields), _, Some(layout)) => layout.encode_json(fields),
+        (_, Some(Json::String(bytes)), _) => from_hexadecimal(bytes),
+        (Some(_), None, None) => Err("fields need a --layout".to_owned()),
+        _ => Err("a message in JSON has fields, or bytes as hexadecimal text".to_owned()),
+    }
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn from_hexadecimal(text: &str) -> Result<Vec<u8>, String> {
+    let digits: Option<Vec<u8>> = text
+        .chars()
+        .filter(|c| !c.is_ascii_whitespace())
+        .map(|c| c.to_digit(16).map(|digit| digit as u8))
+        .collect();
+    match digits {
+        Some(digits) if digits.len().is_multiple_of(2) => {
+            Ok(digits.as_chunks::<2>().0.iter().map(|[high, low]| high << 4 | low).collect())
+        }
+        _ => Err(format!("{text}: not pairs of hexadecimal digits")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shape(layout: Option<&str>, hex: bool, json: bool) -> Shape {
+        let layout = layout.map(|text| Layout::from_argument(text).unwrap());
+        Shape { raw: false, hex, layout, json }
+    }
+
+    fn shown(shape: &Shape, valid: Option<bool>, bytes: &[u8]) -> Vec<u8> {
+        let mut out = Vec::new();
+        let message = Message { port: "p", code: 0, age_ns: 5, valid, bytes };
+        shape.show(&message, &mut out).unwrap();
+        out
+    }
+
+    fn taken(shape: &Shape, data: Option<&str>, count: Option<u64>, input: &[u8]) -> Vec<Vec<u8>> {
+        let mut messages = Vec::new();
+        let each = |bytes: &[u8]| {
+            messages.push(bytes.to_owned());
+            Ok(())
+        };
+        shape.take(data, count, input, each).unwrap();
+        messages
+    }
+
+    #[test]
+    fn a_message_is_shown_in_each_shape() {
+        let bytes = [1, 0, 0xff];
+        assert_eq!(shown(&shape(None, false, false), None, &bytes), bytes);
+        assert_eq!(shown(&shape(None, true, false), None, &bytes), b"0100ff\n");
+        assert_eq!(shown(&shape(Some("a:int,b:sint"), false, false), None, &bytes), b"a=1 b=-1\n");
+        let json = br#"{"port":"p","code":0,"age_ns":5,"valid":true,"bytes":"0100ff"}"#;
+        assert_eq!(shown(&shape(None, false, true), Some(true), &bytes).trim_ascii(), json);
+        let json = br#"{"port":"p","code":0,"age_ns":5,"fields":{"a":1,"b":-1}}"#;
+        let layout = shape(Some("a:int,b:sint"), false, true);
+        assert_eq!(shown(&layout, None, &bytes).trim_ascii(), json);
+    }
+
+    #[test]
+    fn what_is_shown_can_be_taken_again() {
+        let bytes = vec![1, 0, 0xff];
+        for shape in [
+            shape(None, false, false),
+            shape(None, true, false),
+            shape(None, false, true),
+            shape(Some("a:int,b:sint"), false, false),
+            shape(Some("a:int,b:sint"), false, true),
+        ] {
+            let out = shown(&shape, Some(false), &bytes);
+            assert_eq!(taken(&shape, None, None, &out), std::slice::from_ref(&bytes), "{shape:?}");
+        }
+    }
+
+    #[test]
+    fn messages_come_from_the_argument_or_the_lines_of_the_input() {
+        let raw = shape(None, false, false);
+        assert_eq!(taken(&raw, Some("a b"), Some(2), b"x"), [b"a b", b"a b"]);
+        assert_eq!(taken(&raw, None, None, b"a\nb\n"), [b"a\nb\n"]);
+        assert_eq!(taken(&raw, None, None, &vec![0; 70_000])[0].len(), 65_537);
+        let hex = shape(None, true, false);
+        assert_eq!(taken(&hex, None, None, b"01\n0 2\n03"), [[1], [2], [3]]);
+        assert_eq!(taken(&hex, None, Some(2), b"01\n02\n03"), [[1], [2]]);
+    }
+
+    #[test]
+    fn a_message_that_cannot_be_understood_is_a_usage_error() {
+        for (shape, data) in [
+            (shape(None, true, false), &b"0"[..]),
+            (shape(None, true, false), b"0g"),
+            (shape(None, true, false), b"\xff"),
+            (shape(None, false, true), b"{"),
+            (shape(None, false, true), b"[]"),
+            (shape(None, false, true), b"{\"bytes\":1}"),
+            (shape(None, false, true), b"{\"fields\":{}}"),
+            (shape(Some("a:int"), false, true), b"{\"fields\":{}}"),
+        ] {
+            let error = shape.parse(data).unwrap_err();
+            assert_eq!(error.status(), crate::failure::USAGE, "{error}");
+        }
+    }
+
+    #[test]
+    fn a_message_of_another_length_than_the_layout_is_not_shown() {
+        let message = Message { port: "p", code: 0, age_ns: 0, valid: None, bytes: &[1] };
+        let error = shape(Some("a:int"), false, false).show(&message, &mut Vec::new()).unwrap_err();
+        assert_eq!(error.to_string(), "p: the message has 1 bytes, the layout 2");
+        assert_eq!(error.status(), 70);
+    }
+}
