@@ -41,6 +41,13 @@ impl File {
         self.other_linux(&System { exec, ..System::default() })
     }
 
+    /// Adds Linux in the background with the programs of an initial RAM disk of
+    /// [`initrd_with`](crate::initrd_with).
+    #[must_use]
+    pub fn linux_with(self, initrd: &str, exec: &str) -> Self {
+        self.other_linux(&System { initrd, exec, ..System::default() })
+    }
+
     fn other_linux(mut self, linux: &System<'_>) -> Self {
         let System { kernel, initrd, memory, exec, .. } = linux;
         let exec = match *exec {

@@ -6,6 +6,9 @@
 //! or how busy the machine below is, so figures may be asserted.
 
 mod file;
+mod initrd;
+pub mod random;
+pub mod record;
 
 use std::fs;
 use std::io::{Read, Write};
@@ -15,6 +18,7 @@ use std::sync::OnceLock;
 use std::thread;
 
 pub use file::{BUSY, File, System};
+pub use initrd::{archive, initrd_with};
 pub use serde_json::Value;
 
 /// Real time after which a run is given up. It is never what a test waits for.

@@ -1,0 +1,84 @@
+//! Programs for the Linux guest that only tests need: an initial RAM disk that is the guest's own, and
+//! behind it a second archive, which the kernel unpacks over the first (kernel,
+//! `Documentation/driver-api/early-userspace/buffer-format.rst`).
+
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+use crate::{scratch, target};
+
+/// Makes an initial RAM disk with these programs in `/bin`. Returns its path below `target/`, as
+/// [`System::initrd`](crate::System) and [`File::linux_with`](crate::File::linux_with) take it.
+#[must_use]
+pub fn initrd_with(name: &str, programs: &[&Path]) -> String {
+    let mut image = fs::read(target("guest/initrd.img")).expect("scripts/guest-image has run");
+    let files: Vec<(String, Vec<u8>)> = programs
+        .iter()
+        .map(|path| {
+            let name = path.file_name().expect("a program has a name").to_string_lossy();
+            (format!("bin/{name}"), fs::read(path).expect("the program is built"))
+        })
+        .collect();
+    image.resize(image.len().next_multiple_of(4), 0);
+    image.extend(archive(&files));
+    let file = format!("{name}.img");
+    // A run that packs the file at this moment must see the old or the new one.
+    let new = scratch().join(format!("{file}.new"));
+    fs::write(&new, image).expect("the image can be written");
+    fs::rename(&new, scratch().join(&file)).expect("the image can be renamed");
+    format!("tests/{file}")
+}
+
+/// An archive of executable files, by path and contents, in the format `newc`.
+#[must_use]
+pub fn archive(files: &[(String, Vec<u8>)]) -> Vec<u8> {
+    const EXECUTABLE: u32 = 0o100_755;
+    let mut archive = Vec::new();
+    for (number, (path, contents)) in files.iter().enumerate() {
+        entry(&mut archive, number as u32 + 1, path, EXECUTABLE, contents);
+    }
+    entry(&mut archive, 0, "TRAILER!!!", 0, &[]);
+    archive
+}
+
+fn entry(archive: &mut Vec<u8>, inode: u32, path: &str, mode: u32, contents: &[u8]) {
+    let size = u32::try_from(contents.len()).expect("the format has 32 bits for a length");
+    // Inode, mode, owner, group, links, time, size, four device numbers, length of the path with
+    // its zero, checksum (which this format does not have).
+    let fields = [inode, mode, 0, 0, 1, 0, size, 0, 0, 0, 0, path.len() as u32 + 1, 0];
+    archive.extend_from_slice(b"070701");
+    for field in fields {
+        // Writing to a Vec cannot fail.
+        let _ = write!(archive, "{field:08x}");
+    }
+    archive.extend_from_slice(path.as_bytes());
+    archive.push(0);
+    archive.resize(archive.len().next_multiple_of(4), 0);
+    archive.extend_from_slice(contents);
+    archive.resize(archive.len().next_multiple_of(4), 0);
+}
+
+#[cfg(test)]
+mod tests {
+    use std::process::{Command, Stdio};
+
+    use super::*;
+
+    #[test]
+    fn an_archive_is_one_that_cpio_reads() {
+        let files = [("bin/a".to_owned(), b"abcde".to_vec()), ("b".to_owned(), vec![7; 600])];
+        for (path, contents) in &files {
+            let mut cpio = Command::new("cpio")
+                .args(["--extract", "--to-stdout", "--quiet", path])
+                .stdin(Stdio::piped())
+                .stdout(Stdio::piped())
+                .spawn()
+                .unwrap();
+            cpio.stdin.take().unwrap().write_all(&archive(&files)).unwrap();
+            let output = cpio.wait_with_output().unwrap();
+            assert!(output.status.success());
+            assert_eq!(&output.stdout, contents);
+        }
+    }
+}
