@@ -19,7 +19,7 @@ use takt_scheduler::table::PartitionId;
 use thiserror::Error;
 use vm_memory::{GuestAddress, GuestMemoryBackend, GuestMemoryRegion};
 
-use crate::config::{Channel, ChannelKind, End, Kind};
+use crate::config::{Channel, ChannelKind, End, Kind, Owner};
 use crate::memory::{GuestMemory, MemoryError, SharedRegion, View};
 
 /// Channels could not be made.
@@ -39,12 +39,15 @@ pub enum ChannelError {
 }
 
 /// The regions of one channel.
-struct Regions<'a> {
-    channel: &'a Channel,
-    geometry: Geometry,
-    source: SharedRegion,
-    /// Of a queuing channel.
-    destination: Option<SharedRegion>,
+pub struct Regions<'a> {
+    /// What the file says of it.
+    pub channel: &'a Channel,
+    /// Its layout.
+    pub geometry: Geometry,
+    /// What the source writes.
+    pub source: SharedRegion,
+    /// What the destination writes, of a queuing channel.
+    pub destination: Option<SharedRegion>,
 }
 
 /// All channels of a system.
@@ -122,21 +125,27 @@ impl<'a> Channels<'a> {
         Ok(Self { all: channels.iter().map(Regions::new).collect::<Result<_, _>>()? })
     }
 
+    /// Those of which Takt itself has an end.
+    pub fn of_host(&self) -> impl Iterator<Item = &Regions<'a>> {
+        self.all.iter().filter(|regions| regions.channel.host.is_some())
+    }
+
     /// What a partition of this kind has of them, laid out in the order of the file.
     #[must_use]
     pub fn of(&self, partition: PartitionId, kind: &Kind) -> Ports<'_> {
         let mut ports = Ports { views: Vec::new(), table: PortTable::EMPTY, own: Vec::new() };
+        let owner = Owner::Partition(partition);
         let mut area = match kind {
             Kind::Plc { .. } => Area::Shared(CHANNELS),
             Kind::Linux { .. } => Area::Apart { read_write: 0, read_only: PAGE },
         };
         for regions in &self.all {
             let channel = regions.channel;
-            if channel.source.partition == partition {
+            if channel.source.owner == owner {
                 ports.add(regions, &channel.source, direction::SOURCE, &mut area);
             }
             let destinations = channel.destinations.iter();
-            for end in destinations.filter(|end| end.partition == partition) {
+            for end in destinations.filter(|end| end.owner == owner) {
                 ports.add(regions, end, direction::DESTINATION, &mut area);
             }
         }
@@ -236,7 +245,8 @@ mod tests {
     const PLC: Kind = Kind::Plc { image: None };
 
     fn channel(name: &str, kind: ChannelKind, from: usize, to: &[usize]) -> Channel {
-        let end = |p: usize| End { partition: PartitionId(p), port: format!("{name}-{p}") };
+        let owner = |p: usize| Owner::Partition(PartitionId(p));
+        let end = |p: usize| End { owner: owner(p), port: format!("{name}-{p}") };
         Channel {
             name: name.to_owned(),
             kind,
@@ -244,6 +254,7 @@ mod tests {
             source: end(from),
             destinations: to.iter().copied().map(end).collect(),
             doorbell: name == "orders",
+            host: None,
         }
     }
 

@@ -6,8 +6,11 @@ use std::fs;
 use std::path::Path;
 
 use takt::check;
-use takt::config::{self, CHANNELS_MAX, Channel, ChannelKind, PartitionFile, WhenFull};
+use takt::config::{
+    self, CHANNELS_MAX, Channel, ChannelKind, HostPort, Owner, PartitionFile, WhenFull,
+};
 use takt_abi::PORTS_MAX;
+use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::Nanos;
 
 fn good() -> PartitionFile {
@@ -21,9 +24,14 @@ fn listed(file: &PartitionFile) -> String {
     report.split_once("\nchannels\n").map_or(String::new(), |(_, rest)| rest.to_owned())
 }
 
+/// The partitions at the ends of a channel, and the ports; of the host, 99.
 fn ends(channel: &Channel) -> Vec<(usize, &str)> {
     let ends = std::iter::once(&channel.source).chain(&channel.destinations);
-    ends.map(|end| (end.partition.0, &*end.port)).collect()
+    let number = |owner| match owner {
+        Owner::Partition(id) => id.0,
+        Owner::Host => 99,
+    };
+    ends.map(|end| (number(end.owner), &*end.port)).collect()
 }
 
 #[test]
@@ -71,6 +79,27 @@ fn a_linux_may_be_at_either_end_and_a_doorbell_is_reported() {
     let text = listed(&file);
     assert!(text.contains("\n    cell:setpoints, with a doorbell\n"), "{text}");
     assert!(text.contains("\n    linux:orders\n"), "{text}");
+}
+
+#[test]
+fn ends_on_the_host_say_where_they_lead() {
+    let path = Path::new("tests/partition_files/good-host-ports.toml");
+    let file = config::load(path, Some(2)).unwrap_or_else(|error| panic!("{error}"));
+    let folder = Path::new("tests/partition_files").canonicalize().unwrap();
+    let [setpoints, state, orders, alarms] = file.channels() else { panic!("{file:?}") };
+    assert_eq!(ends(setpoints), [(0, "setpoints"), (1, "setpoints"), (99, "setpoints")]);
+    assert_eq!(setpoints.host, Some(HostPort::Socket(folder.join("setpoints.sock"))));
+    assert_eq!(state.host, Some(HostPort::File(folder.join("state.records"))));
+    assert_eq!(ends(orders), [(99, "orders"), (1, "orders")]);
+    assert_eq!(alarms.host, Some(HostPort::Socket("/run/takt/alarms.sock".into())));
+
+    let shown = format!("      -> host:state\n    host file {}/state.records\n", folder.display());
+    assert!(listed(&file).contains(&shown), "{}", listed(&file));
+    assert!(listed(&file).contains("    host:alarms\n      -> cell:alarms\n    host socket /run/"));
+    let needs = check::needs(&file);
+    let (_, files) = needs.split_once(".toml\n").unwrap();
+    let folder = folder.display();
+    assert_eq!(files, format!("record state {folder}/state.records\nfile {folder}/dummy-image\n"));
 }
 
 #[test]
@@ -148,7 +177,8 @@ fn load(name: &str, text: &str) -> Result<PartitionFile, String> {
 fn a_file_may_have_as_much_of_everything_as_is_allowed() {
     let file = load("full.toml", &full()).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(file.channels().len(), 128);
-    let first = file.channels().iter().filter(|c| c.source.partition.0 == 0);
+    let first =
+        file.channels().iter().filter(|c| c.source.owner == Owner::Partition(PartitionId(0)));
     assert_eq!(first.clone().count(), 42);
     let bytes: u64 = first.map(|c| config::region_bytes(c.kind, c.message_bytes)).sum();
     assert_eq!(bytes, config::CHANNEL_AREA_PAGES * 4096);

@@ -9,10 +9,11 @@ use std::path::Path;
 use takt::{check, config};
 
 /// Files that are good, and between them have every key.
-const GOOD: [&[u8]; 3] = [
+const GOOD: [&[u8]; 4] = [
     include_bytes!("partition_files/good-two-cpus.toml"),
     include_bytes!("partition_files/good-schedules-and-tasks.toml"),
     include_bytes!("partition_files/good-channels.toml"),
+    include_bytes!("partition_files/good-host-ports.toml"),
 ];
 /// Pieces that a text file does not get from bit flips.
 const WORDS: &[&str] = &[
@@ -25,6 +26,9 @@ const WORDS: &[&str] = &[
     "\"queuing\"",
     "\"overwrite\"",
     "\"plc:\"",
+    "\"host:x\"",
+    "host_socket = \"x\"\n",
+    "host_file = \"/\"\n",
     "\":\"",
     "depth = 1024\n",
     "refresh_period = \"60s\"\n",

@@ -1,7 +1,9 @@
 //! Who may send to whom. It is the same under every schedule, and so is shown once.
 
+use std::os::unix::ffi::OsStrExt;
+
 use super::line;
-use crate::config::{ChannelKind, End, PartitionFile};
+use crate::config::{ChannelKind, End, HostPort, Owner, PartitionFile};
 
 /// The channels, in the order of the file; nothing if there are none. Each end has a line to
 /// itself: two of them at their longest do not fit one.
@@ -24,9 +26,21 @@ pub fn list(out: &mut String, file: &PartitionFile) {
         for destination in &channel.destinations {
             line(out, &format!("      -> {}", end(file, destination)));
         }
+        if let Some(port) = &channel.host {
+            let what = match port {
+                HostPort::Socket(_) => "socket",
+                HostPort::File(_) => "file",
+            };
+            let path = port.path().as_os_str().as_bytes().escape_ascii();
+            line(out, &format!("    host {what} {path}"));
+        }
     }
 }
 
 fn end(file: &PartitionFile, end: &End) -> String {
-    format!("{}:{}", file.partitions()[end.partition.0].name(), end.port)
+    let owner = match end.owner {
+        Owner::Partition(id) => file.partitions()[id.0].name(),
+        Owner::Host => "host",
+    };
+    format!("{owner}:{}", end.port)
 }

@@ -43,8 +43,9 @@ pub fn report(file: &PartitionFile) -> String {
 }
 
 /// What a machine must have to run the file: the lines `memory BYTES` (the sum of all partitions),
-/// `cpus N` (the highest CPU number, plus one), and `file PATH` for the partition file and each
-/// image, all absolute. Ends with a newline.
+/// `cpus N` (the highest CPU number, plus one), `file PATH` for the partition file, each image and
+/// each file that is sent from, and `record CHANNEL PATH` for each file that is appended to. Paths
+/// are absolute. Ends with a newline.
 #[must_use]
 pub fn needs(file: &PartitionFile) -> String {
     let memory: u64 = file.partitions().iter().map(Partition::memory_bytes).sum();
@@ -57,6 +58,14 @@ pub fn needs(file: &PartitionFile) -> String {
         };
         for path in images.into_iter().flatten() {
             line(&mut out, &format!("file {}", path.display()));
+        }
+    }
+    for channel in file.channels() {
+        if let Some(path) = channel.source_file() {
+            line(&mut out, &format!("file {}", path.display()));
+        }
+        if let Some(path) = channel.destination_file() {
+            line(&mut out, &format!("record {} {}", channel.name, path.display()));
         }
     }
     out

@@ -10,6 +10,7 @@
 //! `depth` of a sampling channel is more likely a wrong `kind` than a superfluous line.
 
 use std::fmt;
+use std::path::Path;
 
 use takt_channel::{DEPTH_MAX, Geometry, GeometryError, MESSAGE_MAX, Policy};
 use takt_scheduler::table::PartitionId;
@@ -18,7 +19,8 @@ use toml::Spanned;
 
 use super::Kind;
 use super::diagnostic::{Diagnostic, Span, quote};
-use super::names::{check_name, check_word};
+use super::host_ports::{self, HostPort};
+use super::names::{HOST, check_name, check_word};
 use super::partition::{self, Checked};
 use super::ports::Ports;
 use super::raw::{self, Keys};
@@ -39,12 +41,14 @@ pub struct Channel {
     pub message_bytes: u32,
     /// Who sends.
     pub source: End,
-    /// Who receives: at least one, and exactly one if the channel is a queuing one. No partition
-    /// is in here twice, nor is that of the source.
+    /// Who receives: at least one, and exactly one if the channel is a queuing one. No owner is in
+    /// here twice, nor is that of the source.
     pub destinations: Vec<End>,
     /// Whether the source rings after each message, so that a destination in a Linux, of which
     /// there is one then, can wait for it.
     pub doorbell: bool,
+    /// Where the end on the host leads, if there is one.
+    pub host: Option<HostPort>,
 }
 
 /// What becomes of the messages of a channel.
@@ -110,19 +114,29 @@ impl fmt::Display for WhenFull {
     }
 }
 
-/// One end of a channel: a port of a partition.
+/// One end of a channel: a port of its owner.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct End {
-    /// The partition.
-    pub partition: PartitionId,
-    /// Name of the port, unique in the partition; of the same form as a partition's name.
+    /// Whose it is.
+    pub owner: Owner,
+    /// Name of the port, unique with its owner; of the same form as a partition's name.
     pub port: String,
+}
+
+/// Who has an end of a channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Owner {
+    /// A partition.
+    Partition(PartitionId),
+    /// Takt itself, for tools on the host.
+    Host,
 }
 
 /// Checks all channels, in the order of the file.
 pub fn check(
     tables: &[Spanned<Keys<raw::Channel>>],
     partitions: &[Checked],
+    folder: &Path,
 ) -> Result<Vec<Channel>, Diagnostic> {
     if let Some(excess) = tables.get(CHANNELS_MAX) {
         let found = format!("this is channel {} of {}", CHANNELS_MAX + 1, tables.len());
@@ -133,7 +147,7 @@ pub fn check(
     let mut channels: Vec<Channel> = Vec::with_capacity(tables.len());
     for table in tables {
         let Keys(raw) = table.get_ref();
-        let next = check_one(raw, table.span(), partitions)?;
+        let next = check_one(raw, table.span(), partitions, folder)?;
         if let Some(other) = channels.iter().position(|c| c.name == next.name) {
             let found = format!("a second channel is named {}", quote(&next.name));
             return Err(Diagnostic::new(
@@ -143,6 +157,8 @@ pub fn check(
             )
             .and(tables[other].get_ref().0.name.span(), "the other one"));
         }
+        let earlier = channels.iter().zip(tables).map(|(c, table)| (c, &table.get_ref().0));
+        host_ports::check_unique(&next, raw, earlier)?;
         ports.add(&next, raw)?;
         channels.push(next);
     }
@@ -153,6 +169,7 @@ fn check_one(
     raw: &raw::Channel,
     header: Span,
     partitions: &[Checked],
+    folder: &Path,
 ) -> Result<Channel, Diagnostic> {
     let name = check_name(&raw.name)?.to_owned();
     let kind = match raw.kind.get_ref().as_str() {
@@ -172,9 +189,11 @@ fn check_one(
     let ends = raw.destinations.get_ref().iter().map(|end| check_end(end, partitions));
     let destinations: Vec<End> = ends.collect::<Result<_, _>>()?;
     let doorbell = raw.doorbell.as_ref().is_some_and(|doorbell| *doorbell.get_ref());
-    let channel = Channel { name, kind, message_bytes, source, destinations, doorbell };
+    let mut channel =
+        Channel { name, kind, message_bytes, source, destinations, doorbell, host: None };
     check_ends(&channel, raw, partitions)?;
     check_doorbell(&channel, raw, partitions)?;
+    channel.host = host_ports::check(&channel, raw, folder)?;
     Ok(channel)
 }
 
@@ -237,8 +256,10 @@ fn check_queuing(raw: &raw::Channel, name: &str, header: Span) -> Result<Channel
 fn misplaced(raw: &raw::Channel, key: &str, span: Span, owner: &str, own: &str) -> Diagnostic {
     let [name, kind] = [&raw.name, &raw.kind].map(|text| quote(text.get_ref()));
     let found = format!("`{key}` belongs to kind \"{owner}\"; channel {name} is of kind {kind}");
-    let allowed =
-        format!("for a {kind} channel: name, kind, message_bytes, source, destinations, {own}");
+    let allowed = format!(
+        "for a {kind} channel: name, kind, message_bytes, source, destinations, {own}, and \
+         host_socket or host_file"
+    );
     Diagnostic::new(span, found, allowed).and(raw.kind.span(), "its kind")
 }
 
@@ -256,9 +277,13 @@ fn check_end(end: &Spanned<String>, partitions: &[Checked]) -> Result<End, Diagn
         let allowed = "PARTITION:PORT, two names with a colon between them";
         return Err(Diagnostic::new(end.span(), found, allowed));
     };
+    if owner == HOST {
+        let port = check_word(port, end.span())?.to_owned();
+        return Ok(End { owner: Owner::Host, port });
+    }
     let owner = partition::find(partitions, owner, end.span())?;
     let port = check_word(port, end.span())?.to_owned();
-    Ok(End { partition: owner.partition.id, port })
+    Ok(End { owner: Owner::Partition(owner.partition.id), port })
 }
 
 /// The rules for the ends of one channel among each other.
@@ -281,11 +306,19 @@ fn check_ends(
     }
     let ends: Vec<(&End, &Spanned<String>)> = channel.ends(raw).collect();
     for (i, (end, text)) in ends.iter().enumerate() {
-        let same = |(other, _): &&(&End, &Spanned<String>)| other.partition == end.partition;
+        let same = |(other, _): &&(&End, &Spanned<String>)| other.owner == end.owner;
         if let Some((_, other)) = ends[..i].iter().find(same) {
-            let name = quote(&partitions[end.partition.0].partition.name);
-            let found = format!("the channel has two ends in partition {name}");
-            let allowed = "one end of a channel in a partition";
+            let (found, allowed) = match end.owner {
+                Owner::Partition(id) => {
+                    let name = quote(&partitions[id.0].partition.name);
+                    let found = format!("the channel has two ends in partition {name}");
+                    (found, "one end of a channel in a partition")
+                }
+                Owner::Host => (
+                    "the channel has two ends on the host".to_owned(),
+                    "one end of a channel there",
+                ),
+            };
             return Err(
                 Diagnostic::new(text.span(), found, allowed).and(other.span(), "the other one")
             );
@@ -301,8 +334,17 @@ fn check_doorbell(
     partitions: &[Checked],
 ) -> Result<(), Diagnostic> {
     let Some(doorbell) = raw.doorbell.as_ref().filter(|_| channel.doorbell) else { return Ok(()) };
-    let is_linux =
-        |end: &End| matches!(partitions[end.partition.0].partition.kind, Kind::Linux { .. });
+    if channel.source.owner == Owner::Host {
+        let found = "the host is the source of a channel with a doorbell, and does not ring";
+        let allowed = "`doorbell = true` with a source in a partition";
+        return Err(
+            Diagnostic::new(doorbell.span(), found, allowed).and(raw.source.span(), "the source")
+        );
+    }
+    let is_linux = |end: &End| match end.owner {
+        Owner::Partition(id) => matches!(partitions[id.0].partition.kind, Kind::Linux { .. }),
+        Owner::Host => false,
+    };
     if channel.destinations.iter().any(is_linux) {
         return Ok(());
     }

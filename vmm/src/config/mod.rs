@@ -8,7 +8,7 @@
 //! 1. bytes to text to the raw form, whose keys and types are right (`syntax`, `raw`, `units`);
 //! 2. the rules of each partition (`partition`, `tasks`), of the schedules (`schedules`,
 //!    `explain`), of both together (`deadlines`), of the channels between partitions (`channels`,
-//!    `ports`), and of the files that are named (`images`);
+//!    `ports`, `host_ports`), and of the files that are named (`images`);
 //! 3. a [`PartitionFile`], which has private fields and no other way to be made. The rest of Takt
 //!    takes nothing else and checks nothing again.
 //!
@@ -19,6 +19,7 @@ mod channels;
 mod deadlines;
 mod diagnostic;
 mod explain;
+mod host_ports;
 mod images;
 mod names;
 mod partition;
@@ -42,8 +43,9 @@ use partition::Surroundings;
 use raw::Keys;
 use schedules::Draft;
 
-pub use channels::{CHANNELS_MAX, Channel, ChannelKind, End, WhenFull};
+pub use channels::{CHANNELS_MAX, Channel, ChannelKind, End, Owner, WhenFull};
 pub use deadlines::{Met, WAKE_UP_ALLOWANCE};
+pub use host_ports::HostPort;
 pub use images::Unreadable;
 pub use ports::{CHANNEL_AREA_PAGES, region_bytes};
 pub(crate) use schedules::percent;
@@ -293,10 +295,11 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
         .map(|p| deadlines::check(&draft, &schedules, p.partition.id))
         .collect::<Result<Vec<_>, _>>()?;
     partitions.iter_mut().zip(met).for_each(|(p, met)| p.partition.met = met);
-    let channels = channels::check(&file.channel.0, &partitions)?;
+    let channels = channels::check(&file.channel.0, &partitions, folder)?;
     partition::check_one_linux(&partitions)?;
     // Last, because it is the only thing that may be right on another machine.
     partitions.iter().flat_map(|p| &p.images).try_for_each(images::check)?;
+    host_ports::check_files(&file.channel.0, &channels)?;
     let partitions = partitions.into_iter().map(|p| p.partition).collect();
     Ok(PartitionFile { path, name, schedule_names, schedules, partitions, channels })
 }

@@ -4,6 +4,8 @@ use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
 
+/// Who an end of a channel belongs to if it is Takt itself. No partition has this name.
+pub const HOST: &str = "host";
 /// Longest name, in characters.
 const NAME_MAX: usize = 32;
 

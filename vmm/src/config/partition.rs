@@ -9,7 +9,7 @@ use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
 use super::images::{self, Image};
-use super::names::check_name;
+use super::names::{HOST, check_name};
 use super::raw::{self, Keys};
 use super::tasks::{self, CheckedTasks};
 use super::units::{Bytes, Duration};
@@ -117,6 +117,10 @@ fn check(
 ) -> Result<Checked, Diagnostic> {
     let Keys(raw) = table.get_ref();
     let name = check_name(&raw.name)?;
+    if name == HOST {
+        let allowed = "another name: as the end of a channel, \"host\" is Takt itself";
+        return Err(Diagnostic::new(raw.name.span(), "a partition is named \"host\"", allowed));
+    }
     let cpu = check_cpu(&raw.cpu, around.host_cpus)?;
     let (kind, role, images) = match raw.kind.get_ref().as_str() {
         "plc" => check_plc(raw, name, around)?,

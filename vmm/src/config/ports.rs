@@ -9,7 +9,7 @@ use takt_abi::PORTS_MAX;
 use takt_abi::memory::{CHANNELS, CHANNELS_END, PAGE};
 use toml::Spanned;
 
-use super::channels::{Channel, ChannelKind};
+use super::channels::{Channel, ChannelKind, Owner};
 use super::diagnostic::{Diagnostic, Span, quote};
 use super::partition::Checked;
 use super::raw;
@@ -36,6 +36,8 @@ pub struct Ports<'a> {
     partitions: &'a [Checked],
     /// By partition.
     ports: Vec<Vec<Port>>,
+    /// Those of the host, which are limited by the number of channels only.
+    host: Vec<Port>,
 }
 
 /// What is kept of an end of a channel.
@@ -50,7 +52,11 @@ struct Port {
 impl<'a> Ports<'a> {
     /// No ports yet.
     pub fn of(partitions: &'a [Checked]) -> Ports<'a> {
-        Ports { partitions, ports: partitions.iter().map(|_| Vec::new()).collect() }
+        Ports {
+            partitions,
+            ports: partitions.iter().map(|_| Vec::new()).collect(),
+            host: Vec::new(),
+        }
     }
 
     /// Gives each partition at an end of `channel` its port.
@@ -64,9 +70,15 @@ impl<'a> Ports<'a> {
                 pages,
                 message_bytes: raw.message_bytes.span(),
             };
-            let ports = &mut self.ports[end.partition.0];
-            let owner = &self.partitions[end.partition.0];
-            check_unique(&port, ports, owner)?;
+            let Owner::Partition(id) = end.owner else {
+                check_unique(&port, &self.host, "the host")?;
+                self.host.push(port);
+                continue;
+            };
+            let ports = &mut self.ports[id.0];
+            let owner = &self.partitions[id.0];
+            let name = format!("partition {}", quote(&owner.partition.name));
+            check_unique(&port, ports, &name)?;
             ports.push(port);
             check_number(text, ports, owner)?;
             check_area(text, ports, owner)?;
@@ -75,15 +87,14 @@ impl<'a> Ports<'a> {
     }
 }
 
-fn check_unique(port: &Port, others: &[Port], owner: &Checked) -> Result<(), Diagnostic> {
+fn check_unique(port: &Port, others: &[Port], owner: &str) -> Result<(), Diagnostic> {
     let Some(other) = others.iter().find(|other| other.name == port.name) else { return Ok(()) };
     let found = format!(
-        "port {} of partition {} is an end of channel {} too",
+        "port {} of {owner} is an end of channel {} too",
         quote(&port.name),
-        quote(&owner.partition.name),
         quote(&other.channel)
     );
-    let allowed = "a port of its own for each channel of a partition";
+    let allowed = "a port of its own for each channel";
     Err(Diagnostic::new(port.place.clone(), found, allowed)
         .and(other.place.clone(), "the other end"))
 }

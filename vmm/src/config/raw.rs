@@ -98,6 +98,8 @@ pub struct Channel {
     pub depth: Option<Spanned<i64>>,
     pub when_full: Option<Spanned<String>>,
     pub doorbell: Option<Spanned<bool>>,
+    pub host_socket: Option<Spanned<String>>,
+    pub host_file: Option<Spanned<String>>,
 }
 
 /// A table that is written with keys. serde's derived structs also take an array of the values in
