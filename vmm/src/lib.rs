@@ -13,6 +13,7 @@ pub mod config;
 pub mod cpuset;
 pub mod doorbell;
 pub mod gather;
+pub mod host_ports;
 pub mod init_watch;
 pub mod jitter;
 pub mod machine;

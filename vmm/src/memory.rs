@@ -20,7 +20,7 @@ use thiserror::Error;
 use vm_memory::mmap::MmapRegionBuilder;
 use vm_memory::{
     FileOffset, GuestAddress, GuestMemoryBackend, GuestMemoryMmap, GuestMemoryRegion,
-    GuestRegionMmap,
+    GuestRegionMmap, MmapRegion,
 };
 
 /// Where the hole for devices begins in the Linux guest's address space: RAM beyond it continues
@@ -80,13 +80,22 @@ impl SharedRegion {
         self.bytes
     }
 
+    /// A mapping for Takt's own use.
+    ///
+    /// # Errors
+    /// See [`MemoryError`].
+    pub fn map(&self, writable: bool) -> Result<MmapRegion, MemoryError> {
+        let write = if writable { libc::PROT_WRITE } else { 0 };
+        map(self.bytes, self.file()?, libc::PROT_READ | write)
+    }
+
     fn map_at(&self, start: u64) -> Result<GuestRegionMmap, MemoryError> {
-        let file = self.file.try_clone();
-        map(
-            start,
-            self.bytes,
-            file.map_err(|source| MemoryError::Allocate { bytes: self.bytes, source })?,
-        )
+        map_at(start, self.bytes, self.file()?)
+    }
+
+    fn file(&self) -> Result<File, MemoryError> {
+        let allocate = |source| MemoryError::Allocate { bytes: self.bytes, source };
+        self.file.try_clone().map_err(allocate)
     }
 }
 
@@ -226,7 +235,7 @@ impl GuestMemory {
 
 /// A zeroed, prefaulted mapping of `bytes` at guest-physical `start`.
 fn region(start: u64, bytes: u64) -> Result<GuestRegionMmap, MemoryError> {
-    map(start, bytes, memfd(bytes)?)
+    map_at(start, bytes, memfd(bytes)?)
 }
 
 /// A sealed file in memory.
@@ -252,17 +261,24 @@ fn memfd(bytes: u64) -> Result<File, MemoryError> {
 }
 
 /// Maps a file of `bytes` for the guest-physical address `start`, shared and prefaulted.
-fn map(start: u64, bytes: u64, file: File) -> Result<GuestRegionMmap, MemoryError> {
+fn map_at(start: u64, bytes: u64, file: File) -> Result<GuestRegionMmap, MemoryError> {
+    let mapping = map(bytes, file, libc::PROT_READ | libc::PROT_WRITE)?;
+    GuestRegionMmap::new(mapping, GuestAddress(start)).ok_or_else(|| MemoryError::Map {
+        bytes,
+        reason: format!("it would pass the end of the address space at {start:#x}"),
+    })
+}
+
+/// Maps a file of `bytes` shared and prefaulted.
+fn map(bytes: u64, file: File, protection: libc::c_int) -> Result<MmapRegion, MemoryError> {
     let map = |reason: String| MemoryError::Map { bytes, reason };
     let size = usize::try_from(bytes).map_err(|e| map(e.to_string()))?;
-    let mapping = MmapRegionBuilder::new(size)
+    MmapRegionBuilder::new(size)
         .with_file_offset(FileOffset::new(file, 0))
-        .with_mmap_prot(libc::PROT_READ | libc::PROT_WRITE)
+        .with_mmap_prot(protection)
         .with_mmap_flags(libc::MAP_SHARED | libc::MAP_POPULATE)
         .build()
-        .map_err(|e| map(e.to_string()))?;
-    GuestRegionMmap::new(mapping, GuestAddress(start))
-        .ok_or_else(|| map(format!("it would pass the end of the address space at {start:#x}")))
+        .map_err(|e| map(e.to_string()))
 }
 
 /// What may lie in a [`Page`]: plain integers, any bit pattern of which is a value.

@@ -5,6 +5,7 @@ use std::fs;
 
 use serde::Serialize;
 
+use crate::host_ports::Account as HostPort;
 use crate::worst::{LateStart, LongScan};
 
 /// Version of the JSON form: grows with every change that a reader could stumble over.
@@ -29,6 +30,8 @@ pub struct Report {
     pub schedule: Schedule,
     /// In the order of the partition file.
     pub partitions: Vec<Partition>,
+    /// The ends of channels that are Takt's own, in the order of the partition file.
+    pub host_ports: Vec<HostPort>,
 }
 
 /// Where the schedule stood at the end.
@@ -188,6 +191,9 @@ impl Report {
         for partition in &self.partitions {
             partition.describe(&mut text);
         }
+        for port in &self.host_ports {
+            describe_host_port(&mut text, port);
+        }
         text
     }
 }
@@ -256,6 +262,21 @@ impl Partition {
             }
         }
     }
+}
+
+fn describe_host_port(text: &mut String, port: &HostPort) {
+    let _ = write!(text, "\nhost:{} ({}): {} messages", port.port, port.channel, port.messages);
+    for (count, what) in [
+        (port.lost, "lost"),
+        (port.hostile, "impossible claims"),
+        (port.refused, "connections refused"),
+        (port.dropped, "clients dropped"),
+    ] {
+        if count > 0 {
+            let _ = write!(text, ", {count} {what}");
+        }
+    }
+    text.push('\n');
 }
 
 fn describe_summary(text: &mut String, name: &str, summary: Option<Summary>) {
@@ -343,6 +364,13 @@ mod tests {
                     boot_to_init_ns: Some(None),
                 },
             ],
+            host_ports: vec![HostPort {
+                channel: "state".into(),
+                port: "levels".into(),
+                messages: 12,
+                dropped: 3,
+                ..HostPort::default()
+            }],
         }
     }
 
@@ -371,6 +399,7 @@ mod tests {
         assert!(table.contains("release latency         0.000      0.002"), "{table}");
         assert!(table.contains("donation       9.000 s left by windows, 99.0 % of it used;"));
         assert!(table.contains("boot to init   not seen"));
+        assert!(table.contains("host:levels (state): 12 messages, 3 clients dropped"), "{table}");
         assert!(table.contains("3 accesses to ports or memory that nothing answers"));
     }
 }

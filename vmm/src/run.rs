@@ -18,9 +18,11 @@ use takt_scheduler::table::{Cpu, Role};
 use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 
 use crate::account::Account;
+use crate::appliance;
 use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile};
 use crate::cpuset::Domains;
+use crate::host_ports::{self, HostPorts};
 use crate::init_watch::InitSeen;
 use crate::machine::{self, MachineError};
 use crate::prepare::{Kicker, Preparation, Prepared, clone, eventfd};
@@ -89,10 +91,11 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         return Err(MachineError::Missing("a machine to run").into());
     };
 
+    let host_ports = HostPorts::open(&channels, frequency, appliance::results())?;
     let raw = terminal::make_raw()
         .map_err(|source| RunError::Host { what: "put the terminal into raw mode", source })?;
     let Preparation { closing, board, console, .. } = preparation;
-    let run = Run { file, options, frequency, closing, board };
+    let mut run = Run { file, options, frequency, closing, board, host_ports };
     let screen = Screen::new(io::stdout(), raw);
     let result = run.start(prepared, kickers, console, screen, signals, Endings { bell, ends });
     terminal::restore();
@@ -110,11 +113,13 @@ struct Run<'a> {
     frequency: TscFrequency,
     closing: Arc<AtomicBool>,
     board: Arc<SwitchBoard>,
+    /// Until the supervisor has them.
+    host_ports: Option<HostPorts>,
 }
 
 impl Run<'_> {
     fn start(
-        &self,
+        &mut self,
         prepared: Vec<Prepared>,
         kickers: Vec<Kicker>,
         console: Option<Console>,
@@ -137,6 +142,7 @@ impl Run<'_> {
         let mut controls: Vec<Arc<Control>> = accounts.iter().map(|a| a.control.clone()).collect();
         let mut supervisor =
             Supervisor::new(accounts, desk, trace, screen, console, signals, endings)?;
+        supervisor.host_ports = self.host_ports.take();
         let names: Vec<&str> = self.file.partitions().iter().map(Partition::name).collect();
         supervisor.screen.line(
             "takt",
@@ -165,11 +171,13 @@ impl Run<'_> {
         let mut supervisor = supervised?;
         supervisor.note_endings();
         supervisor.drain();
+        supervisor.serve_host_ports(HostPorts::finish);
         if let (Some(trace), Some(path)) = (supervisor.trace.take(), &self.options.trace) {
             let failed = |source| RunError::Output { what: "trace", path: path.clone(), source };
             trace.finish().map_err(failed)?;
         }
-        Ok(self.report(&supervisor, &inits, base, duration))
+        let host_ports = supervisor.host_ports.as_mut().map_or_else(Vec::new, HostPorts::accounts);
+        Ok(self.report(&supervisor, &inits, base, duration, host_ports))
     }
 
     fn create_trace(&self, path: &Path, base: Timebase) -> Result<Trace, RunError> {
@@ -189,6 +197,7 @@ impl Run<'_> {
         inits: &[Option<InitSeen>],
         base: Timebase,
         duration: Nanos,
+        host_ports: Vec<host_ports::Account>,
     ) -> Report {
         let partitions = supervisor.accounts.iter().zip(inits).zip(self.file.partitions());
         let describe = |((account, init), partition): ((&Account, &Option<InitSeen>), _)| {
@@ -209,6 +218,7 @@ impl Run<'_> {
                 last_switch_ns: status.last_switch.map(|at| at.0),
             },
             partitions: partitions.map(describe).collect(),
+            host_ports,
         }
     }
 

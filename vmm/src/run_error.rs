@@ -13,6 +13,7 @@ use crate::boot::plc::PlcImageError;
 use crate::boot::touch::TouchError;
 use crate::channels::ChannelError;
 use crate::cpuset::CpusetError;
+use crate::host_ports::HostPortError;
 use crate::machine::MachineError;
 use crate::memory::MemoryError;
 use crate::supervisor::SupervisorError;
@@ -34,6 +35,8 @@ pub enum RunError {
     Linux { partition: String, source: LinuxImageError },
     #[error(transparent)]
     Channel(#[from] ChannelError),
+    #[error(transparent)]
+    HostPort(#[from] HostPortError),
     #[error(transparent)]
     Start(#[from] StartError),
     #[error(transparent)]

@@ -1,8 +1,8 @@
 //! The event thread: keyboard, screen, clock of the run, and the account of each partition.
 //!
 //! It is an ordinary thread and may be as late as it likes: vCPU threads never wait for it. They
-//! leave what they have to tell in rings, and it looks at those many times a second. Only three
-//! things wake it in between: a key, a signal, and the end of a partition.
+//! leave what they have to tell in rings, and it looks at those many times a second. Only four
+//! things wake it in between: a key, a signal, the end of a partition, and a client of a channel.
 
 use std::fs::File;
 use std::io::{self, Read, Stdin, Stdout};
@@ -14,12 +14,14 @@ use event_manager::{EventManager, EventOps, EventSet, Events, MutEventSubscriber
 use takt_devices::output::WaitingOutput;
 use takt_devices::serial::SerialPort;
 use takt_scheduler::table::PartitionId;
+use takt_scheduler::time::{Timebase, Tsc};
 use thiserror::Error;
 use vmm_sys_util::eventfd::EventFd;
 use vmm_sys_util::signal::{block_signal, create_sigset};
 use vmm_sys_util::timerfd::TimerFd;
 
 use crate::account::{Account, Finished};
+use crate::host_ports::HostPorts;
 use crate::init_watch::InitWatch;
 use crate::schedule_desk::ScheduleDesk;
 use crate::terminal::{Key, Keyboard, Screen};
@@ -92,6 +94,8 @@ pub struct Supervisor {
     pub screen: Screen<Stdout>,
     /// Where every window is written to, if that is wanted.
     pub trace: Option<Trace>,
+    /// The ends of channels that are Takt's own.
+    pub host_ports: Option<HostPorts>,
     desk: ScheduleDesk,
     keyboard: Keyboard,
     stdin: Stdin,
@@ -127,6 +131,7 @@ impl Supervisor {
             accounts,
             screen,
             trace,
+            host_ports: None,
             desk,
             keyboard: Keyboard::default(),
             stdin: io::stdin(),
@@ -178,6 +183,15 @@ impl Supervisor {
                 account.lines.add(&buffer, |line| self.screen.line(&account.name, line));
             }
             account.take_records(PartitionId(id), self.desk.base().frequency, &mut self.trace);
+        }
+    }
+
+    /// Lets the ends of channels that are Takt's own do `what`, and says what came of it.
+    pub fn serve_host_ports(&mut self, what: fn(&mut HostPorts, &Timebase, Tsc)) {
+        let Some(ports) = &mut self.host_ports else { return };
+        what(ports, &self.desk.base(), Tsc::now());
+        for news in ports.take_news() {
+            self.screen.line("takt", &news);
         }
     }
 
@@ -274,7 +288,8 @@ impl MutEventSubscriber for Supervisor {
             self.deadline.as_raw_fd(),
             self.endings.bell.as_raw_fd(),
         ];
-        for fd in fds {
+        let host_ports = self.host_ports.as_ref().map(AsRawFd::as_raw_fd);
+        for fd in fds.into_iter().chain(host_ports) {
             if ops.add(Events::new_raw(fd, EventSet::IN)).is_err() {
                 // Without its events the loop would never end.
                 self.running = false;
@@ -296,6 +311,9 @@ impl MutEventSubscriber for Supervisor {
             self.drain();
             self.watch_schedule();
             self.deliver_typed();
+            self.serve_host_ports(HostPorts::on_tick);
+        } else if self.host_ports.as_ref().is_some_and(|ports| fd == ports.as_raw_fd()) {
+            self.serve_host_ports(HostPorts::on_ready);
         } else if fd == self.endings.bell.as_raw_fd() {
             let _ = self.endings.bell.read();
             self.note_endings();

@@ -94,6 +94,12 @@ pub fn arguments() -> Vec<OsString> {
     if is_pid_one() { all.skip_while(|word| word != PROGRAM).collect() } else { all.collect() }
 }
 
+/// The folder whose files are carried out of the machine, if this is the appliance.
+#[must_use]
+pub fn results() -> Option<&'static Path> {
+    is_pid_one().then_some(Path::new(OUT))
+}
+
 /// Prepares the machine, runs `body`, carries out the results and switches the machine off.
 ///
 /// `body` is the ordinary command line on [`arguments`] and returns the exit status. It must

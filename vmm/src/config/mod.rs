@@ -47,6 +47,7 @@ pub use channels::{CHANNELS_MAX, Channel, ChannelKind, End, Owner, WhenFull};
 pub use deadlines::{Met, WAKE_UP_ALLOWANCE};
 pub use host_ports::HostPort;
 pub use images::Unreadable;
+pub(crate) use images::open as open_file;
 pub use ports::{CHANNEL_AREA_PAGES, region_bytes};
 pub(crate) use schedules::percent;
 pub use tasks::NamedTask;

@@ -1,0 +1,224 @@
+//! Ends that are reached by a socket.
+//!
+//! Clients are programs of all kinds, among them ones that hang, flood and lie. Each of them costs
+//! a bounded share of each tick (see [`Budget`]) and its own messages, nothing else: there are few
+//! at a time, none is ever waited for, and one that sends what is no message is let go of.
+
+use std::collections::VecDeque;
+use std::io;
+use std::os::fd::{AsRawFd, RawFd};
+use std::rc::Rc;
+
+use takt_scheduler::time::{Timebase, Tsc};
+use vmm_sys_util::epoll::{ControlOperation, Epoll, EpollEvent, EventSet};
+
+use super::budget::Budget;
+use super::ends::{Destination, Source};
+use super::seqpacket::{Came, Connection, Listener, Sent};
+
+/// Most clients of one port at a time.
+pub const CLIENTS_MAX: usize = 8;
+
+/// How a port gets to know that something has come.
+#[derive(Clone)]
+pub struct Watch {
+    epoll: Rc<Epoll>,
+    port: u64,
+}
+
+impl Watch {
+    /// Events of descriptors that are added carry the number `port`.
+    #[must_use]
+    pub fn new(epoll: Rc<Epoll>, port: u64) -> Self {
+        Self { epoll, port }
+    }
+
+    /// By edges: what has been told of is not told of again, so that a client that is not served
+    /// for now wakes nobody. A descriptor is forgotten when it is closed.
+    fn add(&self, fd: RawFd) -> io::Result<()> {
+        let events = EventSet::IN | EventSet::READ_HANG_UP | EventSet::EDGE_TRIGGERED;
+        self.epoll.ctl(ControlOperation::Add, fd, EpollEvent::new(events, self.port))
+    }
+}
+
+/// A socket and those who are connected to it.
+pub struct Clients {
+    listener: Listener,
+    watch: Watch,
+    most: usize,
+    all: VecDeque<Client>,
+    /// Connections that were closed at once, because there were too many.
+    pub refused: u64,
+    /// Clients that were let go of, because of what they sent.
+    pub dropped: u64,
+}
+
+struct Client {
+    connection: Connection,
+    /// There is a sample that it has not got.
+    behind: bool,
+}
+
+impl Clients {
+    /// Nobody yet; `most` at a time.
+    ///
+    /// # Errors
+    /// If the socket cannot be watched.
+    pub fn new(listener: Listener, watch: Watch, most: usize) -> io::Result<Self> {
+        watch.add(listener.as_raw_fd())?;
+        Ok(Self { listener, watch, most, all: VecDeque::new(), refused: 0, dropped: 0 })
+    }
+
+    fn accept(&mut self, budget: &mut Budget) {
+        while budget.is_left() {
+            let Some(connection) = self.listener.accept() else { return };
+            budget.spend(0);
+            if self.all.len() < self.most && self.watch.add(connection.as_raw_fd()).is_ok() {
+                self.all.push_back(Client { connection, behind: true });
+            } else {
+                self.refused += 1;
+            }
+        }
+    }
+}
+
+/// A destination whose messages go to clients.
+pub struct SocketDestination {
+    end: Destination,
+    /// The clients.
+    pub clients: Clients,
+    /// A message was taken from the queue and no client has it.
+    pending: bool,
+    /// Packets that were sent.
+    pub messages: u64,
+}
+
+impl SocketDestination {
+    /// Of `end`; a queuing one has one client at a time.
+    ///
+    /// # Errors
+    /// If the socket cannot be watched.
+    pub fn new(end: Destination, listener: Listener, watch: Watch) -> io::Result<Self> {
+        let most = if end.is_sampling() { CLIENTS_MAX } else { 1 };
+        let clients = Clients::new(listener, watch, most)?;
+        Ok(Self { end, clients, pending: false, messages: 0 })
+    }
+
+    /// The channel's end.
+    pub fn end(&mut self) -> &mut Destination {
+        &mut self.end
+    }
+
+    /// Does what there is to do, within the budget.
+    pub fn serve(&mut self, budget: &mut Budget, clock: &Timebase, now: Tsc) {
+        self.clients.all.retain(|client| !client.connection.is_closed());
+        self.clients.accept(budget);
+        if self.end.is_sampling() {
+            self.show(budget, clock, now);
+        } else {
+            self.hand_over(budget, clock, now);
+        }
+    }
+
+    /// Sends the newest sample to those who do not have it. Who cannot take it now gets the one
+    /// that is the newest later.
+    fn show(&mut self, budget: &mut Budget, clock: &Timebase, now: Tsc) {
+        let clients = &mut self.clients.all;
+        if self.end.has_news() {
+            clients.iter_mut().for_each(|client| client.behind = true);
+        }
+        let nobody = !clients.iter().any(|client| client.behind);
+        if nobody || !budget.is_left() || !self.end.take(clock, now) {
+            return;
+        }
+        budget.spend(self.end.packet().len());
+        clients.retain_mut(|client| {
+            if !client.behind {
+                return true;
+            }
+            let sent = client.connection.send(self.end.packet());
+            client.behind = sent != Sent::Yes;
+            self.messages += u64::from(sent == Sent::Yes);
+            sent != Sent::Gone
+        });
+    }
+
+    /// Sends what is in the queue to the client, if there is one. Nothing is taken for nobody.
+    fn hand_over(&mut self, budget: &mut Budget, clock: &Timebase, now: Tsc) {
+        while budget.is_left() {
+            let Some(client) = self.clients.all.front() else { return };
+            if !self.pending {
+                self.pending = self.end.take(clock, now);
+            }
+            if !self.pending {
+                return;
+            }
+            match client.connection.send(self.end.packet()) {
+                Sent::Yes => {
+                    budget.spend(self.end.packet().len());
+                    self.pending = false;
+                    self.messages += 1;
+                }
+                Sent::NotNow => return,
+                Sent::Gone => self.clients.all.clear(),
+            }
+        }
+    }
+}
+
+/// A source whose messages come from clients.
+pub struct SocketSource {
+    end: Source,
+    /// The clients.
+    pub clients: Clients,
+    /// As long as the longest message.
+    buffer: Vec<u8>,
+    /// Messages that were sent.
+    pub messages: u64,
+}
+
+impl SocketSource {
+    /// For messages of at most `maximum` bytes.
+    ///
+    /// # Errors
+    /// If the socket cannot be watched.
+    pub fn new(end: Source, listener: Listener, watch: Watch, maximum: usize) -> io::Result<Self> {
+        let clients = Clients::new(listener, watch, CLIENTS_MAX)?;
+        Ok(Self { end, clients, buffer: vec![0; maximum], messages: 0 })
+    }
+
+    /// The channel's end.
+    pub fn end(&mut self) -> &mut Source {
+        &mut self.end
+    }
+
+    /// Does what there is to do, within the budget. The clients take turns. Without room in the
+    /// channel nothing is read, and the client's own buffer fills up.
+    pub fn serve(&mut self, budget: &mut Budget, now: Tsc) {
+        let clients = &mut self.clients;
+        clients.all.retain(|Client { connection: c, .. }| !(c.is_closed() && c.is_drained()));
+        clients.accept(budget);
+        let mut silent = 0;
+        while silent < clients.all.len() && budget.is_left() && self.end.has_room(false) {
+            let Some(client) = clients.all.pop_front() else { return };
+            match client.connection.receive(&mut self.buffer) {
+                Came::Packet(length) => {
+                    budget.spend(length);
+                    let message = self.buffer.get(..length).unwrap_or_default();
+                    self.messages += u64::from(self.end.send(message, now));
+                    silent = 0;
+                    clients.all.push_back(client);
+                }
+                Came::Nothing => {
+                    silent += 1;
+                    clients.all.push_back(client);
+                }
+                Came::Wrong => {
+                    budget.spend(0);
+                    clients.dropped += 1;
+                }
+                Came::End => {}
+            }
+        }
+    }
+}
