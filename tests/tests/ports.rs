@@ -1,6 +1,9 @@
-//! Channels between partitions, how Linux finds its own, and what a hostile peer can do with them.
+//! Channels between partitions and with the host, how Linux finds its own, and what a hostile peer
+//! can do with them.
 
-use takt_tests::{BUSY, File, Outcome, Run, long, plc_image};
+use std::fs;
+
+use takt_tests::{BUSY, File, Outcome, Run, long, plc_image, target};
 
 /// Two PLCs with a sampling and a queuing channel each way, and a busy Linux.
 fn two(left: &str, right: &str) -> File {
@@ -78,6 +81,58 @@ fn the_shipped_example_tells_the_others_level() {
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_shows("[upper] the other level is 0.63");
     outcome.assert_shows("[lower] the other level is 0.63");
+}
+
+/// A record of a file at the end of a channel: a header of 24 bytes, and a level.
+const RECORD: usize = 32;
+
+#[test]
+fn the_host_hears_the_level_and_tells_one_by_files() {
+    let [heard, told] = ["heard", "told"].map(|name| target(&format!("tests/{name}.records")));
+    fs::create_dir_all(target("tests")).unwrap();
+    let _ = fs::remove_file(&heard);
+    let mut record = [0; RECORD];
+    record[20] = 8;
+    record[24..].copy_from_slice(&1234.5f64.to_le_bytes());
+    fs::write(&told, record.repeat(100)).unwrap();
+    let channel = |name: &str, source: &str, destination: &str| {
+        format!(
+            "[[channel]]\nname = {name:?}\nkind = \"sampling\"\nmessage_bytes = 8\n\
+             source = {source:?}\ndestinations = [{destination:?}]\nrefresh_period = \"1s\"\n\
+             host_file = \"{name}.records\"\n"
+        )
+    };
+    let text = format!(
+        "version = 1\n[system]\nname = \"host-ends\"\nmajor_frame = \"1ms\"\n\
+         [[partition]]\nname = \"plc\"\nkind = \"plc\"\ncpu = 0\nmemory = \"4MiB\"\n{}{}\
+         [[schedule]]\nname = \"normal\"\n[[schedule.window]]\npartition = \"plc\"\n\
+         offset = \"0us\"\nduration = \"300us\"\n",
+        channel("heard", "plc:level", "host:level"),
+        channel("told", "host:level-of-another", "plc:other-level"),
+    );
+    let outcome = Run::of_text("host-ends", &text).lasting("2600ms").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_kept_its_time("plc", 2_500);
+    outcome.assert_shows("[plc] the other level is 1234.500 m");
+
+    let bytes = fs::read(&heard).unwrap();
+    let (records, rest) = bytes.as_chunks::<RECORD>();
+    assert!(rest.is_empty(), "{} bytes", bytes.len());
+    // One each 20 ms, first of all from a tank that fills.
+    assert!((120..135).contains(&records.len()), "{}", records.len());
+    let word =
+        |record: &[u8; RECORD], at| u64::from_le_bytes(record[at..at + 8].try_into().unwrap());
+    for (i, pair) in records.windows(2).enumerate() {
+        let [earlier, later] = pair else { continue };
+        assert!(word(earlier, 0) + 15_000_000 < word(later, 0));
+        assert!(i > 50 || f64::from_bits(word(earlier, 24)) < f64::from_bits(word(later, 24)));
+        // Written in this frame or the one before; valid, and 8 bytes long.
+        assert!(word(later, 8) < 2_000_000, "{}", word(later, 8));
+        assert_eq!(word(later, 16), 1 | 8 << 32);
+    }
+    let ports = outcome.report["host_ports"].as_array().unwrap();
+    let messages: Vec<_> = ports.iter().map(|port| port["messages"].as_u64().unwrap()).collect();
+    assert_eq!(messages, [records.len() as u64, 100]);
 }
 
 #[test]
