@@ -26,6 +26,7 @@ pub mod cycle;
 mod descriptor;
 #[cfg(not(test))]
 mod exception;
+pub mod health;
 #[cfg(not(test))]
 mod language;
 pub mod pages;

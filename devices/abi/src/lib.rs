@@ -47,6 +47,8 @@ pub mod memory {
     pub const TEXT: u64 = STATUS + PAGE / 2;
     /// Longest text of one call, in bytes.
     pub const TEXT_BYTES: usize = (PAGE / 2) as usize;
+    /// Longest text of [`port::ERROR`](crate::port::ERROR), in bytes.
+    pub const ERROR_TEXT_BYTES: usize = 64;
     /// Guest-physical address of the [`PortTable`](crate::PortTable) page (read-only).
     pub const PORT_TABLE: u64 = 0xc000_2000;
     /// Start of the area of channel pages. Each is readable, and writable if it is the guest's own.
@@ -69,6 +71,11 @@ pub mod port {
     pub const EXCEPTION: u16 = 0x7a04;
     /// 32-bit write of an exit code: the guest ends itself; 0 is success.
     pub const EXIT: u16 = 0x7a08;
+    /// 32-bit write of a code: the guest reports an error of its application, for the health
+    /// monitor. What lies at [`memory::TEXT`](crate::memory::TEXT), up to a zero byte or
+    /// [`memory::ERROR_TEXT_BYTES`](crate::memory::ERROR_TEXT_BYTES), is said with it. The guest
+    /// goes on if its partition's table lets it.
+    pub const ERROR: u16 = 0x7a14;
     /// 32-bit write of a port's place in the [`PortTable`](crate::PortTable), if that port is a
     /// source with a doorbell: whoever waits for its messages is woken. The host's kernel does it,
     /// within the instruction.
@@ -111,7 +118,8 @@ pub struct Information {
     pub schedule: u32,
     /// How the guest was started: [`start::COLD`] or [`start::WARM`].
     pub start_mode: u32,
-    /// Why the guest was started: [`start::NORMAL`] or [`start::PARTITION_RESTART`].
+    /// Why the guest was started: [`start::NORMAL`], [`start::PARTITION_RESTART`] or
+    /// [`start::HEALTH_MONITOR`].
     pub start_condition: u32,
     /// Zero.
     pub reserved: u32,
@@ -127,6 +135,9 @@ pub mod start {
     pub const NORMAL: u32 = 0;
     /// Takt has started the partition anew, for a reason that is not an error of it.
     pub const PARTITION_RESTART: u32 = 1;
+    /// The health monitor has started the partition anew, for an error of it. (2 is its start of a
+    /// whole module, which Takt does not do.)
+    pub const HEALTH_MONITOR: u32 = 3;
 
     /// Flag of an ELF program header (in the mask for operating systems, `PF_MASKOS`): a warm
     /// start leaves this segment as it is. It must have no content in the file.
