@@ -80,6 +80,27 @@ impl<W: Write> SerialPort<W> {
         room
     }
 
+    /// The registers as at power-on, as far as a driver can tell, and nothing typed.
+    pub fn reset(&self) {
+        /// Offsets of registers; `DATA` and `INTERRUPTS` while the divisor latch is closed.
+        const DATA: u8 = 0;
+        const INTERRUPTS: u8 = 1;
+        const LINE_CONTROL: u8 = 3;
+        const MODEM_CONTROL: u8 = 4;
+        const LINE_STATUS: u8 = 5;
+        const DATA_READY: u8 = 1;
+
+        let mut port = self.lock();
+        port.pending.clear();
+        for register in [LINE_CONTROL, MODEM_CONTROL, INTERRUPTS] {
+            // Only an interrupt can fail, and a new machine does not know of one.
+            let _ = port.registers.write(register, 0);
+        }
+        while port.registers.read(LINE_STATUS) & DATA_READY != 0 {
+            port.registers.read(DATA);
+        }
+    }
+
     fn lock(&self) -> MutexGuard<'_, Port<W>> {
         // No access can leave the registers half-changed, so a poisoned lock is still good.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)

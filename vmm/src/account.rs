@@ -5,9 +5,10 @@ use std::sync::Arc;
 use rtrb::Consumer;
 use takt_devices::output::OutputEnd;
 use takt_scheduler::table::PartitionId;
-use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
+use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 
 use crate::gather::Gather;
+use crate::health::Watch;
 use crate::restart::Restart;
 use crate::statistics;
 use crate::terminal::Lines;
@@ -21,10 +22,14 @@ use crate::vcpu::record::Record;
 pub struct Finished {
     /// Why it ended.
     pub end: End,
+    /// When.
+    pub at: Tsc,
+    /// True if the guest had not scanned since its start; never for a guest without scans.
+    pub starting: bool,
+    /// Errors that were noted before.
+    pub noted: u64,
     /// CPU time that it used.
     pub cpu_time: Nanos,
-    /// Accesses that nothing answers.
-    pub illegal_accesses: u64,
     /// Records that did not fit into the ring.
     pub unrecorded: u64,
 }
@@ -45,6 +50,8 @@ pub struct Account {
     pub gather: Gather,
     /// True if its guest tells of its scans.
     pub says_done: bool,
+    /// What becomes of its errors.
+    pub health: Watch,
     /// Figures of a partition whose guest does, from the epoch on.
     pub releases: Option<statistics::Releases>,
     /// Time from its wake-ups to its leaving its windows, which was nobody else's.
@@ -55,6 +62,8 @@ pub struct Account {
     pub restarts: u64,
     /// Set once its guest has ended and is not started again.
     pub finished: Option<Finished>,
+    /// True if an error of it has ended the run.
+    pub ended_run: bool,
     /// Output that is no whole line yet.
     pub lines: Lines,
 }

@@ -5,6 +5,7 @@
 
 pub mod account;
 pub mod appliance;
+pub mod board;
 pub mod boot;
 pub mod cause;
 pub mod channels;
@@ -13,6 +14,7 @@ pub mod config;
 pub mod cpuset;
 pub mod doorbell;
 pub mod gather;
+pub mod health;
 pub mod host_ports;
 pub mod init_watch;
 pub mod jitter;

@@ -1,11 +1,12 @@
 //! The PCI function of a Linux guest with ports: where its memory lies, and what is in it.
 //!
 //! Memory has to be there before the machine is made, and the machine before it can be connected,
-//! so there are two steps: [`Pci::new`] chooses addresses, [`Pci::attach`] fills and connects. A
-//! Linux without ports takes neither and has no PCI at all.
+//! so there are two steps: [`Pci::new`] chooses addresses, [`Card::attach`] fills and connects. A
+//! Linux without ports takes neither and has no PCI at all. The second step is taken at each start.
 
 use std::ops::RangeInclusive;
 
+use kvm_ioctls::VmFd;
 use takt_abi::PortTable;
 use takt_abi::memory::PAGE;
 use takt_devices::pci::config_ports::{self, ConfigPorts};
@@ -14,9 +15,9 @@ use takt_devices::ports::PortBus;
 use takt_scheduler::time::TscFrequency;
 use vmm_sys_util::eventfd::EventFd;
 
-use crate::channels::Ports;
+use crate::channels::{OwnRegion, Ports};
 use crate::doorbell;
-use crate::machine::{Machine, MachineError};
+use crate::machine::MachineError;
 use crate::memory::{GuestMemory, SharedRegion, View};
 use crate::run_error::RunError;
 
@@ -56,28 +57,43 @@ impl<'a> Pci<'a> {
         std::iter::once(table).chain(self.ports.views.iter().copied()).collect()
     }
 
-    /// Fills the guest's `memory`, made of [these views](Self::views), and connects the function:
-    /// configuration to the guest's I/O ports, the interrupt to `bell`.
+    /// What is left to do once there is memory, made of [these views](Self::views).
+    #[must_use]
+    pub fn into_card(self) -> Card {
+        Card { bars: self.bars, table: self.ports.table, own: self.ports.own }
+    }
+}
+
+/// A function whose memory is there.
+pub struct Card {
+    bars: Bars,
+    table: PortTable,
+    own: Vec<OwnRegion>,
+}
+
+impl Card {
+    /// Fills the guest's `memory` and connects the function: configuration to the guest's I/O
+    /// ports, the interrupt to `bell`. Once for each machine that the guest gets.
     ///
     /// # Errors
     /// See [`RunError`].
     pub fn attach(
-        self,
+        &self,
         memory: &GuestMemory,
         tsc: TscFrequency,
-        machine: &Machine,
+        vm: &VmFd,
         bus: &mut PortBus,
         bell: &EventFd,
     ) -> Result<(), RunError> {
         let mut table = memory
             .port_table(self.bars.read_only.address().into())
             .ok_or(MachineError::Missing("the Linux guest's port table"))?;
-        table.write(PortTable { tsc_khz: tsc.khz().into(), ..self.ports.table });
-        for region in &self.ports.own {
+        table.write(PortTable { tsc_khz: tsc.khz().into(), ..self.table });
+        for region in &self.own {
             region.format(memory)?;
         }
-        let function = ConfigPorts::new(Function::new(self.bars));
+        let function = ConfigPorts::new(Function::new(self.bars.clone()));
         bus.attach(config_ports::FIRST..=config_ports::LAST, Box::new(function))?;
-        Ok(doorbell::attach_listener(&machine.vm, bell)?)
+        Ok(doorbell::attach_listener(vm, bell)?)
     }
 }

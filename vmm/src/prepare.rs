@@ -6,27 +6,24 @@
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError};
 
-use kvm_ioctls::Kvm;
+use kvm_ioctls::{Kvm, VcpuFd};
 use rtrb::{Consumer, RingBuffer};
 use takt_abi::PortTable;
 use takt_abi::memory::PORT_TABLE;
 use takt_devices::output;
-use takt_devices::ports::PortBus;
-use takt_devices::power::{AcpiPower, KeyboardController, PowerLine};
-use takt_devices::serial::{self, IrqLine, SerialPort};
+use takt_devices::serial::{IrqLine, SerialPort};
 use takt_scheduler::reservation::CpuReservations;
 use takt_scheduler::switch::SwitchBoard;
 use takt_scheduler::table::{Cpu, PartitionId, Role};
-use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
+use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 use vmm_sys_util::eventfd::{EFD_CLOEXEC, EFD_NONBLOCK, EventFd};
 
 use crate::account::{Account, Finished};
-use crate::boot;
+use crate::board::Board;
 use crate::boot::StartMode;
-use crate::boot::acpi::{POWER_PORT, SERIAL_IRQ, SERIAL_PORT};
-use crate::boot::long_mode::{self, Entry};
+use crate::boot::long_mode;
 use crate::boot::plc::PlcImage;
 use crate::boot::touch::touch;
 use crate::channels::Channels;
@@ -34,18 +31,17 @@ use crate::config::{Kind, Partition, PartitionFile, ScheduleChange};
 use crate::cpuset::Domains;
 use crate::doorbell;
 use crate::gather::Gather;
+use crate::health::{Reporter, Watch};
 use crate::init_watch::{InitSeen, InitWatch};
-use crate::machine::{self, Machine, MachineError};
+use crate::machine::{self, MachineError};
 use crate::memory::GuestMemory;
-use crate::pci::{self, Pci};
-use crate::restart::{Restart, Revival};
+use crate::pci::Pci;
+use crate::restart::{LinuxRestart, PlcRestart, Restart, Revival};
 use crate::run_error::RunError;
 use crate::supervisor::Console;
 use crate::terminal::Lines;
-use crate::vcpu::exit_count::ExitCount;
-use crate::vcpu::guest::{End, Guest, KvmFailure};
+use crate::vcpu::guest::{End, Guest};
 use crate::vcpu::kick::Kickable;
-use crate::vcpu::linux::LinuxGuest;
 use crate::vcpu::plc::PlcGuest;
 use crate::vcpu::record::Record;
 use crate::vcpu::thread::{self, Place, Ready};
@@ -116,9 +112,10 @@ pub struct Preparation<'a> {
 
 /// What a guest's thread keeps for as long as the guest exists.
 struct Body {
-    /// The machine's memory and descriptor live as long as its processor.
-    machine: (GuestMemory, kvm_ioctls::VmFd),
+    /// The memory lives as long as the processor.
+    _memory: GuestMemory,
     own: Arc<Control>,
+    health: Reporter,
     ending: Ending,
 }
 
@@ -159,9 +156,9 @@ impl Preparation<'_> {
         let frame = self.file.schedules().frame();
         let guest = PlcGuest::new(&memory, bytes, tsc.khz(), frame, console)
             .ok_or(MachineError::Missing("the PLC guest's pages"))?;
-        let (restart, revivals) = Restart::new(memory.clone(), image, ports.own);
-        let mut prepared = self.spawn(partition, machine, memory, guest, output, revivals)?;
-        prepared.account.restart = Some(restart);
+        let (restart, revivals) = PlcRestart::new(memory.clone(), image, ports.own);
+        let mut prepared = self.spawn(partition, machine.vcpu, memory, guest, output, revivals)?;
+        prepared.account.restart = Some(Restart::Plc(restart));
         Ok(prepared)
     }
 
@@ -175,57 +172,53 @@ impl Preparation<'_> {
         let pci = Pci::new(self.channels.of(partition.id(), partition.kind()))?;
         let views = pci.as_ref().map(Pci::views).unwrap_or_default();
         let memory = GuestMemory::for_linux(partition.memory_bytes(), &views)?;
-        let window = pci.as_ref().map(|_| pci::WINDOW);
-        let entry = boot::linux::load(&memory, kernel, initrd, cmdline, window)
-            .map_err(|source| RunError::Linux { partition: partition.name().to_owned(), source })?;
-        let machine = machine::for_linux(&self.kvm, &memory)?;
-        long_mode::start(&machine.vcpu, memory.regions(), entry)?;
-
         let irq = eventfd()?;
-        machine.vm.register_irqfd(&irq, SERIAL_IRQ).map_err(|source| MachineError::Call {
-            what: "attach the serial port's interrupt",
-            source,
-        })?;
         let (writer, output) = output::waiting(self.closing.clone());
         let init = InitSeen::default();
-        let console = SerialPort::new(IrqLine(irq), InitWatch::new(writer, init.clone()));
-        let power = PowerLine::default();
-        let mut ports = PortBus::default();
-        let last = SERIAL_PORT + serial::PORTS - 1;
-        ports.attach(SERIAL_PORT..=last, Box::new(console.clone()))?;
-        ports.attach(POWER_PORT..=POWER_PORT + 2, Box::new(AcpiPower(power.clone())))?;
-        ports.attach(0x60..=0x64, Box::new(KeyboardController::new(power.clone())))?;
-        if let Some(pci) = pci {
-            let tsc = *self.frequency.get_or_insert(machine.tsc);
-            pci.attach(&memory, tsc, &machine, &mut ports, &self.doorbell)?;
-        }
-        self.console = Some(console);
-        let guest = LinuxGuest::new(ports, power);
-        // Nobody holds the other end: a Linux that has ended is not started again.
-        let (_, revivals) = channel();
-        let mut prepared = self.spawn(partition, machine, memory, guest, output, revivals)?;
+        let watch = InitWatch::new(writer, init.clone());
+        let console = SerialPort::new(IrqLine(clone(&irq)?), watch);
+        self.console = Some(console.clone());
+        let mut board = Board {
+            partition: partition.name().to_owned(),
+            kvm: machine::open_kvm()?,
+            memory: memory.clone(),
+            kernel: kernel.to_owned(),
+            initrd: initrd.map(Path::to_owned),
+            cmdline: cmdline.to_owned(),
+            console,
+            irq,
+            card: pci.map(Pci::into_card),
+            bell: clone(&self.doorbell)?,
+            frequency: self.frequency,
+            vm: None,
+        };
+        let (vcpu, guest) = board.start()?;
+        self.frequency = board.frequency;
+        let (restart, revivals) = LinuxRestart::new(board);
+        let mut prepared = self.spawn(partition, vcpu, memory, guest, output, revivals)?;
+        prepared.account.restart = Some(Restart::Linux(restart));
         prepared.account.is_terminal = true;
         prepared.init = Some(init);
         Ok(prepared)
     }
 
     /// Makes the thread of a partition: in its windows, or in the background.
-    fn spawn(
+    fn spawn<G: Guest + Send + 'static>(
         &mut self,
         partition: &Partition,
-        machine: Machine,
+        vcpu: VcpuFd,
         memory: GuestMemory,
-        guest: impl Guest + Send + 'static,
+        guest: G,
         output: output::OutputEnd,
-        revivals: Receiver<Revival>,
+        revivals: Receiver<Revival<G>>,
     ) -> Result<Prepared, RunError> {
-        let Machine { vcpu, vm, tsc } = machine;
-        self.frequency.get_or_insert(tsc);
         let (id, cpu, name) = (partition.id(), partition.cpu(), partition.name().to_owned());
         let control: Arc<Control> = Arc::default();
+        let (health, reporter) = Watch::new(partition.health());
         let body = Body {
-            machine: (memory, vm),
+            _memory: memory,
             own: control.clone(),
+            health: reporter,
             ending: Ending { partition: id, sender: self.sender.clone(), bell: clone(&self.bell)? },
         };
         let schedules = self.file.schedules();
@@ -250,16 +243,15 @@ impl Preparation<'_> {
         let (thread, records): (_, Option<Consumer<Record>>) = match plan {
             Some(plan) => {
                 let (producer, consumer) = RingBuffer::new(RECORDS);
-                let exit_count = ExitCount::of(&vcpu);
                 let run = move |kickable: &mut Kickable, base: Timebase| {
-                    let windowed = Windowed::new(plan, base, producer, exit_count);
+                    let windowed = Windowed::new(plan, base, producer);
                     body.run_windowed(windowed, kickable, guest, &revivals);
                 };
                 (thread::vcpu(&name, place, control.clone(), vcpu, run)?, Some(consumer))
             }
             None => {
                 let run = move |kickable: &mut Kickable, _: Timebase| {
-                    body.run_background(kickable, guest);
+                    body.run_background(kickable, guest, &revivals);
                 };
                 (thread::vcpu(&name, place, control.clone(), vcpu, run)?, None)
             }
@@ -272,11 +264,13 @@ impl Preparation<'_> {
             records,
             gather: Gather::default(),
             says_done,
+            health,
             releases: None,
             occupied: Nanos::ZERO,
             restart: None,
             restarts: 0,
             finished: None,
+            ended_run: false,
             lines: Lines::default(),
         };
         Ok(Prepared { account, thread, init: None })
@@ -311,43 +305,74 @@ impl Preparation<'_> {
 
 impl Body {
     /// Runs the guest, and again whenever it has been loaded anew.
-    fn run_windowed(
-        self,
+    fn run_windowed<G: Guest>(
+        mut self,
         mut windowed: Windowed,
         kickable: &mut Kickable,
-        mut guest: impl Guest,
-        revivals: &Receiver<Revival>,
+        mut guest: G,
+        revivals: &Receiver<Revival<G>>,
     ) {
         loop {
-            let end = windowed.run(kickable, &mut guest, &self.own);
-            self.tell(end, &guest, windowed.unrecorded());
-            // Without a guest there is no cycle that this wait could delay.
-            let Ok(Revival { mode, entry }) = revivals.recv() else { return };
-            if !self.start_anew(kickable, entry) {
-                self.tell(End::Kvm(KvmFailure::Internal), &guest, windowed.unrecorded());
+            let end = windowed.run(kickable, &mut guest, &self.own, &mut self.health);
+            let starting = guest.says_done() && windowed.starting();
+            self.tell(end, starting, windowed.unrecorded());
+            let revival = loop {
+                if !windowed.next_window(&self.own) {
+                    return;
+                }
+                match revivals.try_recv() {
+                    Ok(revival) => break revival,
+                    Err(TryRecvError::Empty) => {}
+                    Err(TryRecvError::Disconnected) => return,
+                }
+            };
+            if !self.revive(kickable, &mut guest, revival) {
                 return;
             }
-            guest.restarted(mode);
-            windowed.catch_up();
+            windowed.restarted();
         }
     }
 
-    fn start_anew(&self, kickable: &mut Kickable, entry: Entry) -> bool {
-        let (memory, _) = &self.machine;
-        // What the last exit has left to be done must not happen to the new guest.
-        kickable.prime().is_ok()
-            && long_mode::start(kickable.vcpu(), memory.regions(), entry).is_ok()
+    fn run_background<G: Guest>(
+        mut self,
+        kickable: &mut Kickable,
+        mut guest: G,
+        revivals: &Receiver<Revival<G>>,
+    ) {
+        loop {
+            let end = background::run(kickable, &mut guest, &self.own, &mut self.health);
+            self.tell(end, false, 0);
+            let Ok(revival) = revivals.recv() else { return };
+            if !self.revive(kickable, &mut guest, revival) {
+                return;
+            }
+        }
     }
 
-    fn run_background(self, kickable: &mut Kickable, mut guest: impl Guest) {
-        let end = background::run(kickable, &mut guest, &self.own);
-        self.tell(end, &guest, 0);
+    /// Does what is left to do after the guest has been loaded anew; false if it is not.
+    fn revive<G: Guest>(
+        &mut self,
+        kickable: &mut Kickable,
+        guest: &mut G,
+        revival: Revival<G>,
+    ) -> bool {
+        let revived = revival(kickable, guest);
+        if !revived {
+            self.tell(End::NotLoaded, true, 0);
+        }
+        revived
     }
 
-    fn tell(&self, end: End, guest: &impl Guest, unrecorded: u64) {
-        let illegal_accesses = guest.illegal_accesses();
-        let cpu_time = thread::cpu_time();
-        self.ending.tell(Finished { end, cpu_time, illegal_accesses, unrecorded });
+    fn tell(&mut self, end: End, starting: bool, unrecorded: u64) {
+        self.health.end(end);
+        self.ending.tell(Finished {
+            end,
+            at: Tsc::now(),
+            starting,
+            noted: self.health.noted(),
+            cpu_time: thread::cpu_time(),
+            unrecorded,
+        });
     }
 }
 

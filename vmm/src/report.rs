@@ -1,5 +1,6 @@
 //! What a run tells at its end: a table for people and the same as JSON for programs.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::fs;
 
@@ -73,7 +74,9 @@ pub struct Partition {
     pub restarts: u64,
     /// CPU time of its thread, as a part of the run's duration.
     pub cpu_share: f64,
-    /// Accesses to ports and memory that nothing answers.
+    /// Its errors.
+    pub events: Events,
+    /// Its illegal requests: mostly accesses to ports and memory that nothing answers.
     pub illegal_accesses: u64,
     /// Bytes of console output that were dropped.
     pub console_dropped: u64,
@@ -87,6 +90,32 @@ pub struct Partition {
     /// there, or if its console does not show the kernel's messages.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub boot_to_init_ns: Option<Option<u64>>,
+}
+
+/// The errors of a partition; see `docs/health.md`.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Events {
+    /// How often each error happened, those that are ignored included. What never did is left out.
+    pub totals: BTreeMap<&'static str, u64>,
+    /// The first events.
+    pub list: Vec<Event>,
+    /// Events that are not in the list.
+    pub unlisted: u64,
+}
+
+/// An error that was not ignored.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Event {
+    /// Place among the events of the partition, from 1.
+    pub sequence: u64,
+    /// When it was seen, since the epoch.
+    pub at_ns: u64,
+    /// Which error.
+    pub error: &'static str,
+    /// What is known of it.
+    pub detail: String,
+    /// What followed.
+    pub action: &'static str,
 }
 
 /// How a partition kept its time.
@@ -253,13 +282,13 @@ impl Partition {
                 d.minimum_share * 100.0
             );
         }
-        for (count, what) in [
-            (self.illegal_accesses, "accesses to ports or memory that nothing answers"),
-            (self.console_dropped, "bytes of console output dropped"),
-        ] {
-            if count > 0 {
-                let _ = writeln!(text, "  {count} {what}");
-            }
+        if !self.events.totals.is_empty() {
+            let totals = self.events.totals.iter();
+            let totals: Vec<String> = totals.map(|(error, n)| format!("{error} {n}")).collect();
+            let _ = writeln!(text, "  errors         {}", totals.join(", "));
+        }
+        if self.console_dropped > 0 {
+            let _ = writeln!(text, "  {} bytes of console output dropped", self.console_dropped);
         }
     }
 }
@@ -323,6 +352,7 @@ mod tests {
                     failed: false,
                     restarts: 0,
                     cpu_share: 0.031,
+                    events: Events { totals: [("numeric-error", 2)].into(), ..Events::default() },
                     illegal_accesses: 0,
                     console_dropped: 0,
                     releases: Some(Releases {
@@ -353,6 +383,7 @@ mod tests {
                     failed: false,
                     restarts: 0,
                     cpu_share: 0.9,
+                    events: Events::default(),
                     illegal_accesses: 3,
                     console_dropped: 0,
                     releases: None,
@@ -400,6 +431,6 @@ mod tests {
         assert!(table.contains("donation       9.000 s left by windows, 99.0 % of it used;"));
         assert!(table.contains("boot to init   not seen"));
         assert!(table.contains("host:levels (state): 12 messages, 3 clients dropped"), "{table}");
-        assert!(table.contains("3 accesses to ports or memory that nothing answers"));
+        assert!(table.contains("  errors         numeric-error 2\n"), "{table}");
     }
 }

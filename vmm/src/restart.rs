@@ -1,60 +1,161 @@
-//! Starting a PLC guest anew.
+//! Starting a guest anew.
 //!
-//! Clearing and loading memory takes longer than a window. It is therefore done by the event
-//! thread, while the partition's own thread waits and uses none of its windows; the others do not
-//! notice. Only then the thread gets the word to reset its processor and go on.
+//! Clearing and loading memory takes longer than a window, and for a Linux longer than the event
+//! thread may be away from its rings. So a PLC is loaded by the event thread and a Linux by a
+//! thread of its own, both of the ordinary class. The partition's thread only sets registers, or
+//! takes over another processor.
+//!
+//! Even that is time, and a deadline thread that is woken for it at some instant takes it from
+//! whoever has a window then. So a thread with windows is not woken: it looks for the word in each
+//! of its own windows ([`Windowed::next_window`](crate::vcpu::windowed::Windowed::next_window)).
 
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
 
-use crate::boot::StartMode;
-use crate::boot::long_mode::Entry;
+use crate::board::Board;
+use crate::boot::Start;
+use crate::boot::long_mode::{self, StartError};
 use crate::boot::plc::PlcImage;
 use crate::channels::OwnRegion;
 use crate::memory::GuestMemory;
 use crate::run_error::RunError;
+use crate::vcpu::exit_count::ExitCount;
+use crate::vcpu::kick::Kickable;
+use crate::vcpu::linux::LinuxGuest;
+use crate::vcpu::plc::PlcGuest;
 
-/// The word to a partition's thread that its guest has been loaded.
-#[derive(Clone, Copy, Debug)]
-pub struct Revival {
-    /// How.
-    pub mode: StartMode,
-    /// Where it starts.
-    pub entry: Entry,
-}
+/// The word to a partition's thread that its guest has been loaded: what it has to do itself, which
+/// is false if it failed.
+pub type Revival<G> = Box<dyn FnOnce(&mut Kickable, &mut G) -> bool + Send>;
 
 /// What is needed to start a guest anew. When it is dropped, the thread that waits for it ends.
-pub struct Restart {
+pub enum Restart {
+    /// A PLC.
+    Plc(PlcRestart),
+    /// A Linux.
+    Linux(LinuxRestart),
+}
+
+impl Restart {
+    /// Loads the guest and lets its thread go on. The thread must have told of its end.
+    ///
+    /// # Errors
+    /// If the image of a PLC cannot be loaded, or a channel not prepared: neither happens for the
+    /// first time then. A Linux fails later, see [`failure`](Self::failure).
+    pub fn start(&self, start: Start) -> Result<(), RunError> {
+        match self {
+            Restart::Plc(plc) => plc.start(start),
+            Restart::Linux(linux) => linux.start(),
+        }
+    }
+
+    /// Why the guest could not be loaded, if its thread has told so.
+    #[must_use]
+    pub fn failure(&self) -> Option<RunError> {
+        match self {
+            Restart::Plc(_) => None,
+            Restart::Linux(linux) => linux.lock().failure.take(),
+        }
+    }
+}
+
+/// Starts a PLC anew, in its own machine.
+pub struct PlcRestart {
     memory: GuestMemory,
     image: PlcImage,
     /// What the guest may have damaged and needs to be whole.
     channels: Vec<OwnRegion>,
-    thread: Sender<Revival>,
+    thread: Sender<Revival<PlcGuest>>,
 }
 
-impl Restart {
+impl PlcRestart {
     /// For the guest of `image` in `memory`; the other part is for its thread.
     #[must_use]
     pub fn new(
         memory: GuestMemory,
         image: PlcImage,
         channels: Vec<OwnRegion>,
-    ) -> (Self, Receiver<Revival>) {
+    ) -> (Self, Receiver<Revival<PlcGuest>>) {
         let (thread, revivals) = channel();
         (Self { memory, image, channels, thread }, revivals)
     }
 
-    /// Loads the guest and lets its thread go on. The thread must have told of its end.
-    ///
-    /// # Errors
-    /// If the image cannot be loaded, or a channel not prepared: neither happens for the first
-    /// time then.
-    pub fn start(&self, mode: StartMode) -> Result<(), RunError> {
-        let entry = self.image.reload(&self.memory, mode).map_err(RunError::Reload)?;
+    fn start(&self, start: Start) -> Result<(), RunError> {
+        let entry = self.image.reload(&self.memory, start.mode).map_err(RunError::Reload)?;
         for region in &self.channels {
             region.format(&self.memory)?;
         }
+        long_mode::write_tables(self.memory.regions()).map_err(StartError::from)?;
+        let revival = move |kickable: &mut Kickable, guest: &mut PlcGuest| {
+            guest.start_anew(start);
+            // What the last exit has left to be done must not happen to the new guest.
+            kickable.prime().is_ok() && long_mode::set_registers(kickable.vcpu(), entry).is_ok()
+        };
         // A thread that is gone has told of that too.
-        let _ = self.thread.send(Revival { mode, entry });
+        let _ = self.thread.send(Box::new(revival));
         Ok(())
     }
+}
+
+/// Starts a Linux anew, in a machine that is new as well: what a guest can do to interrupt
+/// controllers, timers and model-specific registers is more than anybody wants to undo one by one.
+pub struct LinuxRestart {
+    loading: Arc<Mutex<Loading>>,
+    thread: Sender<Revival<LinuxGuest>>,
+}
+
+struct Loading {
+    board: Board,
+    failure: Option<RunError>,
+}
+
+impl LinuxRestart {
+    /// For the Linux on this board; the other part is for its thread.
+    #[must_use]
+    pub fn new(board: Board) -> (Self, Receiver<Revival<LinuxGuest>>) {
+        let (thread, revivals) = channel();
+        let loading = Arc::new(Mutex::new(Loading { board, failure: None }));
+        (Self { loading, thread }, revivals)
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Loading> {
+        lock(&self.loading)
+    }
+
+    fn start(&self) -> Result<(), RunError> {
+        let (loading, thread) = (self.loading.clone(), self.thread.clone());
+        let load = move || {
+            let mut loading = lock(&loading);
+            let (replaced, old) = channel();
+            let revival: Revival<LinuxGuest> = match loading.board.start_anew() {
+                Ok((vcpu, new)) => {
+                    let exit_count = ExitCount::of(&vcpu);
+                    Box::new(move |kickable, guest| {
+                        let _ = replaced.send(kickable.replace(vcpu, exit_count));
+                        *guest = new;
+                        true
+                    })
+                }
+                Err(error) => {
+                    loading.failure = Some(error);
+                    Box::new(|_, _| false)
+                }
+            };
+            drop(loading);
+            let _ = thread.send(revival);
+            // With its processor the old machine goes, which takes the kernel a while.
+            drop(old.recv());
+        };
+        thread::Builder::new()
+            .name("loader".to_owned())
+            .spawn(load)
+            .map(drop)
+            .map_err(|source| RunError::Host { what: "start a thread that loads Linux", source })
+    }
+}
+
+/// Nothing that happens under the lock leaves it half-done.
+fn lock(loading: &Mutex<Loading>) -> std::sync::MutexGuard<'_, Loading> {
+    loading.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -22,6 +22,7 @@ use crate::appliance;
 use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile};
 use crate::cpuset::Domains;
+use crate::health::Fault;
 use crate::host_ports::{self, HostPorts};
 use crate::init_watch::InitSeen;
 use crate::machine::{self, MachineError};
@@ -255,10 +256,11 @@ impl Run<'_> {
                 Kind::Linux { .. } => "linux",
             },
             end: finished.map_or("its thread died".to_owned(), |f| f.end.to_string()),
-            failed: finished.is_none_or(|f| f.end.is_failure()),
+            failed: account.ended_run || finished.is_none_or(|f| f.end.is_failure()),
             restarts: account.restarts,
             cpu_share: cpu_time.0 as f64 / duration.0.max(1) as f64,
-            illegal_accesses: finished.map_or(0, |f| f.illegal_accesses),
+            events: account.health.report(),
+            illegal_accesses: account.health.count(Fault::IllegalRequest),
             console_dropped: account.output.dropped(),
             releases: account.releases.as_ref().map(|r| r.report(unrecorded)),
             donation,

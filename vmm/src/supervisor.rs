@@ -21,8 +21,11 @@ use vmm_sys_util::signal::{block_signal, create_sigset};
 use vmm_sys_util::timerfd::TimerFd;
 
 use crate::account::{Account, Finished};
+use crate::boot::{Start, StartMode, StartReason};
+use crate::health::{Action, Verdict};
 use crate::host_ports::HostPorts;
 use crate::init_watch::InitWatch;
+use crate::restart::Restart;
 use crate::schedule_desk::ScheduleDesk;
 use crate::terminal::{Key, Keyboard, Screen};
 use crate::trace::Trace;
@@ -182,7 +185,11 @@ impl Supervisor {
             } else {
                 account.lines.add(&buffer, |line| self.screen.line(&account.name, line));
             }
-            account.take_records(PartitionId(id), self.desk.base().frequency, &mut self.trace);
+            let base = self.desk.base();
+            account.take_records(PartitionId(id), base.frequency, &mut self.trace);
+            let Account { name, health, .. } = account;
+            let show = |line: &str| self.screen.line("takt", &format!("{name}: {line}"));
+            health.take(base, base.offset(Tsc::now()), show);
         }
     }
 
@@ -200,23 +207,40 @@ impl Supervisor {
         while let Ok((id, finished)) = self.endings.ends.try_recv() {
             // What it said last comes before the news of its end.
             self.drain();
+            let base = self.desk.base();
             let Some(account) = self.accounts.get_mut(id.0) else { continue };
-            account.lines.finish(|line| self.screen.line(&account.name, line));
-            if finished.end != End::Stopped {
-                self.screen.line("takt", &format!("{}: {}", account.name, finished.end));
-            }
-            if let (End::ScheduleChange(mode), Some(restart)) = (finished.end, &account.restart) {
-                match restart.start(mode) {
-                    Ok(()) => {
-                        account.restarted();
-                        continue;
-                    }
-                    Err(error) => {
-                        self.screen.line("takt", &format!("{}: {error}", account.name));
-                    }
+            let Account { name, lines, health, restart, .. } = account;
+            let screen = &mut self.screen;
+            lines.finish(|line| screen.line(name, line));
+            let start = match finished.end {
+                End::ScheduleChange(mode) => {
+                    screen.line("takt", &format!("{name}: {}", finished.end));
+                    Some(Start { mode, reason: StartReason::ScheduleChange })
                 }
+                _ => {
+                    let show = |line: &str| screen.line("takt", &format!("{name}: {line}"));
+                    let verdict = health.end(&finished, base, show);
+                    let shut_down = matches!(verdict, Some(v) if v.action == Action::ShutDown);
+                    account.ended_run |= shut_down;
+                    self.running &= !shut_down;
+                    start_of(verdict)
+                }
+            };
+            let (start, failure) = match (start, &*restart) {
+                (Some(start), Some(restart)) => match restart.start(start) {
+                    Ok(()) => (true, None),
+                    Err(error) => (false, Some(error)),
+                },
+                (_, restart) => (false, restart.as_ref().and_then(Restart::failure)),
+            };
+            if let Some(error) = failure {
+                screen.line("takt", &format!("{name}: {error}"));
             }
-            account.finished = Some(finished);
+            if start {
+                account.restarted();
+            } else {
+                account.finished = Some(finished);
+            }
         }
     }
 
@@ -274,6 +298,16 @@ impl Supervisor {
     fn acknowledge(file: &mut File) {
         let _ = file.read(&mut [0; 128]);
     }
+}
+
+/// The start that a verdict asks for.
+fn start_of(verdict: Option<Verdict>) -> Option<Start> {
+    let mode = match verdict?.action {
+        Action::ColdStart => StartMode::Cold,
+        Action::WarmStart => StartMode::Warm,
+        Action::Ignore | Action::Log | Action::Idle | Action::ShutDown => return None,
+    };
+    Some(Start { mode, reason: StartReason::HealthMonitor })
 }
 
 /// `Stdin` is buffered by the standard library: only reading through it sees all bytes, and it

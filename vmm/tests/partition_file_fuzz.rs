@@ -9,11 +9,12 @@ use std::path::Path;
 use takt::{check, config};
 
 /// Files that are good, and between them have every key.
-const GOOD: [&[u8]; 4] = [
+const GOOD: [&[u8]; 5] = [
     include_bytes!("partition_files/good-two-cpus.toml"),
     include_bytes!("partition_files/good-schedules-and-tasks.toml"),
     include_bytes!("partition_files/good-channels.toml"),
     include_bytes!("partition_files/good-host-ports.toml"),
+    include_bytes!("partition_files/good-health.toml"),
 ];
 /// Pieces that a text file does not get from bit flips.
 const WORDS: &[&str] = &[
@@ -22,6 +23,10 @@ const WORDS: &[&str] = &[
     "[[schedule.window]]\n",
     "[[partition.task]]\n",
     "[[channel]]\n",
+    "[[health]]\n",
+    "restarts = { at_most = 100, within = \"1ns\" }\n",
+    "\"warm-start\"",
+    "\"partition-reset\"",
     "\"sampling\"",
     "\"queuing\"",
     "\"overwrite\"",

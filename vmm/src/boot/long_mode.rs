@@ -68,12 +68,39 @@ pub struct Entry {
 /// # Errors
 /// See [`StartError`].
 pub fn start(vcpu: &VcpuFd, memory: &GuestMemoryMmap, entry: Entry) -> Result<(), StartError> {
-    let code = segment(CODE_SELECTOR, 0xb, true);
-    let data = segment(DATA_SELECTOR, 0x3, false);
-    write_tables(memory, &[0, 0, descriptor(&code), descriptor(&data)])?;
+    write_tables(memory)?;
+    set_registers(vcpu, entry)
+}
 
+/// The half of [`start`] that is about memory.
+///
+/// # Errors
+/// If the memory does not reach as far as the structures.
+pub fn write_tables(memory: &GuestMemoryMmap) -> Result<(), GuestMemoryError> {
+    let put = |address: u64, value: u64| memory.write_obj(value, GuestAddress(address));
+    let gdt = [0, 0, descriptor(&code()), descriptor(&data())];
+    for (address, value) in (GDT..).step_by(8).zip(gdt) {
+        put(address, value)?;
+    }
+    put(PML4, PDPT | PRESENT_WRITABLE)?;
+    for gib in 0..GIB_MAPPED {
+        let directory = DIRECTORIES + (gib << 12);
+        put(PDPT + gib * 8, directory | PRESENT_WRITABLE)?;
+        for entry in 0..512 {
+            let page = (gib << 30) + (entry << 21);
+            put(directory + entry * 8, page | PRESENT_WRITABLE | LARGE_PAGE)?;
+        }
+    }
+    Ok(())
+}
+
+/// The half of [`start`] that is about the processor.
+///
+/// # Errors
+/// See [`StartError`].
+pub fn set_registers(vcpu: &VcpuFd, entry: Entry) -> Result<(), StartError> {
     let mut special = vcpu.get_sregs()?;
-    set_special(&mut special, code, data);
+    set_special(&mut special, code(), data());
     vcpu.set_sregs(&special)?;
     vcpu.set_regs(&kvm_regs {
         rip: entry.rip,
@@ -110,21 +137,12 @@ fn set_special(special: &mut kvm_sregs, code: kvm_segment, data: kvm_segment) {
     special.efer = EFER;
 }
 
-fn write_tables(memory: &GuestMemoryMmap, gdt: &[u64; 4]) -> Result<(), GuestMemoryError> {
-    let put = |address: u64, value: u64| memory.write_obj(value, GuestAddress(address));
-    for (address, &value) in (GDT..).step_by(8).zip(gdt) {
-        put(address, value)?;
-    }
-    put(PML4, PDPT | PRESENT_WRITABLE)?;
-    for gib in 0..GIB_MAPPED {
-        let directory = DIRECTORIES + (gib << 12);
-        put(PDPT + gib * 8, directory | PRESENT_WRITABLE)?;
-        for entry in 0..512 {
-            let page = (gib << 30) + (entry << 21);
-            put(directory + entry * 8, page | PRESENT_WRITABLE | LARGE_PAGE)?;
-        }
-    }
-    Ok(())
+fn code() -> kvm_segment {
+    segment(CODE_SELECTOR, 0xb, true)
+}
+
+fn data() -> kvm_segment {
+    segment(DATA_SELECTOR, 0x3, false)
 }
 
 /// A flat ring-0 segment of the given type (manuals: "segment types").
@@ -169,7 +187,7 @@ mod tests {
     #[test]
     fn the_first_four_gib_are_mapped_to_themselves() {
         let memory = GuestMemoryMmap::from_ranges(&[(GuestAddress(0), 1 << 20)]).unwrap();
-        write_tables(&memory, &[0; 4]).unwrap();
+        write_tables(&memory).unwrap();
         let get = |a: u64| memory.read_obj::<u64>(GuestAddress(a)).unwrap();
         for address in [0u64, 0x10_0000, 0xc000_0000, 0xffff_ffff] {
             let pdpt = get(PML4) & !0xfff;
@@ -182,6 +200,6 @@ mod tests {
     #[test]
     fn a_guest_too_small_for_its_tables_is_refused() {
         let memory = GuestMemoryMmap::from_ranges(&[(GuestAddress(0), 0xb000)]).unwrap();
-        assert!(write_tables(&memory, &[0; 4]).is_err());
+        assert!(write_tables(&memory).is_err());
     }
 }

@@ -15,3 +15,21 @@ pub enum StartMode {
     /// As cold, but what the image wants to be retained is as it was.
     Warm,
 }
+
+/// Why a guest is started anew (start conditions of ARINC 653).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StartReason {
+    /// A switch of the schedule.
+    ScheduleChange,
+    /// An error.
+    HealthMonitor,
+}
+
+/// A start that is not a guest's first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Start {
+    /// What it finds.
+    pub mode: StartMode,
+    /// Why.
+    pub reason: StartReason,
+}

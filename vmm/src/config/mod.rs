@@ -8,7 +8,8 @@
 //! 1. bytes to text to the raw form, whose keys and types are right (`syntax`, `raw`, `units`);
 //! 2. the rules of each partition (`partition`, `tasks`), of the schedules (`schedules`,
 //!    `explain`), of both together (`deadlines`), of the channels between partitions (`channels`,
-//!    `ports`, `host_ports`), and of the files that are named (`images`);
+//!    `ports`, `host_ports`), of the health monitor's tables (`health`), and of the files that are
+//!    named (`images`);
 //! 3. a [`PartitionFile`], which has private fields and no other way to be made. The rest of Takt
 //!    takes nothing else and checks nothing again.
 //!
@@ -19,6 +20,7 @@ mod channels;
 mod deadlines;
 mod diagnostic;
 mod explain;
+mod health;
 mod host_ports;
 mod images;
 mod names;
@@ -38,6 +40,7 @@ use takt_scheduler::schedules::{ScheduleId, Schedules};
 use takt_scheduler::table::{Cpu, PartitionId};
 use thiserror::Error;
 
+use crate::health::Table;
 use diagnostic::Diagnostic;
 use partition::Surroundings;
 use raw::Keys;
@@ -116,6 +119,7 @@ pub struct Partition {
     memory: Bytes,
     kind: Kind,
     on_schedule_change: ScheduleChange,
+    health: Table,
     tasks: Vec<NamedTask>,
     met: Vec<Met>,
 }
@@ -156,6 +160,12 @@ impl Partition {
     #[must_use]
     pub fn on_schedule_change(&self) -> ScheduleChange {
         self.on_schedule_change
+    }
+
+    /// What follows from its errors.
+    #[must_use]
+    pub fn health(&self) -> Table {
+        self.health
     }
 
     /// Its tasks, in the order of the file. They meet their deadlines in every schedule in which
@@ -297,6 +307,7 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
         .collect::<Result<Vec<_>, _>>()?;
     partitions.iter_mut().zip(met).for_each(|(p, met)| p.partition.met = met);
     let channels = channels::check(&file.channel.0, &partitions, folder)?;
+    health::check(&file.health.0, &mut partitions)?;
     partition::check_one_linux(&partitions)?;
     // Last, because it is the only thing that may be right on another machine.
     partitions.iter().flat_map(|p| &p.images).try_for_each(images::check)?;

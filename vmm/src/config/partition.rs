@@ -8,6 +8,7 @@ use takt_scheduler::time::Nanos;
 use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
+use super::health;
 use super::images::{self, Image};
 use super::names::{HOST, check_name};
 use super::raw::{self, Keys};
@@ -132,6 +133,7 @@ fn check(
     };
     let memory = check_memory(&raw.memory, &kind)?;
     let on_schedule_change = check_change(raw.on_schedule_change.as_ref())?;
+    let health = health::default_table(&kind, raw.restarts.as_ref())?;
     let tasks = tasks::check(&raw.task.0, around.frame)?;
     let partition = Partition {
         id,
@@ -140,6 +142,7 @@ fn check(
         memory,
         kind,
         on_schedule_change,
+        health,
         tasks: tasks.tasks.clone(),
         met: Vec::new(),
     };
@@ -170,7 +173,7 @@ fn check_plc(
         if let Some(value) = value {
             let found = misplaced(key, "linux", name, "plc");
             let allowed = "for a \"plc\": name, kind, cpu, memory, release_guard, image, \
-                           on_schedule_change and [[partition.task]]";
+                           on_schedule_change, restarts and [[partition.task]]";
             return Err(Diagnostic::new(value.span(), found, allowed));
         }
     }
@@ -207,8 +210,7 @@ fn check_linux(
     for (key, span) in of_plc {
         if let Some(span) = span {
             let found = misplaced(key, "plc", name, "linux");
-            let allowed =
-                "for a \"linux\": name, kind, cpu, memory, background, kernel, initrd and cmdline";
+            let allowed = "for a \"linux\": name, kind, cpu, memory, background, restarts, kernel, initrd and cmdline";
             return Err(Diagnostic::new(span, found, allowed));
         }
     }

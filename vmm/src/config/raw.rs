@@ -33,6 +33,8 @@ pub struct File {
     pub schedule: Tables<Schedule>,
     #[serde(default)]
     pub channel: Tables<Channel>,
+    #[serde(default)]
+    pub health: Tables<Health>,
 }
 
 #[derive(Debug, serde::Deserialize)]
@@ -52,6 +54,7 @@ pub struct Partition {
     pub background: Option<Spanned<bool>>,
     pub release_guard: Option<Spanned<Duration>>,
     pub on_schedule_change: Option<Spanned<String>>,
+    pub restarts: Option<Spanned<Keys<Restarts>>>,
     pub image: Option<Spanned<String>>,
     #[serde(default)]
     pub task: Tables<Task>,
@@ -100,6 +103,21 @@ pub struct Channel {
     pub doorbell: Option<Spanned<bool>>,
     pub host_socket: Option<Spanned<String>>,
     pub host_file: Option<Spanned<String>>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Restarts {
+    pub at_most: Spanned<i64>,
+    pub within: Spanned<Duration>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Health {
+    pub partition: Spanned<String>,
+    pub error: Spanned<String>,
+    pub action: Spanned<String>,
 }
 
 /// A table that is written with keys. serde's derived structs also take an array of the values in

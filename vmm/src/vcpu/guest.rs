@@ -9,6 +9,7 @@ use takt_scheduler::timetable::{Release, Slot};
 
 use super::record::Scan;
 use crate::boot::StartMode;
+use crate::health::Detail;
 
 /// Why a guest runs no more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,6 +24,8 @@ pub enum End {
     Exited(u32),
     /// A PLC guest reported an exception.
     Exception(Exception),
+    /// An error that the guest could have survived, but for the health monitor's table.
+    Raised(Detail),
     /// The guest asked to be restarted.
     Reset,
     /// The processor shut down: an exception while handling a double fault.
@@ -31,6 +34,8 @@ pub enum End {
     Halted,
     /// KVM could not go on with this guest.
     Kvm(KvmFailure),
+    /// It was to be started anew and could not be loaded.
+    NotLoaded,
 }
 
 /// How KVM gave up on a guest.
@@ -70,7 +75,8 @@ impl fmt::Display for End {
                     e.vector, e.error_code, e.rip, e.rsp, e.rflags, e.cr2
                 )
             }
-            End::Reset => f.write_str("asked for a restart, which this version does not do"),
+            End::Raised(detail) => detail.fmt(f),
+            End::Reset => f.write_str("asked for a restart"),
             End::TripleFault => f.write_str("triple fault"),
             End::Halted => f.write_str("halted with no interrupt that could wake it"),
             End::Kvm(KvmFailure::Entry(reason)) => {
@@ -81,6 +87,7 @@ impl fmt::Display for End {
             End::Kvm(KvmFailure::Errno(errno)) => {
                 write!(f, "KVM_RUN failed: {}", std::io::Error::from_raw_os_error(*errno))
             }
+            End::NotLoaded => f.write_str("could not be loaded again"),
         }
     }
 }
@@ -92,6 +99,8 @@ pub enum Step {
     Resume,
     /// The guest gives the rest of its window away.
     Done,
+    /// The guest reports an error, and goes on if it may.
+    Raised(Detail),
     /// The guest runs no more.
     Ended(End),
 }
@@ -110,9 +119,6 @@ pub trait Guest {
 
     /// The guest's last time stamp of all, of whatever release. A claim.
     fn last_stamp(&self) -> Tsc;
-
-    /// The guest has been loaded anew and is about to start.
-    fn restarted(&mut self, mode: StartMode);
 
     /// True if the guest is expected to say "done" in each window. One that is not simply uses
     /// all of its windows, and their ends are no overruns.

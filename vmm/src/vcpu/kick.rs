@@ -13,12 +13,15 @@
 
 use std::cell::Cell;
 use std::marker::PhantomData;
+use std::mem;
 use std::ptr;
 use std::sync::atomic::{Ordering, compiler_fence};
 
 use kvm_ioctls::VcpuFd;
 use libc::{c_int, c_void, siginfo_t};
 use vmm_sys_util::signal::{SIGRTMIN, register_signal_handler};
+
+use super::exit_count::ExitCount;
 
 thread_local! {
     /// `immediate_exit` of the vCPU that this thread owns.
@@ -61,6 +64,7 @@ pub(super) fn this_thread() -> i32 {
 /// A vCPU that can be kicked, on the thread that made it so.
 pub struct Kickable {
     vcpu: VcpuFd,
+    exit_count: Option<ExitCount>,
     /// The pointer is this thread's, so the value must stay on it.
     _not_send: PhantomData<*mut u8>,
 }
@@ -71,7 +75,25 @@ impl Kickable {
     pub fn new(mut vcpu: VcpuFd) -> Self {
         let flag = &raw mut vcpu.get_kvm_run().immediate_exit;
         IMMEDIATE_EXIT.set(flag);
-        Self { vcpu, _not_send: PhantomData }
+        let exit_count = ExitCount::of(&vcpu);
+        Self { vcpu, exit_count, _not_send: PhantomData }
+    }
+
+    /// Takes over another vCPU in the place of this one, which is returned.
+    pub fn replace(&mut self, vcpu: VcpuFd, exit_count: Option<ExitCount>) -> VcpuFd {
+        // A kick in between finds no flag; whoever entered a guest next would clear it anyway.
+        IMMEDIATE_EXIT.set(ptr::null_mut());
+        compiler_fence(Ordering::SeqCst);
+        let old = mem::replace(&mut self.vcpu, vcpu);
+        self.exit_count = exit_count;
+        IMMEDIATE_EXIT.set(&raw mut self.vcpu.get_kvm_run().immediate_exit);
+        old
+    }
+
+    /// Exits of the vCPU as KVM counts them; 0 if it does not tell.
+    #[must_use]
+    pub fn count_exits(&self) -> u64 {
+        self.exit_count.as_ref().and_then(ExitCount::read).unwrap_or(0)
     }
 
     /// Forgets earlier kicks. Whatever reason there was for one must be looked for *after* this.
@@ -94,11 +116,19 @@ impl Kickable {
     /// # Errors
     /// Whatever KVM says other than that it came back at once.
     pub fn prime(&mut self) -> Result<(), kvm_ioctls::Error> {
-        self.vcpu.set_kvm_immediate_exit(1);
-        match self.vcpu.run() {
-            Err(e) if e.errno() != libc::EINTR => Err(e),
-            _ => Ok(()),
-        }
+        prime(&mut self.vcpu)
+    }
+}
+
+/// See [`Kickable::prime`]; for a vCPU that another thread will take over.
+///
+/// # Errors
+/// See there.
+pub fn prime(vcpu: &mut VcpuFd) -> Result<(), kvm_ioctls::Error> {
+    vcpu.set_kvm_immediate_exit(1);
+    match vcpu.run() {
+        Err(e) if e.errno() != libc::EINTR => Err(e),
+        _ => Ok(()),
     }
 }
 

@@ -12,7 +12,6 @@ use takt_scheduler::timetable::{Release, Slot};
 
 use super::guest::{End, Guest, Step, handle_common};
 use super::record::Scan;
-use crate::boot::StartMode;
 
 /// A Linux guest.
 pub struct LinuxGuest {
@@ -74,9 +73,6 @@ impl Guest for LinuxGuest {
     fn last_stamp(&self) -> Tsc {
         Tsc(0)
     }
-
-    /// Only PLC guests are started anew.
-    fn restarted(&mut self, _: StartMode) {}
 
     fn says_done(&self) -> bool {
         false

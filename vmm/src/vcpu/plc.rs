@@ -1,7 +1,7 @@
 //! The PLC guest's side of the loop: its pages, its doorbells, its console.
 
 use kvm_ioctls::VcpuExit;
-use takt_abi::memory::{TEXT, TEXT_BYTES};
+use takt_abi::memory::{ERROR_TEXT_BYTES, TEXT, TEXT_BYTES};
 use takt_abi::{Information, MAGIC, Status, VERSION, port, start};
 use takt_devices::output::DroppingOutput;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
@@ -10,7 +10,8 @@ use vm_memory::{Bytes, GuestAddress};
 
 use super::guest::{End, Guest, Step, handle_common};
 use super::record::Scan;
-use crate::boot::StartMode;
+use crate::boot::{Start, StartMode, StartReason};
+use crate::health::{Detail, Text};
 use crate::memory::{GuestMemory, Page};
 
 /// A PLC guest.
@@ -56,6 +57,18 @@ impl PlcGuest {
         Some(Self { memory, information, status, announced, console, illegal: 0 })
     }
 
+    /// The guest has been loaded anew and is about to start.
+    pub fn start_anew(&mut self, Start { mode, reason }: Start) {
+        self.announced.start_mode = match mode {
+            StartMode::Cold => start::COLD,
+            StartMode::Warm => start::WARM,
+        };
+        self.announced.start_condition = match reason {
+            StartReason::ScheduleChange => start::PARTITION_RESTART,
+            StartReason::HealthMonitor => start::HEALTH_MONITOR,
+        };
+    }
+
     fn port_write(&mut self, port: u16, data: &[u8]) -> Step {
         match (port, data) {
             (port::DONE, [_, _, _, _]) => Step::Done,
@@ -66,6 +79,7 @@ impl PlcGuest {
             (port::EXIT, &[a, b, c, d]) => {
                 Step::Ended(End::Exited(u32::from_le_bytes([a, b, c, d])))
             }
+            (port::ERROR, &[a, b, c, d]) => self.raise(u32::from_le_bytes([a, b, c, d])),
             _ => self.illegal(),
         }
     }
@@ -79,6 +93,15 @@ impl PlcGuest {
                 self.console.write(text);
                 Step::Resume
             }
+            Err(_) => self.illegal(),
+        }
+    }
+
+    /// Takes what the guest says of an error.
+    fn raise(&mut self, code: u32) -> Step {
+        let mut text = [0; ERROR_TEXT_BYTES];
+        match self.memory.regions().read_slice(&mut text, GuestAddress(TEXT)) {
+            Ok(()) => Step::Raised(Detail::Application(code, Text::new(text))),
             Err(_) => self.illegal(),
         }
     }
@@ -129,14 +152,6 @@ impl Guest for PlcGuest {
 
     fn last_stamp(&self) -> Tsc {
         Tsc(self.status.read().done_tsc)
-    }
-
-    fn restarted(&mut self, mode: StartMode) {
-        self.announced.start_mode = match mode {
-            StartMode::Cold => start::COLD,
-            StartMode::Warm => start::WARM,
-        };
-        self.announced.start_condition = start::PARTITION_RESTART;
     }
 
     fn says_done(&self) -> bool {
@@ -194,10 +209,16 @@ mod tests {
     #[test]
     fn a_guest_is_told_how_and_why_it_was_started() {
         let (mut guest, memory, _end) = guest();
-        guest.restarted(StartMode::Warm);
-        guest.announce(&release(7, 3_000), &Slot::Window(release(8, 4_000)), &BASE);
-        let p = memory.information().unwrap().read();
-        assert_eq!((p.start_mode, p.start_condition), (start::WARM, start::PARTITION_RESTART));
+        let mut told = |mode, reason| {
+            guest.start_anew(Start { mode, reason });
+            guest.announce(&release(7, 3_000), &Slot::Window(release(8, 4_000)), &BASE);
+            let p = memory.information().unwrap().read();
+            (p.start_mode, p.start_condition)
+        };
+        let switched = told(StartMode::Warm, StartReason::ScheduleChange);
+        assert_eq!(switched, (start::WARM, start::PARTITION_RESTART));
+        let failed = told(StartMode::Cold, StartReason::HealthMonitor);
+        assert_eq!(failed, (start::COLD, start::HEALTH_MONITOR));
     }
 
     #[test]
@@ -236,6 +257,17 @@ mod tests {
         let mut seen = Vec::new();
         end.drain_into(&mut seen);
         assert_eq!(seen, b"level 1.2\n");
+    }
+
+    #[test]
+    fn an_error_comes_with_its_code_and_the_guests_words() {
+        let (mut guest, memory, _end) = guest();
+        memory.regions().write_slice(b"valve stuck\0stale", GuestAddress(TEXT)).unwrap();
+        let step = guest.handle(VcpuExit::IoOut(port::ERROR, &[7, 0, 0, 0]));
+        let Step::Raised(detail) = step else { panic!("{step:?}") };
+        assert_eq!(detail.to_string(), "code 7: valve stuck");
+        assert_eq!(guest.handle(VcpuExit::IoOut(port::ERROR, &[7])), Step::Resume);
+        assert_eq!(guest.illegal_accesses(), 1);
     }
 
     #[test]

@@ -15,11 +15,11 @@ use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use takt_scheduler::timetable::{Slot, Timetable};
 
 use super::Control;
-use super::exit_count::ExitCount;
 use super::guest::{End, Guest, KvmFailure, Step};
 use super::kick::Kickable;
 use super::record::{DETOURS_MAX, Detour, Exit, Record, WindowRecord};
 use crate::boot::StartMode;
+use crate::health::{Answer, Detail, Reporter};
 
 /// When a partition runs.
 pub struct Plan {
@@ -43,7 +43,8 @@ pub struct Windowed {
     /// Frame of the last switch that the partition was started anew for.
     acted: u64,
     log: Log,
-    exit_count: Option<ExitCount>,
+    /// True until the guest's first scan since its start.
+    starting: bool,
 }
 
 /// The ring, and what did not fit into it.
@@ -76,18 +77,14 @@ struct Ran {
 }
 
 impl Windowed {
-    /// At the epoch. `records` gets a record for each window; `exit_count` is that of the vCPU.
+    /// At the epoch. `records` gets a record for each window.
     #[must_use]
-    pub fn new(
-        plan: Plan,
-        base: Timebase,
-        records: Producer<Record>,
-        exit_count: Option<ExitCount>,
-    ) -> Self {
+    pub fn new(plan: Plan, base: Timebase, records: Producer<Record>) -> Self {
         let switch = plan.board.switch();
         let slot = plan.timetable.first(switch);
         let log = Log { records, unrecorded: 0 };
-        Self { plan, base, slot, switch, acted: switch.frame, log, exit_count }
+        let acted = switch.frame;
+        Self { plan, base, slot, switch, acted, log, starting: true }
     }
 
     /// Records that did not fit into the ring.
@@ -96,14 +93,22 @@ impl Windowed {
         self.log.unrecorded
     }
 
+    /// True until the guest's first scan since its start. A guest that tells of none never starts,
+    /// as far as this knows.
+    #[must_use]
+    pub fn starting(&self) -> bool {
+        self.starting
+    }
+
     /// Runs the guest in its windows until it ends or is stopped.
     pub fn run(
         &mut self,
         kickable: &mut Kickable,
         guest: &mut impl Guest,
         control: &Control,
+        health: &mut Reporter,
     ) -> End {
-        let mut kernel_exits = self.count_exits();
+        let mut kernel_exits = kickable.count_exits();
         let mut skipped = 0;
         loop {
             let release = match self.slot {
@@ -138,7 +143,7 @@ impl Windowed {
             let switch = self.plan.board.switch();
             let next = self.plan.timetable.after(&self.slot, switch);
             guest.announce(&release, &next, &self.base);
-            let ran = self.window(kickable, guest, control, end);
+            let ran = self.window(kickable, guest, control, end, health);
             let kicked = control.leave_window(end);
             let ended = match ran.outcome {
                 // Nobody wants to know of a window that the end of the run has cut.
@@ -146,8 +151,8 @@ impl Windowed {
                 Outcome::Ended(end) => Some(end),
                 Outcome::Done | Outcome::Expired => None,
             };
-            let counted = self.count_exits();
-            self.log.push(Record::Window(WindowRecord {
+            let counted = kickable.count_exits();
+            let mut record = WindowRecord {
                 sequence: release.sequence,
                 schedule: release.schedule,
                 skipped,
@@ -163,14 +168,39 @@ impl Windowed {
                 exits: ran.exits,
                 kernel_exits: counted.saturating_sub(kernel_exits),
                 overrun: matches!(ran.outcome, Outcome::Expired) && guest.says_done(),
-                ended: ended.is_some(),
-            }));
+                ended: false,
+            };
+            let ended = ended.or_else(|| {
+                let missed = self.missed(&record, guest.says_done())?;
+                health.raise(missed, 1)
+            });
+            record.ended = ended.is_some();
+            self.log.push(Record::Window(record));
             if let Some(end) = ended {
                 return end;
             }
             kernel_exits = counted;
             skipped = 0;
             (self.slot, self.switch) = (next, switch);
+        }
+    }
+
+    /// The deadline that a guest has missed in this window, or before it. Until its first scan it
+    /// has none to miss, as in the figures.
+    fn missed(&mut self, window: &WindowRecord, says_done: bool) -> Option<Detail> {
+        let scanned = window.scan().is_some();
+        if !says_done || self.starting && !scanned {
+            return None;
+        }
+        self.starting = false;
+        let lost = window.skipped + u64::from(!scanned);
+        match (window.overrun, lost) {
+            (true, _) => Some(Detail::Overrun(window.sequence)),
+            (false, 0) => None,
+            (false, lost) => {
+                let last = window.sequence.saturating_sub(u64::from(scanned));
+                Some(Detail::Lost(lost, last))
+            }
         }
     }
 
@@ -185,16 +215,38 @@ impl Windowed {
         false
     }
 
-    /// Goes on to the first slot that is not over. For a guest that is started anew, what it passes
-    /// are no lost releases: it counts from its own first scan.
-    pub fn catch_up(&mut self) {
+    /// Sleeps until the partition's next window, without a guest; false if it is to stop.
+    pub fn next_window(&mut self, control: &Control) -> bool {
+        loop {
+            let switch = self.plan.board.switch();
+            self.slot = self.plan.timetable.after(&self.slot, switch);
+            self.switch = switch;
+            let start = match self.slot {
+                Slot::Window(release) => release.start,
+                Slot::Idle(idle) => idle.start,
+            };
+            if !self.sleep(self.base.instant(start), control) {
+                return false;
+            }
+            if matches!(self.slot, Slot::Window(release) if Tsc::now() < self.base.instant(release.end))
+            {
+                return true;
+            }
+        }
+    }
+
+    /// The guest was started anew. What has passed are no lost releases: it counts from its own
+    /// first scan.
+    pub fn restarted(&mut self) {
+        self.starting = true;
+        self.catch_up();
+    }
+
+    /// Goes on to the first slot that is not over.
+    fn catch_up(&mut self) {
         let now = self.base.offset(Tsc::now());
         self.switch = self.plan.board.switch();
         self.slot = self.plan.timetable.catch_up(&self.slot, now, self.switch);
-    }
-
-    fn count_exits(&self) -> u64 {
-        self.exit_count.as_ref().and_then(ExitCount::read).unwrap_or(0)
     }
 
     /// Runs the guest until it is done, its window ends, or it does.
@@ -204,6 +256,7 @@ impl Windowed {
         guest: &mut impl Guest,
         control: &Control,
         end: Tsc,
+        health: &mut Reporter,
     ) -> Ran {
         control.enter_window(end);
         let mut exits = 0u32;
@@ -231,8 +284,9 @@ impl Windowed {
             match result {
                 Ok(exit) => {
                     last = Some((reason(&exit), left));
-                    match guest.handle(exit) {
-                        Step::Resume => {}
+                    let answer = Answer::to(exit, guest);
+                    match health.conclude(answer, kickable.vcpu()) {
+                        Step::Resume | Step::Raised(_) => {}
                         Step::Done => return ran(Outcome::Done),
                         Step::Ended(ended) => return ran(Outcome::Ended(ended)),
                     }

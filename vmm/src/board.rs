@@ -1,0 +1,121 @@
+//! The machine of the Linux partition, made anew for each of its starts.
+//!
+//! A restart has to find what a power-on finds. KVM has no reset for a virtual machine, so each
+//! start gets a new one; memory, console and images stay. The machine that was is taken apart
+//! first, since its interrupts hang on the same event descriptors.
+
+use std::path::PathBuf;
+
+use kvm_ioctls::{Kvm, VcpuFd, VmFd};
+use takt_devices::ports::PortBus;
+use takt_devices::power::{AcpiPower, KeyboardController, PowerLine};
+use takt_devices::serial;
+use takt_scheduler::time::TscFrequency;
+use vm_memory::{Bytes, GuestAddress};
+use vmm_sys_util::eventfd::EventFd;
+
+use crate::boot;
+use crate::boot::acpi::{POWER_PORT, SERIAL_IRQ, SERIAL_PORT};
+use crate::boot::long_mode::{self, StartError};
+use crate::machine::{self, Machine, MachineError};
+use crate::memory::GuestMemory;
+use crate::pci::{self, Card};
+use crate::run_error::RunError;
+use crate::supervisor::Console;
+use crate::vcpu::kick;
+use crate::vcpu::linux::LinuxGuest;
+
+/// What outlives a start.
+pub struct Board {
+    /// Name of the partition.
+    pub partition: String,
+    /// For making machines.
+    pub kvm: Kvm,
+    /// All memory of the guest.
+    pub memory: GuestMemory,
+    /// The kernel.
+    pub kernel: PathBuf,
+    /// The initial RAM disk.
+    pub initrd: Option<PathBuf>,
+    /// The kernel's command line.
+    pub cmdline: String,
+    /// The serial port.
+    pub console: Console,
+    /// Its interrupt.
+    pub irq: EventFd,
+    /// Its PCI function, if it has ports.
+    pub card: Option<Card>,
+    /// What sources ring to wake it.
+    pub bell: EventFd,
+    /// Speed of the TSC, from the first start on.
+    pub frequency: Option<TscFrequency>,
+    /// The machine of the last start. Its processor keeps it alive, but its interrupts go with this.
+    pub vm: Option<VmFd>,
+}
+
+impl Board {
+    /// Loads the images into memory, which is zero, and makes the machine for them. Returns its
+    /// processor, about to execute the first instruction.
+    ///
+    /// # Errors
+    /// See [`RunError`].
+    pub fn start(&mut self) -> Result<(VcpuFd, LinuxGuest), RunError> {
+        self.vm = None;
+        let window = self.card.as_ref().map(|_| pci::WINDOW);
+        let entry = boot::linux::load(
+            &self.memory,
+            &self.kernel,
+            self.initrd.as_deref(),
+            &self.cmdline,
+            window,
+        )
+        .map_err(|source| RunError::Linux { partition: self.partition.clone(), source })?;
+        let Machine { vcpu, vm, tsc } = machine::for_linux(&self.kvm, &self.memory)?;
+        long_mode::start(&vcpu, self.memory.regions(), entry)?;
+        vm.register_irqfd(&self.irq, SERIAL_IRQ).map_err(|source| MachineError::Call {
+            what: "attach the serial port's interrupt",
+            source,
+        })?;
+        let power = PowerLine::default();
+        let mut ports = PortBus::default();
+        let last = SERIAL_PORT + serial::PORTS - 1;
+        ports.attach(SERIAL_PORT..=last, Box::new(self.console.clone()))?;
+        ports.attach(POWER_PORT..=POWER_PORT + 2, Box::new(AcpiPower(power.clone())))?;
+        ports.attach(0x60..=0x64, Box::new(KeyboardController::new(power.clone())))?;
+        let tsc = *self.frequency.get_or_insert(tsc);
+        if let Some(card) = &self.card {
+            card.attach(&self.memory, tsc, &vm, &mut ports, &self.bell)?;
+        }
+        self.vm = Some(vm);
+        Ok((vcpu, LinuxGuest::new(ports, power)))
+    }
+
+    /// As [`start`](Self::start), after a guest has run there. The guest must not run any more.
+    ///
+    /// # Errors
+    /// See [`RunError`].
+    pub fn start_anew(&mut self) -> Result<(VcpuFd, LinuxGuest), RunError> {
+        self.vm = None;
+        self.console.reset();
+        self.clear().map_err(StartError::from)?;
+        let (mut vcpu, guest) = self.start()?;
+        // Here, since the partition's own thread may be a deadline thread.
+        kick::prime(&mut vcpu)
+            .map_err(|source| MachineError::Call { what: "run a vCPU at all", source })?;
+        Ok((vcpu, guest))
+    }
+
+    fn clear(&self) -> Result<(), vm_memory::GuestMemoryError> {
+        static ZEROS: [u8; 1 << 16] = [0; 1 << 16];
+        for (start, length) in self.memory.ranges() {
+            let mut at = 0;
+            while at < length {
+                let piece = (length - at).min(ZEROS.len() as u64);
+                let zeros = ZEROS.get(..piece as usize).unwrap_or(&ZEROS);
+                self.memory.regions().write_slice(zeros, GuestAddress(start + at))?;
+                at += piece;
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,155 @@
+//! What is known of an error that a guest survives.
+//!
+//! These are written by the thread of a vCPU into a ring, so they are values of fixed size. What a
+//! guest says in them is shown escaped, and believed in nothing.
+
+use std::fmt;
+
+use kvm_ioctls::VcpuExit;
+use takt_abi::memory::ERROR_TEXT_BYTES;
+
+use super::fault::Fault;
+
+/// What is known of an error that a guest survives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detail {
+    /// An access that nothing answers.
+    Access(Access),
+    /// The window of this release was over before the guest was done.
+    Overrun(u64),
+    /// So many releases passed without a scan, the last of them with this number.
+    Lost(u64, u64),
+    /// The guest reports an error with this code and text.
+    Application(u32, Text),
+}
+
+impl Detail {
+    /// Which error it is.
+    #[must_use]
+    pub const fn fault(&self) -> Fault {
+        match self {
+            Detail::Access(_) => Fault::IllegalRequest,
+            Detail::Overrun(_) | Detail::Lost(..) => Fault::DeadlineMissed,
+            Detail::Application(..) => Fault::ApplicationError,
+        }
+    }
+}
+
+impl fmt::Display for Detail {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Detail::Access(access) => access.fmt(f),
+            Detail::Overrun(release) => {
+                write!(f, "the window of release {release} ended before the guest was done")
+            }
+            Detail::Lost(1, last) => write!(f, "release {last} passed without a scan"),
+            Detail::Lost(count, last) => {
+                write!(f, "{count} releases up to {last} passed without a scan")
+            }
+            Detail::Application(code, text) => write!(f, "code {code}: {text}"),
+        }
+    }
+}
+
+/// An access that nothing answers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Access {
+    /// Where.
+    pub target: Target,
+    /// How many bytes; for a string instruction, of all its accesses.
+    pub bytes: usize,
+    /// True for a write.
+    pub write: bool,
+    /// The instruction; behind a write to memory, the one after it. `None` if KVM does not tell.
+    pub rip: Option<u64>,
+}
+
+/// Where an access went.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// An I/O port.
+    Port(u16),
+    /// A guest-physical address.
+    Memory(u64),
+}
+
+impl Access {
+    /// The access that an exit is about, if it is about one.
+    #[must_use]
+    pub fn of(exit: &VcpuExit<'_>) -> Option<Access> {
+        let (target, bytes, write) = match exit {
+            VcpuExit::IoIn(port, data) => (Target::Port(*port), data.len(), false),
+            VcpuExit::IoOut(port, data) => (Target::Port(*port), data.len(), true),
+            VcpuExit::MmioRead(address, data) => (Target::Memory(*address), data.len(), false),
+            VcpuExit::MmioWrite(address, data) => (Target::Memory(*address), data.len(), true),
+            _ => return None,
+        };
+        Some(Access { target, bytes, write, rip: None })
+    }
+}
+
+impl fmt::Display for Access {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let direction = if self.write { "write" } else { "read" };
+        let s = if self.bytes == 1 { "" } else { "s" };
+        write!(f, "{direction} of {} byte{s} at ", self.bytes)?;
+        match self.target {
+            Target::Port(port) => write!(f, "port {port:#x}")?,
+            Target::Memory(address) => write!(f, "{address:#x}")?,
+        }
+        match self.rip {
+            Some(rip) => write!(f, ", rip {rip:#x}"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// A guest's own words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Text([u8; ERROR_TEXT_BYTES]);
+
+impl Text {
+    /// Words that end at the first zero byte.
+    #[must_use]
+    pub const fn new(bytes: [u8; ERROR_TEXT_BYTES]) -> Text {
+        Text(bytes)
+    }
+}
+
+impl fmt::Display for Text {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let words = self.0.split(|byte| *byte == 0).next().unwrap_or(&[]);
+        words.escape_ascii().fmt(f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_access_is_told_with_all_that_finds_it() {
+        let mut data = [0; 4];
+        let access = Access::of(&VcpuExit::IoIn(0x60, &mut data)).unwrap();
+        let access = Access { rip: Some(0x10_0040), ..access };
+        assert_eq!(access.to_string(), "read of 4 bytes at port 0x60, rip 0x100040");
+        let access = Access::of(&VcpuExit::MmioWrite(0xc000_0018, &[1])).unwrap();
+        assert_eq!(access.to_string(), "write of 1 byte at 0xc0000018");
+        assert_eq!(Access::of(&VcpuExit::Hlt), None);
+    }
+
+    #[test]
+    fn a_guests_words_end_at_a_zero_and_are_harmless() {
+        let mut bytes = [b'x'; ERROR_TEXT_BYTES];
+        assert_eq!(Text::new(bytes).to_string().len(), ERROR_TEXT_BYTES);
+        bytes[..6].copy_from_slice(b"\x1b[2J\xff\0");
+        assert_eq!(Detail::Application(7, Text::new(bytes)).to_string(), "code 7: \\x1b[2J\\xff");
+        assert_eq!(Text::new([0; ERROR_TEXT_BYTES]).to_string(), "");
+    }
+
+    #[test]
+    fn lost_releases_are_counted() {
+        assert_eq!(Detail::Lost(1, 7).to_string(), "release 7 passed without a scan");
+        assert_eq!(Detail::Lost(3, 7).to_string(), "3 releases up to 7 passed without a scan");
+    }
+}

@@ -1,0 +1,32 @@
+//! The health monitor: what is done about a partition's errors.
+//!
+//! A guest must not decide what its own failure means, and neither should the code that happens to
+//! see it first. So whatever goes wrong becomes one of a few errors with ARINC 653's names
+//! ([`Fault`]), and a table of the partition file, one row for each partition and error, says what
+//! follows ([`Table`]). The rest of Takt only reports and obeys.
+//!
+//! ```text
+//!  vCPU thread                                       event thread
+//!  error, guest can go on ---> Reporter --ring--->   Watch: line, report
+//!     the table has worse than `log`: the guest ends
+//!  guest ends --------------------------------->     Monitor: what follows, escalation
+//! ```
+//!
+//! An error that the guest survives costs its thread a count and an entry in a ring; nobody waits
+//! and nothing is printed there. Whether a partition is started again is decided where there is
+//! time for it, and only there: [`Monitor`] knows how often that has happened already.
+
+mod detail;
+mod fault;
+mod mapping;
+mod monitor;
+mod reporter;
+mod table;
+mod watch;
+
+pub use detail::{Access, Detail, Target, Text};
+pub use fault::{FAULTS, Fault};
+pub use monitor::{Monitor, Reason, Verdict};
+pub use reporter::{Answer, Counts, Occurrence, Reporter};
+pub use table::{ACTIONS, Action, Limit, Table};
+pub use watch::Watch;

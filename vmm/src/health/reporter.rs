@@ -1,0 +1,191 @@
+//! The vCPU thread's side: count, and leave a note.
+//!
+//! It runs on the PLC's path, so each error costs the same small amount: an addition, a look at the
+//! table, at most one system call for the address of the instruction, and a push into a ring of its
+//! own. (The ring of the windows would do, but a guest that floods it with errors would cost its own
+//! figures.) What does not fit is missing from the notes and shows as a gap in their numbers; the
+//! counts are always whole.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use kvm_ioctls::{VcpuExit, VcpuFd};
+use rtrb::{Consumer, Producer, RingBuffer};
+use takt_scheduler::time::Tsc;
+
+use super::detail::{Access, Detail};
+use super::fault::{FAULTS, Fault};
+use super::table::{Action, Table};
+use crate::vcpu::guest::{End, Guest, Step};
+
+/// Notes that the event thread may be behind: it looks fifty times a second.
+const NOTES: usize = 1024;
+
+/// How often each error happened.
+#[derive(Debug, Default)]
+pub struct Counts([AtomicU64; FAULTS.len()]);
+
+impl Counts {
+    /// Of one error.
+    #[must_use]
+    pub fn of(&self, fault: Fault) -> u64 {
+        self.0[fault as usize].load(Ordering::Relaxed)
+    }
+
+    fn add(&self, fault: Fault, times: u64) {
+        self.0[fault as usize].fetch_add(times, Ordering::Relaxed);
+    }
+}
+
+/// A note of an error that the guest survived.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Occurrence {
+    /// Place among the notes of its partition, from 0, those counted that did not fit.
+    pub sequence: u64,
+    /// When it was seen.
+    pub at: Tsc,
+    /// What is known of it.
+    pub detail: Detail,
+}
+
+/// What an exit led to, before the table was asked.
+pub struct Answer {
+    step: Step,
+    /// The exit's access, and how many of its parts nothing answered.
+    illegal: Option<(Access, u64)>,
+}
+
+impl Answer {
+    /// Lets the guest's side answer an exit.
+    pub fn to(exit: VcpuExit<'_>, guest: &mut impl Guest) -> Answer {
+        let access = Access::of(&exit);
+        let before = guest.illegal_accesses();
+        let step = guest.handle(exit);
+        let count = guest.illegal_accesses().saturating_sub(before);
+        Answer { step, illegal: access.filter(|_| count > 0).map(|access| (access, count)) }
+    }
+}
+
+/// Counts and notes the errors of one partition.
+pub struct Reporter {
+    table: Table,
+    counts: Arc<Counts>,
+    notes: Producer<Occurrence>,
+    sequence: u64,
+}
+
+impl Reporter {
+    /// A reporter that goes by this table, and the ends of what it leaves for the event thread.
+    #[must_use]
+    pub fn new(table: Table) -> (Reporter, Arc<Counts>, Consumer<Occurrence>) {
+        let (notes, consumer) = RingBuffer::new(NOTES);
+        let counts: Arc<Counts> = Arc::default();
+        (Reporter { table, counts: counts.clone(), notes, sequence: 0 }, counts, consumer)
+    }
+
+    /// Reports what is wrong with an answer. Returns what to do with the guest; `vcpu` is asked
+    /// for the place of an illegal access.
+    pub fn conclude(&mut self, answer: Answer, vcpu: &VcpuFd) -> Step {
+        let raised = match (answer.step, answer.illegal) {
+            (Step::Raised(detail), _) => self.raise(detail, 1),
+            (step @ Step::Ended(_), _) | (step, None) => return step,
+            (_, Some((access, count))) => {
+                let rip = || vcpu.get_regs().ok().map(|registers| registers.rip);
+                let told = self.table.action(Fault::IllegalRequest) != Action::Ignore;
+                let rip = if told && !self.notes.is_full() { rip() } else { None };
+                self.raise(Detail::Access(Access { rip, ..access }), count)
+            }
+        };
+        match (raised, answer.step) {
+            (Some(end), _) => Step::Ended(end),
+            (None, Step::Raised(_)) => Step::Resume,
+            (None, step) => step,
+        }
+    }
+
+    /// Reports an error that the guest survives, `times` times at once. Returns its end if the
+    /// table does not let it go on.
+    pub fn raise(&mut self, detail: Detail, times: u64) -> Option<End> {
+        let fault = detail.fault();
+        self.counts.add(fault, times);
+        match self.table.action(fault) {
+            Action::Ignore => None,
+            Action::Log => {
+                let sequence = self.sequence;
+                self.sequence += 1;
+                // A full ring shows as a gap in the numbers.
+                let _ = self.notes.push(Occurrence { sequence, at: Tsc::now(), detail });
+                None
+            }
+            Action::Idle | Action::ColdStart | Action::WarmStart | Action::ShutDown => {
+                Some(End::Raised(detail))
+            }
+        }
+    }
+
+    /// Counts the error that an end is, if that was not done when it was raised.
+    pub fn end(&mut self, end: End) {
+        match end {
+            End::Raised(_) => {}
+            end => {
+                if let Some(fault) = end.fault() {
+                    self.counts.add(fault, 1);
+                }
+            }
+        }
+    }
+
+    /// How many notes there have been.
+    #[must_use]
+    pub fn noted(&self) -> u64 {
+        self.sequence
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::table::ACTIONS;
+    use super::*;
+
+    const LOST: Detail = Detail::Lost(1, 7);
+
+    #[test]
+    fn what_the_table_does_not_let_go_on_ends_at_once() {
+        for action in ACTIONS {
+            let table = Table::PLC.with(Fault::DeadlineMissed, action);
+            let (mut reporter, counts, mut notes) = Reporter::new(table);
+            let end = reporter.raise(LOST, 3);
+            assert_eq!(end, (!action.goes_on()).then_some(End::Raised(LOST)), "{action}");
+            assert_eq!(notes.pop().is_ok(), action == Action::Log, "{action}");
+            // The end is the same error, and not one more.
+            end.into_iter().for_each(|end| reporter.end(end));
+            assert_eq!(counts.of(Fault::DeadlineMissed), 3);
+        }
+    }
+
+    #[test]
+    fn a_flood_leaves_a_gap_in_the_notes_and_none_in_the_counts() {
+        let (mut reporter, counts, mut notes) = Reporter::new(Table::PLC);
+        let flood = NOTES as u64 + 10;
+        for _ in 0..flood {
+            assert_eq!(reporter.raise(LOST, 1), None);
+        }
+        for expected in 0..NOTES as u64 {
+            assert_eq!(notes.pop().unwrap().sequence, expected);
+        }
+        assert!(notes.pop().is_err());
+        reporter.raise(LOST, 1);
+        assert_eq!(notes.pop().unwrap().sequence, flood);
+        assert_eq!((counts.of(Fault::DeadlineMissed), reporter.noted()), (flood + 1, flood + 1));
+    }
+
+    #[test]
+    fn an_end_is_counted_as_its_error() {
+        let (mut reporter, counts, _notes) = Reporter::new(Table::LINUX);
+        for end in [End::PoweredOff, End::Reset, End::Stopped] {
+            reporter.end(end);
+        }
+        let all: u64 = FAULTS.into_iter().map(|fault| counts.of(fault)).sum();
+        assert_eq!((counts.of(Fault::PartitionReset), all), (1, 2));
+    }
+}

@@ -1,0 +1,49 @@
+//! What a partition file says of errors is what its partitions' tables say.
+
+use std::path::Path;
+
+use takt::config;
+use takt::health::{Action, FAULTS, Fault, Limit, Table};
+use takt_scheduler::time::Nanos;
+
+fn tables(name: &str) -> Vec<(String, Table)> {
+    let path = Path::new("tests/partition_files").join(name);
+    let file = config::load(&path, None).unwrap_or_else(|error| panic!("{error}"));
+    file.partitions().iter().map(|p| (p.name().to_owned(), p.health())).collect()
+}
+
+#[test]
+fn a_partition_of_which_nothing_is_said_has_its_kinds_table() {
+    for (name, table) in tables("good-channels.toml") {
+        let expected = if name == "linux" { Table::LINUX } else { Table::PLC };
+        assert_eq!(table, expected, "{name}");
+    }
+}
+
+#[test]
+fn rows_and_limits_change_the_table_of_their_partition_only() {
+    let [(_, plc), (_, linux)] = tables("good-health.toml").try_into().unwrap();
+    let plc_rows = [
+        (Fault::DeadlineMissed, Action::Ignore),
+        (Fault::ApplicationError, Action::WarmStart),
+        (Fault::NumericError, Action::ColdStart),
+        (Fault::HardwareFault, Action::ShutDown),
+        (Fault::ProcessorShutdown, Action::Idle),
+    ];
+    let linux_rows = [
+        (Fault::PartitionEnded, Action::ColdStart),
+        (Fault::PartitionReset, Action::Idle),
+        (Fault::IllegalRequest, Action::Log),
+    ];
+    for (table, default, rows) in
+        [(plc, Table::PLC, &plc_rows[..]), (linux, Table::LINUX, &linux_rows[..])]
+    {
+        for fault in FAULTS {
+            let row = rows.iter().find(|(changed, _)| *changed == fault);
+            let expected = row.map_or(default.action(fault), |(_, action)| *action);
+            assert_eq!(table.action(fault), expected, "{fault}");
+        }
+    }
+    assert_eq!(plc.limit(), Limit { at_most: 5, within: Nanos::from_millis(1_000) });
+    assert_eq!(linux.limit(), Limit { at_most: 0, within: Nanos::from_millis(86_400_000) });
+}
