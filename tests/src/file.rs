@@ -64,6 +64,21 @@ impl File {
         self
     }
 
+    /// Adds lines to the last table.
+    #[must_use]
+    pub fn lines(mut self, lines: &str) -> Self {
+        let _ = writeln!(self.text, "{lines}");
+        self
+    }
+
+    /// Adds an action of the health monitor.
+    #[must_use]
+    pub fn health(self, partition: &str, error: &str, action: &str) -> Self {
+        self.lines(&format!(
+            "[[health]]\npartition = {partition:?}\nerror = {error:?}\naction = {action:?}"
+        ))
+    }
+
     /// Adds a sampling and a queuing channel for records of 512 bytes, as `peer` has them: from
     /// `out` and `send` of one partition to `in` and `receive` of the other.
     #[must_use]

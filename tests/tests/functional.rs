@@ -1,6 +1,6 @@
 //! What a user does with Takt, and sees.
 
-use takt_tests::{Run, System, Value, long};
+use takt_tests::{File, Run, System, Value, long};
 
 #[test]
 fn both_guests_run_from_the_shipped_file() {
@@ -31,7 +31,7 @@ fn the_console_is_usable_linux_switches_off_and_the_escape_ends_the_run() {
         ("seven is 42", "\x1d\x1dtyped\n"),
         ("typed", "\npoweroff\n"),
         // The PLC keeps its cycle without Linux, until the user ends it.
-        ("[takt] linux: powered off", "\x1dq"),
+        ("[takt] linux: partition-ended: powered off -> idle", "\x1dq"),
     ];
     let outcome = System::default().run_typing("console", None, &dialogue);
     assert_eq!(outcome.status, 0, "{}", outcome.output);
@@ -58,9 +58,26 @@ fn an_elf_kernel_boots_too() {
 }
 
 #[test]
-fn a_linux_that_wants_to_restart_is_a_failure_of_its_partition_only() {
-    let outcome = System { exec: "reboot -f", ..System::default() }.run("reboot", "3s");
+fn a_linux_that_restarts_comes_back_as_often_as_it_may_and_the_plc_loses_nothing() {
+    let file = File::new("1ms")
+        .plc("plc", None, "release_guard = \"10us\"")
+        .linux("")
+        .lines("restarts = { at_most = 1, within = \"60s\" }")
+        .schedule("normal")
+        .window("plc", 0, 300);
+    let dialogue = [
+        ("linux# ", "echo I was > /tmp/first; reboot -f\n"),
+        ("[takt] linux: partition-reset: asked for a restart -> cold-start", ""),
+        // Nothing is left of the first one, and the keyboard's interrupt works on the new machine.
+        ("linux# ", "ls /tmp; echo six times seven is $((6 * 7))\n"),
+        ("seven is 42", "reboot -f\n"),
+        ("asked for a restart -> idle: started again 1 time within 60s", "\x1dq"),
+    ];
+    let outcome = file.run("reboot").lasting("30s").typing(&dialogue).run();
     assert_eq!(outcome.status, 4, "{}", outcome.output);
-    outcome.assert_shows("[takt] linux: asked for a restart");
-    outcome.assert_kept_its_time("plc", 2_990);
+    assert_eq!(outcome.output.matches("Linux version ").count(), 2, "{}", outcome.output);
+    assert!(!outcome.output.contains("\nfirst"), "{}", outcome.output);
+    assert_eq!(outcome.number("linux", "restarts"), 1, "{}", outcome.output);
+    assert_eq!(outcome.number("linux", "events.totals.partition-reset"), 2);
+    outcome.assert_kept_its_time("plc", 2_000);
 }

@@ -37,22 +37,35 @@ fn bad_neighbours_are_confined_counted_and_reported() {
     // Every window of the one that never says "done" ends by a kick, in time for the next one.
     let overruns = outcome.number("never-done", "overruns");
     assert!(overruns >= frames - 5, "{overruns} overruns\n{}", outcome.output);
+    let missed = outcome.number("never-done", "events.totals.deadline-missed");
+    assert_eq!(missed, overruns, "{}", outcome.output);
     assert_eq!(outcome.number("never-done", "late_releases"), 0, "{}", outcome.output);
     let share = outcome.share("never-done");
     assert!((0.10..0.13).contains(&share), "its share is {share}\n{}", outcome.output);
 
     // Faults come with their frame, and end nobody else.
     assert_eq!(outcome.status, 4, "{}", outcome.output);
-    outcome.assert_shows("[takt] fault: page fault (vector 14, error code 0x2) at rip 0x1");
+    outcome.assert_shows(
+        "[takt] fault: memory-violation: page fault (vector 14, error code 0x2) at rip 0x1",
+    );
     assert_eq!(outcome.number("fault", "releases"), 101, "{}", outcome.output);
-    outcome.assert_shows("[takt] stack-overflow: page fault (vector 14, error code 0x2)");
+    outcome.assert_shows(
+        "[takt] stack-overflow: stack-overflow: page fault (vector 14, error code 0x2)",
+    );
 
     // The information page is read-only, whatever a guest's own tables say.
     outcome.assert_shows("page unchanged");
-    outcome.assert_shows("[takt] write-information: ended itself with code 0");
+    outcome.assert_shows("[takt] write-information: partition-ended: ended itself with code 0");
     assert!(outcome.number("write-information", "illegal_accesses") >= 1, "{}", outcome.output);
+    outcome.assert_shows(
+        "[takt] write-information: illegal-request: write of 8 bytes at 0xc0000018, rip 0x1",
+    );
 
-    // What reaches for more than it has is counted.
+    // What reaches for more than it has is counted, and told of without flooding the console.
+    outcome.assert_shows("[takt] flood: illegal-request: write of 4 bytes at port 0x2000, rip 0x1");
+    outcome.assert_shows("more errors, not shown");
+    let told = outcome.output.matches("[takt] flood: illegal-request: ").count();
+    assert!(told <= 5 * 4, "{told} lines\n{}", outcome.output);
     assert!(outcome.number("flood", "illegal_accesses") >= 1000, "{}", outcome.output);
     assert!(outcome.number("flood", "console_dropped") > 0, "{}", outcome.output);
 }

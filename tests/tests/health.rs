@@ -1,0 +1,75 @@
+//! What the health monitor makes of errors.
+
+use takt_tests::{File, plc_image};
+
+#[test]
+fn a_plc_starts_again_as_its_table_says_until_it_does_so_too_often() {
+    // Each of the failing guests lives for 100 cycles: those in each quarter of the frame a fifth of
+    // a second, and the one that ends the run four times as long.
+    let failing = || Some(plc_image("failing-starts"));
+    let limit = "restarts = { at_most = 2, within = \"60s\" }";
+    let mut file = File::new("8ms")
+        .plc("good", None, "")
+        .plc("warm", failing(), limit)
+        .plc("cold", failing(), limit)
+        .plc("last", failing(), "")
+        .health("warm", "numeric-error", "warm-start")
+        .health("cold", "numeric-error", "cold-start")
+        .health("cold", "application-error", "ignore")
+        .health("last", "numeric-error", "shut-down")
+        .schedule("normal")
+        .window("last", 1_500, 200);
+    for quarter in [0, 2_000, 4_000, 6_000] {
+        file = file.window("good", quarter, 200).window("warm", quarter + 500, 200).window(
+            "cold",
+            quarter + 1_000,
+            200,
+        );
+    }
+    let outcome = file.run("health").lasting("5s").run();
+    assert_eq!(outcome.status, 4, "{}", outcome.output);
+
+    // The neighbour notices nothing of four starts.
+    outcome.assert_kept_its_time("good", 390);
+    let shown = |text: &str| outcome.output.matches(text).count();
+    for (name, action) in [("warm", "warm-start"), ("cold", "cold-start")] {
+        let fault =
+            format!("[takt] {name}: numeric-error: divide error (vector 0, error code 0x0)");
+        assert_eq!(shown(&fault), 3, "{}", outcome.output);
+        assert_eq!(outcome.number(name, "restarts"), 2, "{}", outcome.output);
+        outcome.assert_kept_its_time(name, 300);
+        let events = &outcome.partition(name)["events"];
+        let list = events["list"].as_array().map_or(&[][..], Vec::as_slice);
+        let actions: Vec<_> = list
+            .iter()
+            .filter(|event| event["error"] == "numeric-error")
+            .map(|event| event["action"].as_str().unwrap_or(""))
+            .collect();
+        assert_eq!(actions, [action, action, "idle"], "{}", outcome.output);
+        assert!(list.is_sorted_by_key(|event| event["at_ns"].as_u64()), "{events}");
+        assert_eq!(outcome.number(name, "events.totals.application-error"), 3);
+    }
+    assert_eq!(shown("-> idle: started again 2 times within 60s"), 2, "{}", outcome.output);
+
+    // A warm start keeps the count, a cold one does not, and both are told of.
+    for start in [
+        "[warm] cold start, condition 0, retained 0",
+        "[warm] warm start, condition 3, retained 1",
+        "[warm] warm start, condition 3, retained 2",
+        "[cold] cold start, condition 0, retained 0",
+        "[cold] cold start, condition 3, retained 0",
+    ] {
+        outcome.assert_shows(start);
+    }
+
+    // The application's own errors are told where they are not ignored.
+    let said = "application-error: code 7: valve 3 does not follow -> log";
+    assert_eq!(shown(&format!("[takt] warm: {said}")), 3, "{}", outcome.output);
+    assert_eq!(shown(&format!("[takt] cold: {said}")), 0, "{}", outcome.output);
+
+    // The last one has ended the run long before its time.
+    outcome.assert_shows("[takt] last: numeric-error: ");
+    assert_eq!(shown("-> shut-down"), 1, "{}", outcome.output);
+    let duration = outcome.report["duration_ns"].as_u64().unwrap_or(0);
+    assert!((800_000_000..2_000_000_000).contains(&duration), "{duration} ns");
+}
