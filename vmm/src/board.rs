@@ -18,7 +18,7 @@ use crate::boot;
 use crate::boot::acpi::{POWER_PORT, SERIAL_IRQ, SERIAL_PORT};
 use crate::boot::long_mode::{self, StartError};
 use crate::machine::{self, Machine, MachineError};
-use crate::memory::GuestMemory;
+use crate::memory::{GuestMemory, HOLE_END, HOLE_START};
 use crate::pci::{self, Card};
 use crate::run_error::RunError;
 use crate::supervisor::Console;
@@ -105,9 +105,11 @@ impl Board {
         Ok((vcpu, guest))
     }
 
+    /// Clears all RAM; what lies in the hole of devices belongs to others too.
     fn clear(&self) -> Result<(), vm_memory::GuestMemoryError> {
         static ZEROS: [u8; 1 << 16] = [0; 1 << 16];
-        for (start, length) in self.memory.ranges() {
+        let in_hole = |start: &u64| (HOLE_START..HOLE_END).contains(start);
+        for (start, length) in self.memory.ranges().filter(|(start, _)| !in_hole(start)) {
             let mut at = 0;
             while at < length {
                 let piece = (length - at).min(ZEROS.len() as u64);
