@@ -1,8 +1,8 @@
 //! The vCPU thread's side: count, and leave a note.
 //!
 //! It runs on the PLC's path, so each error costs the same small amount: an addition, a look at the
-//! table, at most one system call for the address of the instruction, and a push into a ring of its
-//! own. (The ring of the windows would do, but a guest that floods it with errors would cost its own
+//! table, a push into a ring of its own, and, unless many notes wait already, one system call for the
+//! address of the instruction. (The ring of the windows would do, but a guest that floods it with errors would cost its own
 //! figures.) What does not fit is missing from the notes and shows as a gap in their numbers; the
 //! counts are always whole.
 
@@ -20,6 +20,10 @@ use crate::vcpu::guest::{End, Guest, Step};
 
 /// Notes that the event thread may be behind: it looks fifty times a second.
 const NOTES: usize = 1024;
+
+/// Notes that may wait before no more system calls are made for further ones: as many as a report
+/// lists.
+const WITH_ADDRESS: usize = 32;
 
 /// How often each error happened.
 #[derive(Debug, Default)]
@@ -90,9 +94,10 @@ impl Reporter {
             (Step::Raised(detail), _) => self.raise(detail, 1),
             (step @ Step::Ended(_), _) | (step, None) => return step,
             (_, Some((access, count))) => {
-                let rip = || vcpu.get_regs().ok().map(|registers| registers.rip);
                 let told = self.table.action(Fault::IllegalRequest) != Action::Ignore;
-                let rip = if told && !self.notes.is_full() { rip() } else { None };
+                let waiting = NOTES - self.notes.slots();
+                let asked = (told && waiting < WITH_ADDRESS).then(|| vcpu.get_regs().ok());
+                let rip = asked.flatten().map(|registers| registers.rip);
                 self.raise(Detail::Access(Access { rip, ..access }), count)
             }
         };
