@@ -182,6 +182,35 @@ mod tests {
     }
 
     #[test]
+    fn a_reset_forgets_what_was_typed_and_what_a_guest_has_set() {
+        const LINE_CONTROL: u16 = 3;
+        const MODEM_CONTROL: u16 = 4;
+        const LINE_STATUS: u16 = 5;
+        const DIVISOR_LATCH: u8 = 0x80;
+        const LOOP_BACK: u8 = 0x10;
+
+        let (mut port, irq) = port();
+        port.write(INTERRUPT_ENABLE, &[1]);
+        port.type_bytes(&[7; 1000]);
+        port.write(LINE_CONTROL, &[DIVISOR_LATCH]);
+        port.write(MODEM_CONTROL, &[LOOP_BACK]);
+        port.reset();
+        let _ = irq.read();
+        let mut value = [0];
+        for (register, expected) in [(INTERRUPT_ENABLE, 0), (LINE_CONTROL, 0), (MODEM_CONTROL, 0)] {
+            port.read(register, &mut value);
+            assert_eq!(value, [expected], "{register}");
+        }
+        port.read(LINE_STATUS, &mut value);
+        assert_eq!(value[0] & 1, 0, "data are ready");
+        // The next guest's typing is its own, and interrupts nobody who has not asked for it.
+        port.type_bytes(b"x");
+        assert!(irq.read().is_err());
+        port.read(DATA, &mut value);
+        assert_eq!(&value, b"x");
+    }
+
+    #[test]
     fn any_sequence_of_accesses_is_survived() {
         let (mut port, _irq) = port();
         // A small linear congruential generator: a fixed sequence, no dependency.

@@ -185,6 +185,26 @@ mod tests {
     }
 
     #[test]
+    fn an_access_that_nothing_answers_is_found_whoever_answers_the_others() {
+        use crate::vcpu::linux::LinuxGuest;
+        use takt_devices::ports::PortBus;
+        use takt_devices::power::{KeyboardController, PowerLine};
+
+        let power = PowerLine::default();
+        let mut ports = PortBus::default();
+        ports.attach(0x60..=0x64, Box::new(KeyboardController::new(power.clone()))).unwrap();
+        let mut guest = LinuxGuest::new(ports, power);
+        let mut data = [0; 8];
+        let mut illegal = |exit| Answer::to(exit, &mut guest).illegal;
+        assert_eq!(illegal(VcpuExit::IoOut(0x60, &[1])), None);
+        let (access, count) = illegal(VcpuExit::IoOut(0x80, &[1, 2, 3])).unwrap();
+        assert_eq!((access.to_string(), count), ("write of 3 bytes at port 0x80".into(), 3));
+        let (access, count) = illegal(VcpuExit::MmioRead(0xd000_0000, &mut data)).unwrap();
+        assert_eq!((access.to_string(), count), ("read of 8 bytes at 0xd0000000".into(), 1));
+        assert_eq!(illegal(VcpuExit::Hlt), None);
+    }
+
+    #[test]
     fn an_end_is_counted_as_its_error() {
         let (mut reporter, counts, _notes) = Reporter::new(Table::LINUX);
         for end in [End::PoweredOff, End::Reset, End::Stopped] {
