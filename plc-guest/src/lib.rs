@@ -27,8 +27,10 @@ mod descriptor;
 #[cfg(not(test))]
 mod exception;
 pub mod health;
+pub mod io;
 #[cfg(not(test))]
 mod language;
+pub mod mmio;
 pub mod pages;
 pub mod paging;
 pub mod port;

@@ -3,12 +3,19 @@
 //! The VMM starts a guest with everything writable and executable, which is enough to run but
 //! turns every programming error into silent damage. Here only a few things are mapped: the image
 //! (code read-execute, constants read-only, the rest read-write), the pages shared with
-//! the host, and those of the channels, of which only its own are writable. Everything else faults, above all address 0, the VMM's start-up structures, and the
-//! page below each stack.
+//! the host, those of the channels, of which only its own are writable, and the area in which the
+//! memory of devices lies. Everything else faults, above all address 0, the VMM's start-up
+//! structures, and the page below each stack.
 //!
 //! The tables are identity maps of the first 2 MiB and of the first 2 MiB at
 //! [`memory::INFORMATION`], in 4 KiB pages: six tables, filled once, static. Larger pages would
 //! save nothing, since an image is well below 1 MiB and protection needs the fine grain.
+//!
+//! The devices' area is mapped whole, in pages of 2 MiB, and uncached: the processor may neither
+//! keep a register's value nor read one that nobody asked for. What in it is a device only the
+//! partition file says, and the host keeps to that: an access elsewhere is refused there and
+//! counted. A list of devices in the interface would turn it into an exception, which is not worth
+//! a list.
 //!
 //! Table formats: AMD64 Architecture Programmer's Manual, volume 2, section 5.3.
 
@@ -17,6 +24,12 @@ use takt_abi::{Port, memory};
 
 const PRESENT: u64 = 1;
 const WRITABLE: u64 = 1 << 1;
+/// "Cache disable" and "write-through": entry 3 of the page attribute table, which is "uncached"
+/// after a reset (AMD64 volume 2, section 7.8).
+const UNCACHED: u64 = 1 << 4 | 1 << 3;
+/// In a directory: the entry is a page of 2 MiB.
+const LARGE: u64 = 1 << 7;
+const LARGE_PAGE: usize = 2 << 20;
 const NO_EXECUTE: u64 = 1 << 63;
 const ENTRIES: usize = 512;
 
@@ -25,6 +38,12 @@ const _: () = {
     // All shared pages are in one page table.
     assert!(memory::INFORMATION >> 21 == (memory::CHANNELS_END - 1) >> 21);
     assert!(memory::INFORMATION >> 39 == 0);
+    // The devices are in the same directory as those.
+    assert!(memory::INFORMATION >> 30 == (memory::DEVICES_END - 1) >> 30);
+    assert!(
+        memory::DEVICES.is_multiple_of(LARGE_PAGE as u64)
+            && memory::CHANNELS_END <= memory::DEVICES
+    );
 };
 
 /// Where the parts of an image lie. All addresses are multiples of [`memory::PAGE`], and all of
@@ -94,6 +113,10 @@ impl Tables {
             self.map_shared(port.own, port.own_pages, WRITABLE);
             self.map_shared(port.peer, port.peer_pages, 0);
         }
+        for page in (memory::DEVICES..memory::DEVICES_END).step_by(LARGE_PAGE) {
+            self.shared_directory[index(page, 21)] =
+                page | PRESENT | WRITABLE | UNCACHED | LARGE | NO_EXECUTE;
+        }
         address(&self.root)
     }
 
@@ -140,6 +163,9 @@ mod tests {
             let entry = table[index(virtual_address, shift)];
             if entry & PRESENT == 0 {
                 return None;
+            }
+            if entry & LARGE != 0 {
+                return Some(entry);
             }
             table = all.iter().find(|t| address(t) == entry & !0xfff)?;
         }
@@ -192,6 +218,16 @@ mod tests {
     }
 
     #[test]
+    fn the_area_of_devices_is_mapped_to_itself_and_uncached() {
+        let tables = tables();
+        let rights = PRESENT | WRITABLE | UNCACHED | LARGE | NO_EXECUTE;
+        let last = memory::DEVICES_END - LARGE_PAGE as u64;
+        for page in [memory::DEVICES, memory::DEVICES + LARGE_PAGE as u64, last] {
+            assert_eq!(walk(&tables, page), Some(page | rights), "{page:#x}");
+        }
+    }
+
+    #[test]
     fn everything_else_is_unmapped() {
         let tables = tables();
         let unmapped = [
@@ -204,6 +240,8 @@ mod tests {
             memory::RAM_MAX - memory::PAGE,
             memory::CHANNELS + 2 * memory::PAGE,
             memory::CHANNELS_END,
+            memory::DEVICES - memory::PAGE,
+            memory::DEVICES_END,
             0xffff_8000_0000_0000,
         ];
         for page in unmapped {

@@ -55,10 +55,19 @@ pub mod memory {
     pub const CHANNELS: u64 = 0xc000_3000;
     /// End of that area: it and the pages before it are in one page table.
     pub const CHANNELS_END: u64 = 0xc020_0000;
+    /// Start of the area in which the memory of devices lies, at the addresses of the partition
+    /// file. A guest maps all of it uncached. An access that no device covers is an exit.
+    pub const DEVICES: u64 = 0xd000_0000;
+    /// End of that area.
+    pub const DEVICES_END: u64 = 0xe000_0000;
 }
 
 /// The I/O ports that are the guest's calls to Takt. Each access is one VM exit.
 pub mod port {
+    use core::ops::RangeInclusive;
+
+    /// What is kept for such calls, used or not: no port of the host's can be passed through here.
+    pub const RESERVED: RangeInclusive<u16> = 0x7a00..=0x7aff;
     /// 32-bit write of a length: that many bytes at [`memory::TEXT`](crate::memory::TEXT) appear
     /// on Takt's console. They are taken without blocking; what does not fit is dropped and
     /// counted. (A string instruction would be one exit for each byte.)
