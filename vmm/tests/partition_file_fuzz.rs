@@ -9,12 +9,13 @@ use std::path::Path;
 use takt::{check, config};
 
 /// Files that are good, and between them have every key.
-const GOOD: [&[u8]; 5] = [
+const GOOD: [&[u8]; 6] = [
     include_bytes!("partition_files/good-two-cpus.toml"),
     include_bytes!("partition_files/good-schedules-and-tasks.toml"),
     include_bytes!("partition_files/good-channels.toml"),
     include_bytes!("partition_files/good-host-ports.toml"),
     include_bytes!("partition_files/good-health.toml"),
+    include_bytes!("partition_files/good-passthrough.toml"),
 ];
 /// Pieces that a text file does not get from bit flips.
 const WORDS: &[&str] = &[
@@ -36,6 +37,12 @@ const WORDS: &[&str] = &[
     "host_file = \"/\"\n",
     "\":\"",
     "depth = 1024\n",
+    "[[partition.port_io]]\n",
+    "[[partition.mmio]]\n",
+    "[[partition.safe_value]]\n",
+    "ports = \"0x0-0xffff\"\n",
+    "\"0xffffffffffffffff\"",
+    "\"0000:00:04.0\"",
     "refresh_period = \"60s\"\n",
     "destinations = []\n",
     "65536",

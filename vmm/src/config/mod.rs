@@ -8,8 +8,8 @@
 //! 1. bytes to text to the raw form, whose keys and types are right (`syntax`, `raw`, `units`);
 //! 2. the rules of each partition (`partition`, `tasks`), of the schedules (`schedules`,
 //!    `explain`), of both together (`deadlines`), of the channels between partitions (`channels`,
-//!    `ports`, `host_ports`), of the health monitor's tables (`health`), and of the files that are
-//!    named (`images`);
+//!    `ports`, `host_ports`), of the health monitor's tables (`health`), of the host's devices
+//!    (`passthrough`), and of the files that are named (`images`);
 //! 3. a [`PartitionFile`], which has private fields and no other way to be made. The rest of Takt
 //!    takes nothing else and checks nothing again.
 //!
@@ -25,6 +25,7 @@ mod host_ports;
 mod images;
 mod names;
 mod partition;
+mod passthrough;
 mod ports;
 mod raw;
 mod schedules;
@@ -51,6 +52,9 @@ pub use deadlines::{Met, WAKE_UP_ALLOWANCE};
 pub use host_ports::HostPort;
 pub use images::Unreadable;
 pub(crate) use images::open as open_file;
+pub use passthrough::{
+    Bar, DeviceMemory, MemorySource, Passthrough, PciFunction, PortIo, SafePlace, SafeValue,
+};
 pub use ports::{CHANNEL_AREA_PAGES, region_bytes};
 pub(crate) use schedules::percent;
 pub use tasks::NamedTask;
@@ -122,6 +126,7 @@ pub struct Partition {
     health: Table,
     tasks: Vec<NamedTask>,
     met: Vec<Met>,
+    passthrough: Passthrough,
 }
 
 impl Partition {
@@ -173,6 +178,12 @@ impl Partition {
     #[must_use]
     pub fn tasks(&self) -> &[NamedTask] {
         &self.tasks
+    }
+
+    /// What it gets of the host's devices; nothing for a Linux.
+    #[must_use]
+    pub fn passthrough(&self) -> &Passthrough {
+        &self.passthrough
     }
 
     /// What the analysis found for a schedule; `None` without tasks, or without a window in it.
@@ -308,6 +319,8 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     partitions.iter_mut().zip(met).for_each(|(p, met)| p.partition.met = met);
     let channels = channels::check(&file.channel.0, &partitions, folder)?;
     health::check(&file.health.0, &mut partitions)?;
+    let passthrough = passthrough::check(&file.partition.0, &partitions)?;
+    partitions.iter_mut().zip(passthrough).for_each(|(p, it)| p.partition.passthrough = it);
     partition::check_one_linux(&partitions)?;
     // Last, because it is the only thing that may be right on another machine.
     partitions.iter().flat_map(|p| &p.images).try_for_each(images::check)?;

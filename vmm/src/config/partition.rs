@@ -11,6 +11,7 @@ use super::diagnostic::{Diagnostic, Span, quote};
 use super::health;
 use super::images::{self, Image};
 use super::names::{HOST, check_name};
+use super::passthrough::Passthrough;
 use super::raw::{self, Keys};
 use super::tasks::{self, CheckedTasks};
 use super::units::{Bytes, Duration};
@@ -145,6 +146,7 @@ fn check(
         health,
         tasks: tasks.tasks.clone(),
         met: Vec::new(),
+        passthrough: Passthrough::default(),
     };
     Ok(Checked {
         partition,
@@ -173,7 +175,9 @@ fn check_plc(
         if let Some(value) = value {
             let found = misplaced(key, "linux", name, "plc");
             let allowed = "for a \"plc\": name, kind, cpu, memory, release_guard, image, \
-                           on_schedule_change, restarts and [[partition.task]]";
+                           on_schedule_change, restarts, [[partition.task]], \
+                           [[partition.port_io]], [[partition.mmio]] and \
+                           [[partition.safe_value]]";
             return Err(Diagnostic::new(value.span(), found, allowed));
         }
     }
@@ -206,6 +210,9 @@ fn check_linux(
         ("release_guard", raw.release_guard.as_ref().map(Spanned::span)),
         ("on_schedule_change", raw.on_schedule_change.as_ref().map(Spanned::span)),
         ("task", raw.task.0.first().map(Spanned::span)),
+        ("port_io", raw.port_io.0.first().map(Spanned::span)),
+        ("mmio", raw.mmio.0.first().map(Spanned::span)),
+        ("safe_value", raw.safe_value.0.first().map(Spanned::span)),
     ];
     for (key, span) in of_plc {
         if let Some(span) = span {

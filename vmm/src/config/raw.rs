@@ -58,6 +58,12 @@ pub struct Partition {
     pub image: Option<Spanned<String>>,
     #[serde(default)]
     pub task: Tables<Task>,
+    #[serde(default)]
+    pub port_io: Tables<PortIo>,
+    #[serde(default)]
+    pub mmio: Tables<Mmio>,
+    #[serde(default)]
+    pub safe_value: Tables<SafeValue>,
     pub kernel: Option<Spanned<String>>,
     pub initrd: Option<Spanned<String>>,
     pub cmdline: Option<Spanned<String>>,
@@ -70,6 +76,41 @@ pub struct Task {
     pub period: Spanned<Duration>,
     pub budget: Spanned<Duration>,
     pub priority: Spanned<i64>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PortIo {
+    pub ports: Spanned<String>,
+    pub pci: Option<Spanned<String>>,
+    pub bar: Option<Spanned<i64>>,
+    pub unbind: Option<Spanned<bool>>,
+    pub trusted_dma: Option<Spanned<bool>>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mmio {
+    pub name: Spanned<String>,
+    pub address: Spanned<String>,
+    pub size: Spanned<Bytes>,
+    pub pci: Option<Spanned<String>>,
+    pub bar: Option<Spanned<i64>>,
+    pub unbind: Option<Spanned<bool>>,
+    pub trusted_dma: Option<Spanned<bool>>,
+    pub uio: Option<Spanned<String>>,
+    pub map: Option<Spanned<i64>>,
+    pub physical: Option<Spanned<String>>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SafeValue {
+    pub port: Option<Spanned<String>>,
+    pub mmio: Option<Spanned<String>>,
+    pub offset: Option<Spanned<String>>,
+    pub width: Spanned<i64>,
+    pub value: Spanned<String>,
 }
 
 #[derive(Debug, serde::Deserialize)]

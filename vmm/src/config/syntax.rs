@@ -40,6 +40,11 @@ const EXAMPLES: &[(&str, &str)] = &[
         "destinations",
         "`destinations = [\"axis:setpoints\"]`, the partitions that receive, and their ports",
     ),
+    ("ports", "`ports = \"0x378-0x37a\"`, the first and the last port of a range"),
+    ("address", "`address = \"0xd0000000\"`, where the guest sees the device's memory"),
+    ("size", "`size = \"4KiB\"`, how much of the device's memory the guest sees"),
+    ("width", "`width = 1`, the bytes of the access: 1, 2 or 4"),
+    ("value", "`value = \"0x00\"`"),
 ];
 
 /// What the parser and serde call things, and what the file's author calls them.

@@ -1,0 +1,57 @@
+//! What partitions get of the host's devices. It is the same under every schedule, and so is shown
+//! once.
+
+use super::line;
+use crate::config::{Bar, MemorySource, Partition, PartitionFile, SafePlace};
+
+/// Ports, memory and safe values of each partition, in the order of the file; nothing if there are
+/// none.
+pub fn list(out: &mut String, file: &PartitionFile) {
+    let has_any = |p: &&Partition| {
+        let it = p.passthrough();
+        !(it.ports.is_empty() && it.memory.is_empty())
+    };
+    let owners: Vec<&Partition> = file.partitions().iter().filter(has_any).collect();
+    if owners.is_empty() {
+        return;
+    }
+    out.push_str("\ndevices of this machine\n");
+    for partition in owners {
+        line(out, &format!("  {}", partition.name()));
+        let it = partition.passthrough();
+        for ports in &it.ports {
+            let place = ports.bar.as_ref().map_or(String::new(), |b| format!(": {}", bar(b)));
+            line(out, &format!("    ports {:#x} to {:#x}{place}", ports.first, ports.last));
+        }
+        for memory in &it.memory {
+            let source = match &memory.source {
+                MemorySource::Pci(b) => bar(b),
+                MemorySource::Uio { device, map } => format!("map {map} of {device}"),
+                MemorySource::Physical { address } => format!("physical {address:#x}"),
+            };
+            let last = memory.address + (memory.bytes - 1);
+            let name = &memory.name;
+            line(out, &format!("    {name} at {:#x} to {last:#x}: {source}", memory.address));
+        }
+        for safe in &it.safe_values {
+            let place = match &safe.place {
+                SafePlace::Port(port) => format!("port {port:#x}"),
+                SafePlace::Register { memory, offset } => {
+                    let name = it.memory.get(*memory).map_or("", |memory| &memory.name);
+                    format!("{name} + {offset:#x}")
+                }
+            };
+            let digits = 2 + 2 * usize::from(safe.width);
+            line(out, &format!("    at its end {:#0digits$x} to {place}", safe.value));
+        }
+    }
+}
+
+fn bar(bar: &Bar) -> String {
+    let mut text = format!("register {} of {}", bar.bar, bar.function);
+    if bar.unbind {
+        text.push_str(", taken from its driver");
+    }
+    text.push_str(if bar.trusted_dma { ", trusted with DMA" } else { ", no DMA" });
+    text
+}

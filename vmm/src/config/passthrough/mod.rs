@@ -1,0 +1,167 @@
+//! What a PLC gets of the host's devices: the rules for one partition, and among partitions.
+//!
+//! A device that two partitions can write belongs to neither: what one of them has set, the other
+//! may have changed. So no port, no physical page and no PCI function may be named in two
+//! partitions, and both places are shown if one is. What only the host knows (where the ports of a
+//! PCI function lie, how long its memory is) is looked at again when the file is run.
+//!
+//! - [`ports`]: ranges of I/O ports;
+//! - [`memory`]: memory of devices;
+//! - [`source`]: which device it is, for both;
+//! - [`safe_values`]: what is written when the partition ends.
+
+mod memory;
+mod ports;
+mod safe_values;
+mod source;
+
+use toml::Spanned;
+
+use super::diagnostic::{Diagnostic, Span, quote};
+use super::partition::Checked;
+use super::raw::{self, Keys};
+
+pub use memory::{DeviceMemory, MemorySource};
+pub use ports::PortIo;
+pub use safe_values::{SafePlace, SafeValue};
+pub use source::{Bar, PciFunction};
+
+/// Most tables of each of the three kinds in a partition.
+const TABLES_MAX: usize = 32;
+
+/// What a partition gets of the host's devices.
+#[derive(Clone, Debug, Default)]
+pub struct Passthrough {
+    /// Ranges of ports, none of which overlap.
+    pub ports: Vec<PortIo>,
+    /// Memory of devices, none of which overlap.
+    pub memory: Vec<DeviceMemory>,
+    /// What is written when the partition ends, in this order.
+    pub safe_values: Vec<SafeValue>,
+}
+
+/// Checks what each partition asks for, in the order of the file.
+pub fn check(
+    raw: &[Spanned<Keys<raw::Partition>>],
+    partitions: &[Checked],
+) -> Result<Vec<Passthrough>, Diagnostic> {
+    let mut taken = Taken::default();
+    let mut checked = Vec::with_capacity(raw.len());
+    for (owner, table) in partitions.iter().zip(raw) {
+        let Keys(raw) = table.get_ref();
+        let name = &owner.partition.name;
+        check_number(&raw.port_io.0, "port_io")?;
+        check_number(&raw.mmio.0, "mmio")?;
+        check_number(&raw.safe_value.0, "safe_value")?;
+        let ports = ports::check(&raw.port_io.0, name, &mut taken)?;
+        let memory = memory::check(&raw.mmio.0, name, &mut taken)?;
+        let safe_values = safe_values::check(&raw.safe_value.0, &ports, &memory)?;
+        checked.push(Passthrough { ports, memory, safe_values });
+    }
+    Ok(checked)
+}
+
+fn check_number<T>(tables: &[Spanned<Keys<T>>], name: &str) -> Result<(), Diagnostic> {
+    let Some(excess) = tables.get(TABLES_MAX) else { return Ok(()) };
+    let found = format!("this is table {} of {}", TABLES_MAX + 1, tables.len());
+    let allowed = format!("at most {TABLES_MAX} tables [[partition.{name}]] in a partition");
+    Err(Diagnostic::new(excess.span(), found, allowed))
+}
+
+/// What of the host's has been given to a partition, by the place that asks for it.
+#[derive(Default)]
+struct Taken {
+    ports: Vec<Owned>,
+    /// Host-physical addresses.
+    memory: Vec<Owned>,
+    /// By name.
+    devices: Vec<(String, String, Span)>,
+}
+
+/// A range of numbers, both ends included.
+struct Owned {
+    range: [u64; 2],
+    partition: String,
+    place: Span,
+}
+
+/// Adds a range, unless it meets one that is there.
+fn take(
+    taken: &mut Vec<Owned>,
+    range: [u64; 2],
+    partition: &str,
+    place: Span,
+    [one, several]: [&str; 2],
+) -> Result<(), Diagnostic> {
+    let meets = |other: &&Owned| range[0] <= other.range[1] && other.range[0] <= range[1];
+    if let Some(other) = taken.iter().find(meets) {
+        let (first, last) = (range[0].max(other.range[0]), range[1].min(other.range[1]));
+        let what = if first == last {
+            format!("the {one} {first:#x} is")
+        } else {
+            format!("the {several} {first:#x} to {last:#x} are")
+        };
+        let found = if other.partition == partition {
+            format!("{what} given to {} twice", quote(partition))
+        } else {
+            let owners = [&other.partition, partition].map(quote);
+            format!("{what} given to both {} and {}", owners[0], owners[1])
+        };
+        let allowed = "each part of the host in one place of one partition";
+        return Err(
+            Diagnostic::new(place, found, allowed).and(other.place.clone(), "the other place")
+        );
+    }
+    taken.push(Owned { range, partition: partition.to_owned(), place });
+    Ok(())
+}
+
+impl Taken {
+    /// Gives a device to a partition, which may have it already.
+    fn device(&mut self, name: &str, partition: &str, place: Span) -> Result<(), Diagnostic> {
+        let other =
+            self.devices.iter().find(|(device, owner, _)| device == name && owner != partition);
+        if let Some((_, owner, there)) = other {
+            let owners = [owner, partition].map(quote);
+            let found = format!("{name} is given to both {} and {}", owners[0], owners[1]);
+            let allowed = "a device in one partition only";
+            return Err(
+                Diagnostic::new(place, found, allowed).and(there.clone(), "the other place")
+            );
+        }
+        self.devices.push((name.to_owned(), partition.to_owned(), place));
+        Ok(())
+    }
+}
+
+/// A number as it is written for addresses, ports and values: `0x` and hexadecimal digits, in
+/// quotes.
+fn hex(text: &str) -> Option<u64> {
+    let digits = text.strip_prefix("0x")?;
+    // Rust's own parser would take a sign.
+    let good = (1..=16).contains(&digits.len()) && digits.bytes().all(|d| d.is_ascii_hexdigit());
+    if good { u64::from_str_radix(digits, 16).ok() } else { None }
+}
+
+fn check_hex(text: &Spanned<String>, what: &str, example: &str) -> Result<u64, Diagnostic> {
+    hex(text.get_ref()).ok_or_else(|| {
+        let found = format!("{} is not {what}", quote(text.get_ref()));
+        let allowed = format!("0x and at most 16 hexadecimal digits, such as {example:?}");
+        Diagnostic::new(text.span(), found, allowed)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hexadecimal_number_has_its_prefix_and_digits_only() {
+        assert_eq!(hex("0x378"), Some(0x378));
+        assert_eq!(hex("0xFFFFffffFFFFffff"), Some(u64::MAX));
+        for bad in ["", "0x", "378", "0X378", "0x+1", "0x-1", "0x 1", "0x1g", "0x00000000000000001"]
+        {
+            assert_eq!(hex(bad), None, "{bad}");
+        }
+    }
+}

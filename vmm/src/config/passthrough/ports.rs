@@ -1,0 +1,87 @@
+//! Ranges of I/O ports.
+
+use std::ops::RangeInclusive;
+
+use takt_abi::port::RESERVED;
+use toml::Spanned;
+
+use super::super::diagnostic::{Diagnostic, quote};
+use super::super::raw::{self, Keys};
+use super::source::{Bar, PciKeys, check_bar};
+use super::{Owned, Taken, hex, take};
+
+/// The two registers through which all PCI functions are configured (PCI Local Bus 3.0, 3.2.2.3).
+/// Who has them can move any device's memory, and switch its bus mastering on.
+const PCI_CONFIGURATION: RangeInclusive<u16> = 0xcf8..=0xcff;
+
+/// Ports that a partition may use.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PortIo {
+    /// As the guest sees them.
+    pub first: u16,
+    /// The last one.
+    pub last: u16,
+    /// Where they are on the host: the first ports of this register; `None`: where the guest sees
+    /// them.
+    pub bar: Option<Bar>,
+}
+
+/// Checks the ranges of a partition.
+pub fn check(
+    tables: &[Spanned<Keys<raw::PortIo>>],
+    partition: &str,
+    taken: &mut Taken,
+) -> Result<Vec<PortIo>, Diagnostic> {
+    let mut seen: Vec<Owned> = Vec::new();
+    let mut ranges = Vec::with_capacity(tables.len());
+    for table in tables {
+        let Keys(raw) = table.get_ref();
+        let place = raw.ports.span();
+        let (first, last) = check_range(&raw.ports)?;
+        let keys = PciKeys {
+            pci: &raw.pci,
+            bar: &raw.bar,
+            unbind: &raw.unbind,
+            trusted_dma: &raw.trusted_dma,
+            header: table.span(),
+        };
+        let bar = check_bar(&keys, partition, taken)?;
+        let range = [first.into(), last.into()];
+        let meets = |other: &RangeInclusive<u16>| first <= *other.end() && *other.start() <= last;
+        if meets(&RESERVED) {
+            let found = "among these ports are some of Takt's own, by which the guest calls it";
+            let allowed = format!("ports outside {:#x} to {:#x}", RESERVED.start(), RESERVED.end());
+            return Err(Diagnostic::new(place, found, allowed));
+        }
+        if bar.is_none() && meets(&PCI_CONFIGURATION) {
+            let found = "among these ports are those that configure every PCI function of the host";
+            let allowed = "ports outside 0xcf8 to 0xcff";
+            return Err(Diagnostic::new(place, found, allowed));
+        }
+        take(&mut seen, range, partition, place.clone(), ["port", "ports"])?;
+        if bar.is_none() {
+            take(&mut taken.ports, range, partition, place, ["port", "ports"])?;
+        }
+        ranges.push(PortIo { first, last, bar });
+    }
+    Ok(ranges)
+}
+
+/// `"0x378"` or `"0x378-0x37a"`.
+fn check_range(text: &Spanned<String>) -> Result<(u16, u16), Diagnostic> {
+    let port = |text: &str| hex(text).and_then(|n| u16::try_from(n).ok());
+    let range = match text.get_ref().split_once('-') {
+        None => port(text.get_ref()).map(|one| (one, one)),
+        Some((first, last)) => port(first).zip(port(last)),
+    };
+    let wrong = |found| {
+        let allowed = "a port or the first and the last of several, such as \"0x378-0x37a\", up \
+                       to 0xffff";
+        Diagnostic::new(text.span(), found, allowed)
+    };
+    match range {
+        Some((first, last)) if first <= last => Ok((first, last)),
+        Some(_) => Err(wrong(format!("{} ends before it starts", quote(text.get_ref())))),
+        None => Err(wrong(format!("{} is not a range of I/O ports", quote(text.get_ref())))),
+    }
+}

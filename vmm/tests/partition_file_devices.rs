@@ -1,0 +1,59 @@
+//! What a partition file says of the host's devices, and what `takt check` shows of it.
+
+use std::path::Path;
+
+use takt::check;
+use takt::config::{self, MemorySource, PartitionFile, SafePlace};
+
+fn file() -> PartitionFile {
+    let path = Path::new("tests/partition_files/good-passthrough.toml");
+    config::load(path, None).unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+fn a_good_file_says_what_each_partition_gets() {
+    let file = file();
+    let [plc, other] = file.partitions() else { panic!() };
+    let it = plc.passthrough();
+    let ports: Vec<(u16, u16)> = it.ports.iter().map(|p| (p.first, p.last)).collect();
+    assert_eq!(ports, [(0x378, 0x37a), (0x2000, 0x207f)]);
+    assert_eq!(it.ports[0].bar, None);
+    let bar = it.ports[1].bar.as_ref().unwrap();
+    assert_eq!((bar.function.name(), bar.bar), ("0000:00:10.0", 1));
+    assert!(bar.unbind && !bar.trusted_dma);
+    let [card, timer, coupler] = &it.memory[..] else { panic!() };
+    assert!(matches!(&card.source, MemorySource::Pci(bar) if bar.trusted_dma && !bar.unbind));
+    assert_eq!(timer.source, MemorySource::Physical { address: 0xfed0_0000 });
+    assert_eq!((coupler.address, coupler.bytes), (0xd000_2000, 0x2000));
+    assert_eq!(coupler.source, MemorySource::Uio { device: "uio0".into(), map: 1 });
+    let values: Vec<_> =
+        it.safe_values.iter().map(|s| (s.place.clone(), s.width, s.value)).collect();
+    assert_eq!(
+        values,
+        [
+            (SafePlace::Port(0x378), 1, 0),
+            (SafePlace::Port(0x207e), 2, 0xffff),
+            (SafePlace::Register { memory: 0, offset: 0xffc }, 4, u32::MAX),
+        ]
+    );
+    assert_eq!(other.passthrough().ports.len(), 1);
+}
+
+#[test]
+fn the_report_lists_the_devices_last() {
+    let report = check::report(&file());
+    let (_, devices) = report.split_once("\ndevices of this machine\n").unwrap();
+    let expected = "  plc
+    ports 0x378 to 0x37a
+    ports 0x2000 to 0x207f: register 1 of 0000:00:10.0, taken from its driver, no DMA
+    card at 0xd0000000 to 0xd0000fff: register 0 of 0000:00:06.0, trusted with DMA
+    timer at 0xd0001000 to 0xd0001fff: physical 0xfed00000
+    coupler at 0xd0002000 to 0xd0003fff: map 1 of uio0
+    at its end 0x00 to port 0x378
+    at its end 0xffff to port 0x207e
+    at its end 0xffffffff to card + 0xffc
+  other
+    ports 0x3f8 to 0x3ff
+";
+    assert_eq!(devices, expected);
+}
