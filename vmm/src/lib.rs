@@ -20,6 +20,7 @@ pub mod init_watch;
 pub mod jitter;
 pub mod machine;
 pub mod memory;
+pub mod passthrough;
 pub mod pci;
 pub mod prepare;
 pub mod probe;

@@ -35,6 +35,7 @@ use crate::health::{Reporter, Watch};
 use crate::init_watch::{InitSeen, InitWatch};
 use crate::machine::{self, MachineError};
 use crate::memory::GuestMemory;
+use crate::passthrough::Devices;
 use crate::pci::Pci;
 use crate::restart::{LinuxRestart, PlcRestart, Restart, Revival};
 use crate::run_error::RunError;
@@ -92,6 +93,8 @@ pub struct Preparation<'a> {
     pub kvm: Kvm,
     /// The memory between partitions.
     pub channels: &'a Channels<'a>,
+    /// What partitions get of the host's devices.
+    pub devices: &'a Devices,
     /// CPUs that got a scheduling domain of their own.
     pub domains: &'a Domains,
     /// Where threads tell of their ends.
@@ -141,6 +144,10 @@ impl Preparation<'_> {
         let memory = GuestMemory::for_plc(bytes, &ports.views)?;
         let mut machine = machine::for_plc(&self.kvm, &memory)?;
         touch(&mut machine.vcpu, &memory)?;
+        let devices = self.devices.of(partition.id()).cloned();
+        if let Some(devices) = &devices {
+            devices.map_into(&machine.vm)?;
+        }
         let entry = image.load(&memory).map_err(unfit)?;
         let mut table = memory
             .port_table(PORT_TABLE)
@@ -155,7 +162,8 @@ impl Preparation<'_> {
         let (console, output) = output::dropping();
         let frame = self.file.schedules().frame();
         let guest = PlcGuest::new(&memory, bytes, tsc.khz(), frame, console)
-            .ok_or(MachineError::Missing("the PLC guest's pages"))?;
+            .ok_or(MachineError::Missing("the PLC guest's pages"))?
+            .with_devices(devices);
         let (restart, revivals) = PlcRestart::new(memory.clone(), image, ports.own);
         let mut prepared = self.spawn(partition, machine.vcpu, memory, guest, output, revivals)?;
         prepared.account.restart = Some(Restart::Plc(restart));
@@ -239,7 +247,8 @@ impl Preparation<'_> {
         let reservation =
             CpuReservations::of(schedules, cpu).partitions.into_iter().find(|(p, _)| *p == id);
         let reservation = reservation.map(|(_, r)| r);
-        let place = Place { cpu, domain: self.domains.entry(cpu), reservation };
+        let ports = guest.host_ports();
+        let place = Place { cpu, domain: self.domains.entry(cpu), reservation, ports };
         let (thread, records): (_, Option<Consumer<Record>>) = match plan {
             Some(plan) => {
                 let (producer, consumer) = RingBuffer::new(RECORDS);
@@ -293,7 +302,8 @@ impl Preparation<'_> {
             let control: Arc<Control> = Arc::default();
             let own = control.clone();
             let reservation = CpuReservations::of(schedules, cpu).kicker;
-            let place = Place { cpu, domain: self.domains.entry(cpu), reservation };
+            let domain = self.domains.entry(cpu);
+            let place = Place { cpu, domain, reservation, ports: Vec::new() };
             let body = move |base: Timebase| kicker::run(&windows, &base, &own);
             let Cpu(number) = cpu;
             let thread = thread::plain(&format!("kicker-{number}"), place, control.clone(), body)?;
@@ -314,6 +324,7 @@ impl Body {
     ) {
         loop {
             let end = windowed.run(kickable, &mut guest, &self.own, &mut self.health);
+            guest.left();
             let starting = guest.says_done() && windowed.starting();
             self.tell(end, starting, windowed.unrecorded());
             let revival = loop {

@@ -26,6 +26,7 @@ use crate::health::Fault;
 use crate::host_ports::{self, HostPorts};
 use crate::init_watch::InitSeen;
 use crate::machine::{self, MachineError};
+use crate::passthrough::Devices;
 use crate::prepare::{Kicker, Preparation, Prepared, clone, eventfd};
 use crate::report::{self, Host, Report};
 use crate::run_error::RunError;
@@ -64,6 +65,8 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     kick::install()
         .map_err(|e| io::Error::from_raw_os_error(e.errno()))
         .map_err(|source| RunError::Host { what: "install the kick's signal handler", source })?;
+    // Given back after all threads have been let go.
+    let devices = Devices::take(file)?;
     let channels = Channels::new(file.channels())?;
     // Dropped after all threads have been let go.
     let domains = Domains::set_up(file.schedules())?;
@@ -74,6 +77,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         file,
         kvm: machine::open_kvm()?,
         channels: &channels,
+        devices: &devices,
         domains: &domains,
         sender,
         bell: clone(&bell)?,
@@ -98,7 +102,9 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let Preparation { closing, board, console, .. } = preparation;
     let mut run = Run { file, options, frequency, closing, board, host_ports };
     let screen = Screen::new(io::stdout(), raw);
+    let guard = devices.guard();
     let result = run.start(prepared, kickers, console, screen, signals, Endings { bell, ends });
+    drop(guard);
     terminal::restore();
     let report = result?;
     if let Some(path) = &options.report {

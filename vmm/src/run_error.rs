@@ -16,6 +16,7 @@ use crate::cpuset::CpusetError;
 use crate::host_ports::HostPortError;
 use crate::machine::MachineError;
 use crate::memory::MemoryError;
+use crate::passthrough::error::DeviceError;
 use crate::supervisor::SupervisorError;
 use crate::vcpu::thread::ThreadError;
 
@@ -37,6 +38,8 @@ pub enum RunError {
     Channel(#[from] ChannelError),
     #[error(transparent)]
     HostPort(#[from] HostPortError),
+    #[error(transparent)]
+    Device(#[from] DeviceError),
     #[error(transparent)]
     Start(#[from] StartError),
     #[error(transparent)]

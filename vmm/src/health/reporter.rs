@@ -62,9 +62,17 @@ pub struct Answer {
 impl Answer {
     /// Lets the guest's side answer an exit.
     pub fn to(exit: VcpuExit<'_>, guest: &mut impl Guest) -> Answer {
-        let access = Access::of(&exit);
+        Self::by(Access::of(&exit), guest, |guest| guest.handle(exit))
+    }
+
+    /// The answer that `handle` gives to an exit with this access.
+    pub fn by<G: Guest>(
+        access: Option<Access>,
+        guest: &mut G,
+        handle: impl FnOnce(&mut G) -> Step,
+    ) -> Answer {
         let before = guest.illegal_accesses();
-        let step = guest.handle(exit);
+        let step = handle(guest);
         let count = guest.illegal_accesses().saturating_sub(before);
         Answer { step, illegal: access.filter(|_| count > 0).map(|access| (access, count)) }
     }

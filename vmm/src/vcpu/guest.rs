@@ -7,6 +7,7 @@ use takt_abi::{Exception, exception_name};
 use takt_scheduler::time::{Timebase, Tsc};
 use takt_scheduler::timetable::{Release, Slot};
 
+use super::port_access::PortAccess;
 use super::record::Scan;
 use crate::boot::StartMode;
 use crate::health::Detail;
@@ -112,6 +113,25 @@ pub trait Guest {
 
     /// Answers an exit.
     fn handle(&mut self, exit: VcpuExit<'_>) -> Step;
+
+    /// Whether accesses to this port are the guest's to make, by [`access`](Self::access) and not
+    /// by [`handle`](Self::handle).
+    fn has_port(&self, _port: u16) -> bool {
+        false
+    }
+
+    /// Makes an access to a port of the guest's.
+    fn access(&mut self, _access: PortAccess<'_>) -> Step {
+        Step::Resume
+    }
+
+    /// Ranges of the host's ports that the guest's thread needs for that, both ends included.
+    fn host_ports(&self) -> Vec<[u16; 2]> {
+        Vec::new()
+    }
+
+    /// The guest does not run any more, unless it is loaded anew. To be told on its own thread.
+    fn left(&mut self) {}
 
     /// What the guest claims of the release with this sequence number, or `None` if it does not
     /// claim to have started it. A claim, not a fact.

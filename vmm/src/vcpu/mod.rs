@@ -27,6 +27,7 @@ pub mod kick;
 pub mod kicker;
 pub mod linux;
 pub mod plc;
+pub mod port_access;
 pub mod record;
 pub mod thread;
 pub mod windowed;

@@ -9,10 +9,12 @@ use takt_scheduler::timetable::{Release, Slot};
 use vm_memory::{Bytes, GuestAddress};
 
 use super::guest::{End, Guest, Step, handle_common};
+use super::port_access::PortAccess;
 use super::record::Scan;
 use crate::boot::{Start, StartMode, StartReason};
 use crate::health::{Detail, Text};
 use crate::memory::{GuestMemory, Page};
+use crate::passthrough::Granted;
 
 /// A PLC guest.
 pub struct PlcGuest {
@@ -23,6 +25,8 @@ pub struct PlcGuest {
     announced: Information,
     console: DroppingOutput,
     illegal: u64,
+    /// Also what keeps the devices' memory mapped.
+    devices: Option<Granted>,
 }
 
 impl PlcGuest {
@@ -54,7 +58,13 @@ impl PlcGuest {
         };
         let (information, status) = (memory.information()?, memory.status()?);
         let memory = memory.clone();
-        Some(Self { memory, information, status, announced, console, illegal: 0 })
+        Some(Self { memory, information, status, announced, console, illegal: 0, devices: None })
+    }
+
+    /// With these devices of the host's.
+    #[must_use]
+    pub fn with_devices(self, devices: Option<Granted>) -> Self {
+        Self { devices, ..self }
     }
 
     /// The guest has been loaded anew and is about to start.
@@ -141,6 +151,30 @@ impl Guest for PlcGuest {
             // Also a write to the read-only information page.
             VcpuExit::MmioWrite(..) => self.illegal(),
             other => handle_common(&other),
+        }
+    }
+
+    fn has_port(&self, port: u16) -> bool {
+        self.devices.as_ref().is_some_and(|devices| devices.ports.has(port))
+    }
+
+    fn access(&mut self, mut access: PortAccess<'_>) -> Step {
+        let devices = self.devices.as_mut();
+        if devices.is_some_and(|devices| devices.ports.perform(&mut access)) {
+            Step::Resume
+        } else {
+            self.illegal()
+        }
+    }
+
+    fn host_ports(&self) -> Vec<[u16; 2]> {
+        let ranges = self.devices.iter().flat_map(|devices| devices.ports.ranges());
+        ranges.map(|range| [range.host, range.host_last()]).collect()
+    }
+
+    fn left(&mut self) {
+        if let Some(devices) = &self.devices {
+            devices.safe_values.write();
         }
     }
 

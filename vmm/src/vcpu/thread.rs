@@ -19,6 +19,7 @@ use thiserror::Error;
 use super::Control;
 use super::kick::{self, Kickable};
 use crate::cpuset::Entry;
+use crate::passthrough::host_ports::grant;
 
 /// All memory is locked, so a stack costs what it may grow to; these threads need little.
 const STACK: usize = 128 * 1024;
@@ -32,6 +33,8 @@ pub struct Place {
     pub domain: Option<Entry>,
     /// Its SCHED_DEADLINE reservation; `None` for the ordinary class.
     pub reservation: Option<Reservation>,
+    /// Ranges of the host's I/O ports that it may use, both ends included.
+    pub ports: Vec<[u16; 2]>,
 }
 
 /// A thread could not be made what it has to be.
@@ -74,6 +77,20 @@ pub enum ThreadError {
         cpu: Cpu,
         /// What was asked for.
         reservation: Reservation,
+        /// What the host said.
+        source: io::Error,
+    },
+    /// The thread got no privilege for its I/O ports.
+    #[error(
+        "thread {name} may not use the I/O ports {first:#x} to {last:#x}: {source}; this needs root (CAP_SYS_RAWIO), and a kernel with ioperm that is not locked down"
+    )]
+    Ports {
+        /// The thread.
+        name: String,
+        /// The first of them.
+        first: u16,
+        /// The last of them.
+        last: u16,
         /// What the host said.
         source: io::Error,
     },
@@ -182,6 +199,7 @@ fn spawn<P, T: Send + 'static>(
     let run = move || {
         control.thread.store(kick::this_thread(), Ordering::SeqCst);
         let prepared = pin(&thread_name, &place)
+            .and_then(|()| allow_ports(&thread_name, &place))
             .and_then(|()| prepare())
             .and_then(|p| reserve(&thread_name, &place).map(|()| p));
         match prepared {
@@ -220,6 +238,18 @@ fn pin(name: &str, place: &Place) -> Result<(), ThreadError> {
         name: name.to_owned(),
         cpu: place.cpu,
         source,
+    })
+}
+
+/// Once, and for these only: the thread can never get at others.
+fn allow_ports(name: &str, place: &Place) -> Result<(), ThreadError> {
+    place.ports.iter().try_for_each(|&[first, last]| {
+        grant(first, last).map_err(|source| ThreadError::Ports {
+            name: name.to_owned(),
+            first,
+            last,
+            source,
+        })
     })
 }
 

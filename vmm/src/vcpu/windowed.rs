@@ -17,9 +17,10 @@ use takt_scheduler::timetable::{Slot, Timetable};
 use super::Control;
 use super::guest::{End, Guest, KvmFailure, Step};
 use super::kick::Kickable;
+use super::port_access::PortAccess;
 use super::record::{DETOURS_MAX, Detour, Exit, Record, WindowRecord};
 use crate::boot::StartMode;
-use crate::health::{Answer, Detail, Reporter};
+use crate::health::{Access, Answer, Detail, Reporter};
 
 /// When a partition runs.
 pub struct Plan {
@@ -284,7 +285,20 @@ impl Windowed {
             match result {
                 Ok(exit) => {
                     last = Some((reason(&exit), left));
-                    let answer = Answer::to(exit, guest);
+                    let access = Access::of(&exit);
+                    let answer = match exit {
+                        VcpuExit::IoIn(port, _) | VcpuExit::IoOut(port, _)
+                            if guest.has_port(port) =>
+                        {
+                            Answer::by(access, guest, |guest| {
+                                match PortAccess::of(kickable.vcpu()) {
+                                    Some(access) => guest.access(access),
+                                    None => Step::Ended(End::Kvm(KvmFailure::UnexpectedExit)),
+                                }
+                            })
+                        }
+                        exit => Answer::to(exit, guest),
+                    };
                     match health.conclude(answer, kickable.vcpu()) {
                         Step::Resume | Step::Raised(_) => {}
                         Step::Done => return ran(Outcome::Done),

@@ -1,0 +1,102 @@
+//! Why a device of the host's cannot be given to a partition.
+
+use std::io;
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use crate::memory::MemoryError;
+
+/// A device cannot be passed through. The partition file is right in itself; it is the host that
+/// has another device, or none, or needs it.
+#[derive(Debug, Error)]
+pub enum DeviceError {
+    /// There is no such device.
+    #[error("there is no device {device}: {}: {source}", path.display())]
+    Missing {
+        /// As the file names it.
+        device: String,
+        /// Where it was looked for.
+        path: PathBuf,
+        /// What the host said.
+        source: io::Error,
+    },
+    /// A driver of the host's uses it.
+    #[error(
+        "{function} is in use by the host's driver {driver}: write `unbind = true` beside its `pci`, or do `echo {function} > /sys/bus/pci/drivers/{driver}/unbind`"
+    )]
+    InUse {
+        /// The function.
+        function: String,
+        /// Its driver.
+        driver: String,
+    },
+    /// The host refused something.
+    #[error("cannot {what} {device}: {source}")]
+    Host {
+        /// What was attempted.
+        what: &'static str,
+        /// With which device.
+        device: String,
+        /// What the host said.
+        source: io::Error,
+    },
+    /// Something in sysfs is not as the kernel documents it.
+    #[error("{}: not understood", .0.display())]
+    Unexpected(PathBuf),
+    /// The function would still reach all memory.
+    #[error(
+        "bus mastering of {0} cannot be switched off: it could write any memory of the host; if it may, write `trusted_dma = true` beside its `pci`"
+    )]
+    MastersBus(String),
+    /// The register is not there or of the other kind.
+    #[error("register {bar} of {function} has no {wanted}")]
+    BarKind {
+        /// The function.
+        function: String,
+        /// The register.
+        bar: u8,
+        /// "I/O ports" or "memory".
+        wanted: &'static str,
+    },
+    /// There is less of it than the file says.
+    #[error("{device} has {has:#x} {unit}, and the partition file asks for {wanted:#x}")]
+    TooShort {
+        /// What.
+        device: String,
+        /// Its length.
+        has: u64,
+        /// What was asked for.
+        wanted: u64,
+        /// "ports" or "bytes".
+        unit: &'static str,
+    },
+    /// The start of a device's memory shares a page with something else.
+    #[error(
+        "{device} starts in the middle of a page, at {start:#x}: the guest would get what lies before it too; the kernel's `pci=resource_alignment=` can move it"
+    )]
+    Unaligned {
+        /// What.
+        device: String,
+        /// Its host-physical start.
+        start: u64,
+    },
+    /// It is memory of the host.
+    #[error("the host's addresses {0:#x} to {1:#x} are RAM, not a device")]
+    Ram(u64, u64),
+    /// What was found on the host overlaps.
+    #[error("{device} of {partition} and {other_device} of {other} meet on this host")]
+    Meet {
+        /// What.
+        device: String,
+        /// Whose.
+        partition: String,
+        /// What else.
+        other_device: String,
+        /// Whose.
+        other: String,
+    },
+    /// The guest cannot be given it.
+    #[error(transparent)]
+    Memory(#[from] MemoryError),
+}

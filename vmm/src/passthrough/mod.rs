@@ -1,0 +1,238 @@
+//! Devices of the host in the hands of a PLC.
+//!
+//! A PLC without outputs controls nothing, and a device model between it and its outputs would be
+//! one more thing to trust and to wait for. So the partition file gives ports and memory of real
+//! devices to a partition, and Takt stays out of the way as far as the processor lets it: memory
+//! is mapped into the guest and costs no exit; an access to a port is an exit, and the partition's
+//! own thread makes the same access on the host.
+//!
+//! What would be the alternative, VFIO, gives the ports and memory of a whole function, with an
+//! I/O memory management unit to confine its DMA. It does not know the ports of a board that is no
+//! PCI function, and it brings interrupts that a PLC without an interrupt controller does not take.
+//!
+//! All that can fail is done before a partition starts, by [`Devices::take`]; what is left for the
+//! guest's thread are loads, stores, `in` and `out`.
+
+pub mod error;
+pub mod host_ports;
+pub mod mapping;
+pub mod pci;
+pub mod ports;
+pub mod safe_values;
+mod source;
+
+use std::path::Path;
+use std::sync::Arc;
+
+use kvm_ioctls::VmFd;
+use takt_scheduler::table::PartitionId;
+
+use crate::config::{
+    Bar, DeviceMemory, MemorySource, Partition, PartitionFile, Passthrough, PortIo, SafePlace,
+};
+use crate::memory::MemoryError;
+use crate::vcpu::port_access::Width;
+use error::DeviceError;
+use host_ports::HostPorts;
+use mapping::Mapping;
+use pci::{Function, Terms};
+use ports::{PortMap, PortRange};
+use safe_values::{PanicGuard, SafeValues, Target, Write};
+
+const PCI_DEVICES: &str = "/sys/bus/pci/devices";
+
+/// The devices of all partitions. Dropping it gives them back to the host, so it has to outlive
+/// the guests.
+pub struct Devices {
+    /// By partition. Before `_functions`: mappings go before what they are of.
+    granted: Vec<Granted>,
+    _functions: Vec<Function>,
+}
+
+/// What one partition has been given.
+#[derive(Clone, Debug)]
+pub struct Granted {
+    /// Its ports.
+    pub ports: PortMap<HostPorts>,
+    /// What is written when it ends.
+    pub safe_values: SafeValues,
+    /// Guest-physical addresses, and what is there.
+    memory: Vec<(u64, Arc<Mapping>)>,
+}
+
+impl Granted {
+    /// Lets the guest of `vm` use the memory. `self` must be kept for as long as that guest.
+    ///
+    /// # Errors
+    /// [`MemoryError::Slot`].
+    pub fn map_into(&self, vm: &VmFd) -> Result<(), MemoryError> {
+        let mut all = (0..).zip(&self.memory);
+        all.try_for_each(|(index, (address, memory))| memory.map_into(vm, index, *address))
+    }
+}
+
+impl Devices {
+    /// Takes from the host what the file gives to partitions, and says what that meant for PCI
+    /// functions.
+    ///
+    /// # Errors
+    /// See [`DeviceError`].
+    pub fn take(file: &PartitionFile) -> Result<Self, DeviceError> {
+        let mut functions = Vec::new();
+        for partition in file.partitions() {
+            take_functions(partition, &mut functions)?;
+        }
+        let mut found = Found::default();
+        let granted = file.partitions().iter().map(|p| found.grant(p, &functions));
+        Ok(Self { granted: granted.collect::<Result<_, _>>()?, _functions: functions })
+    }
+
+    /// What a partition has been given; `None` for one of another file.
+    #[must_use]
+    pub fn of(&self, partition: PartitionId) -> Option<&Granted> {
+        self.granted.get(partition.0)
+    }
+
+    /// Makes a panic write the safe values of all partitions, for as long as the guard lives.
+    #[must_use]
+    pub fn guard(&self) -> PanicGuard {
+        PanicGuard::new(self.granted.iter().map(|granted| granted.safe_values.clone()).collect())
+    }
+}
+
+fn take_functions(partition: &Partition, functions: &mut Vec<Function>) -> Result<(), DeviceError> {
+    let Passthrough { ports, memory, .. } = partition.passthrough();
+    let of_memory = memory.iter().filter_map(|memory| match &memory.source {
+        MemorySource::Pci(bar) => Some(bar),
+        _ => None,
+    });
+    let bars: Vec<&Bar> = ports.iter().filter_map(|p| p.bar.as_ref()).chain(of_memory).collect();
+    for bar in &bars {
+        let name = bar.function.name();
+        if functions.iter().any(|function| function.name() == name) {
+            continue;
+        }
+        // A function has one driver and one bit, however many of its registers are named.
+        let same = || bars.iter().filter(|other| other.function == bar.function);
+        let terms = Terms {
+            unbind: same().any(|bar| bar.unbind),
+            trusted_dma: same().any(|bar| bar.trusted_dma),
+        };
+        let function = Function::take(Path::new(PCI_DEVICES), name, terms)?;
+        let driver = function
+            .driver()
+            .map_or(String::new(), |driver| format!("taken from the host's driver {driver}, "));
+        let master = if terms.trusted_dma {
+            "it may master the bus and so reach all memory of this machine"
+        } else {
+            "bus mastering is off"
+        };
+        eprintln!("takt: {name} for {}: {driver}{master}", partition.name());
+        functions.push(function);
+    }
+    Ok(())
+}
+
+/// Where things were found on the host: a name for what, whose it is, and from where to where.
+#[derive(Default)]
+struct Found {
+    ports: Vec<(String, String, [u64; 2])>,
+    memory: Vec<(String, String, [u64; 2])>,
+}
+
+impl Found {
+    fn grant(
+        &mut self,
+        partition: &Partition,
+        functions: &[Function],
+    ) -> Result<Granted, DeviceError> {
+        let Passthrough { ports, memory, safe_values } = partition.passthrough();
+        let mut ranges = Vec::with_capacity(ports.len());
+        for port_io in ports {
+            let range = range_of(port_io, functions)?;
+            let name = format!("the range of ports {:#x} to {:#x}", range.first, range.last);
+            let place = [range.host.into(), range.host_last().into()];
+            apart(&mut self.ports, name, partition.name(), place)?;
+            ranges.push(range);
+        }
+        let mut mappings = Vec::with_capacity(memory.len());
+        for entry in memory {
+            let (mapping, start) = map(entry, functions)?;
+            let place = [start, start.saturating_add(entry.bytes - 1)];
+            apart(&mut self.memory, format!("the mmio {}", entry.name), partition.name(), place)?;
+            mappings.push((entry.address, Arc::new(mapping)));
+        }
+        let writes = safe_values.iter().filter_map(|safe| {
+            let width = Width::of(safe.width)?;
+            let target = match safe.place {
+                SafePlace::Port(port) => {
+                    Target::Port(ranges.iter().find_map(|range| range.translate(port, width))?)
+                }
+                SafePlace::Register { memory, offset } => {
+                    Target::Register(mappings.get(memory)?.1.clone(), offset)
+                }
+            };
+            Some(Write { target, width, value: safe.value })
+        });
+        let safe_values = SafeValues::new(writes.collect());
+        Ok(Granted { ports: PortMap::new(&ranges, HostPorts), safe_values, memory: mappings })
+    }
+}
+
+/// The same ports behind two names would belong to two partitions.
+fn apart(
+    found: &mut Vec<(String, String, [u64; 2])>,
+    device: String,
+    partition: &str,
+    place: [u64; 2],
+) -> Result<(), DeviceError> {
+    let meets =
+        |(_, _, other): &&(String, String, [u64; 2])| place[0] <= other[1] && other[0] <= place[1];
+    if let Some((other_device, other, _)) = found.iter().find(meets) {
+        return Err(DeviceError::Meet {
+            device,
+            partition: partition.to_owned(),
+            other_device: other_device.clone(),
+            other: other.clone(),
+        });
+    }
+    found.push((device, partition.to_owned(), place));
+    Ok(())
+}
+
+fn function<'a>(bar: &Bar, functions: &'a [Function]) -> Result<&'a Function, DeviceError> {
+    let name = bar.function.name();
+    functions
+        .iter()
+        .find(|function| function.name() == name)
+        .ok_or_else(|| DeviceError::Unexpected(Path::new(PCI_DEVICES).join(name)))
+}
+
+fn range_of(port_io: &PortIo, functions: &[Function]) -> Result<PortRange, DeviceError> {
+    let PortIo { first, last, .. } = *port_io;
+    let Some(bar) = &port_io.bar else { return Ok(PortRange { first, last, host: first }) };
+    let function = function(bar, functions)?;
+    let (name, bar) = (function.name(), bar.bar);
+    let kind = || DeviceError::BarKind { function: name.to_owned(), bar, wanted: "I/O ports" };
+    let resource = function.resource(bar)?.filter(|r| r.is_ports()).ok_or_else(kind)?;
+    let wanted = u64::from(last - first) + 1;
+    if wanted > resource.length {
+        let device = format!("register {bar} of {name}");
+        return Err(DeviceError::TooShort { device, has: resource.length, wanted, unit: "ports" });
+    }
+    let end = resource.start.saturating_add(wanted - 1);
+    match (u16::try_from(resource.start), u16::try_from(end)) {
+        (Ok(host), Ok(_)) => Ok(PortRange { first, last, host }),
+        _ => Err(kind()),
+    }
+}
+
+fn map(entry: &DeviceMemory, functions: &[Function]) -> Result<(Mapping, u64), DeviceError> {
+    match &entry.source {
+        MemorySource::Pci(bar) => source::map_bar(function(bar, functions)?, bar.bar, entry.bytes),
+        MemorySource::Uio { device, map } => source::map_uio(device, *map, entry.bytes),
+        MemorySource::Physical { address } => {
+            Ok((source::map_physical(*address, entry.bytes)?, *address))
+        }
+    }
+}

@@ -1,0 +1,212 @@
+//! Taking a PCI function from the host, and giving it back.
+//!
+//! The host's driver must not use it meanwhile, its decoding of ports and memory has to be on, and
+//! above all it must not master the bus: a device that does can read and write all memory of the
+//! machine, whatever the memory slots of its partition say, and a guest that programs such a
+//! device can too. So the bus-master bit is cleared unless the file declares that it trusts device
+//! and guest. The guest cannot set it again: it has no way to the function's configuration space.
+//!
+//! All of it is done through sysfs (`Documentation/ABI/testing/sysfs-bus-pci` of the kernel), in a
+//! folder that is an argument, so that it is tested without devices.
+
+use std::fs::{self, File};
+use std::io;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+use super::error::DeviceError;
+
+/// Offset of the command register in the configuration space, and its bits (PCI Local Bus 3.0,
+/// 6.2.2).
+const COMMAND: u64 = 4;
+const COMMAND_PORTS: u16 = 1;
+const COMMAND_MEMORY: u16 = 1 << 1;
+const COMMAND_MASTER: u16 = 1 << 2;
+/// Kinds of a resource (`include/linux/ioport.h`).
+const RESOURCE_PORTS: u64 = 0x100;
+const RESOURCE_MEMORY: u64 = 0x200;
+
+/// What the partition file allows with a function.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Terms {
+    /// Unbind the host's driver.
+    pub unbind: bool,
+    /// Leave it able to master the bus.
+    pub trusted_dma: bool,
+}
+
+/// A PCI function that the host has handed over. Dropping it gives it back.
+#[derive(Debug)]
+pub struct Function {
+    name: String,
+    folder: PathBuf,
+    /// The driver it was taken from.
+    driver: Option<PathBuf>,
+    /// Whether it has been enabled for us.
+    enabled: bool,
+    /// The command register as it was found.
+    command: Option<u16>,
+}
+
+/// Where the kernel has put what is behind a register.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Resource {
+    /// First port or byte.
+    pub start: u64,
+    /// How many.
+    pub length: u64,
+    flags: u64,
+}
+
+impl Resource {
+    /// Whether it is I/O ports.
+    #[must_use]
+    pub const fn is_ports(&self) -> bool {
+        self.flags & RESOURCE_PORTS != 0
+    }
+
+    /// Whether it is memory.
+    #[must_use]
+    pub const fn is_memory(&self) -> bool {
+        self.flags & RESOURCE_MEMORY != 0
+    }
+}
+
+impl Function {
+    /// Takes the function `name` whose folder is in `devices`.
+    ///
+    /// # Errors
+    /// See [`DeviceError`]. What was changed until then is put back.
+    pub fn take(devices: &Path, name: &str, terms: Terms) -> Result<Self, DeviceError> {
+        let folder = devices.join(name);
+        fs::metadata(&folder).map_err(|source| DeviceError::Missing {
+            device: name.to_owned(),
+            path: folder.clone(),
+            source,
+        })?;
+        let mut this =
+            Self { name: name.to_owned(), folder, driver: None, enabled: false, command: None };
+        this.unbind(terms)?;
+        this.write("enable", "1").map_err(|e| this.cannot("enable", e))?;
+        this.enabled = true;
+        this.set_command(terms)?;
+        Ok(this)
+    }
+
+    /// As the file names it.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The name of the driver it was taken from.
+    #[must_use]
+    pub fn driver(&self) -> Option<String> {
+        let name = self.driver.as_ref()?.file_name()?;
+        Some(name.to_string_lossy().into_owned())
+    }
+
+    /// The file through which the memory behind a register is mapped.
+    #[must_use]
+    pub fn resource_file(&self, bar: u8) -> PathBuf {
+        self.folder.join(format!("resource{bar}"))
+    }
+
+    /// Where the kernel has put what is behind a register; `None` if there is nothing.
+    ///
+    /// # Errors
+    /// If sysfs does not tell.
+    pub fn resource(&self, bar: u8) -> Result<Option<Resource>, DeviceError> {
+        let path = self.folder.join("resource");
+        let text =
+            fs::read_to_string(&path).map_err(|e| self.cannot("read the resources of", e))?;
+        let unexpected = || DeviceError::Unexpected(path.clone());
+        let line = text.lines().nth(bar.into()).ok_or_else(unexpected)?;
+        let number = |text: &str| u64::from_str_radix(text.strip_prefix("0x")?, 16).ok();
+        let numbers: Vec<u64> =
+            line.split(' ').map(number).collect::<Option<_>>().ok_or_else(unexpected)?;
+        let &[start, end, flags] = &numbers[..] else { return Err(unexpected()) };
+        if flags == 0 {
+            return Ok(None);
+        }
+        let length =
+            end.checked_sub(start).and_then(|n| n.checked_add(1)).ok_or_else(unexpected)?;
+        Ok(Some(Resource { start, length, flags }))
+    }
+
+    fn unbind(&mut self, terms: Terms) -> Result<(), DeviceError> {
+        let Ok(driver) = self.folder.join("driver").canonicalize() else { return Ok(()) };
+        if !terms.unbind {
+            let driver = driver.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            return Err(DeviceError::InUse { function: self.name.clone(), driver });
+        }
+        fs::write(driver.join("unbind"), &self.name)
+            .map_err(|e| self.cannot("take the host's driver from", e))?;
+        self.driver = Some(driver);
+        Ok(())
+    }
+
+    fn set_command(&mut self, terms: Terms) -> Result<(), DeviceError> {
+        let config = self.config().map_err(|e| self.cannot("open the configuration of", e))?;
+        let failed = |e| self.cannot("set the command register of", e);
+        let found = read_command(&config).map_err(failed)?;
+        let wanted = match terms.trusted_dma {
+            true => found | COMMAND_PORTS | COMMAND_MEMORY | COMMAND_MASTER,
+            false => (found | COMMAND_PORTS | COMMAND_MEMORY) & !COMMAND_MASTER,
+        };
+        write_command(&config, wanted).map_err(failed)?;
+        let now = read_command(&config).map_err(failed)?;
+        self.command = Some(found);
+        if !terms.trusted_dma && now & COMMAND_MASTER != 0 {
+            return Err(DeviceError::MastersBus(self.name.clone()));
+        }
+        Ok(())
+    }
+
+    fn config(&self) -> io::Result<File> {
+        File::options().read(true).write(true).open(self.folder.join("config"))
+    }
+
+    fn write(&self, name: &str, text: &str) -> io::Result<()> {
+        fs::write(self.folder.join(name), text)
+    }
+
+    fn cannot(&self, what: &'static str, source: io::Error) -> DeviceError {
+        DeviceError::Host { what, device: self.name.clone(), source }
+    }
+
+    fn give_back(&self) -> io::Result<()> {
+        if let Some(command) = self.command {
+            write_command(&self.config()?, command)?;
+        }
+        if self.enabled {
+            self.write("enable", "0")?;
+        }
+        match &self.driver {
+            Some(driver) => fs::write(driver.join("bind"), &self.name),
+            None => Ok(()),
+        }
+    }
+}
+
+fn read_command(config: &File) -> io::Result<u16> {
+    let mut bytes = [0; 2];
+    config.read_exact_at(&mut bytes, COMMAND)?;
+    Ok(u16::from_le_bytes(bytes))
+}
+
+fn write_command(config: &File, command: u16) -> io::Result<()> {
+    config.write_all_at(&command.to_le_bytes(), COMMAND)
+}
+
+impl Drop for Function {
+    fn drop(&mut self) {
+        if let Err(error) = self.give_back() {
+            eprintln!("takt: cannot give {} back to the host: {error}", self.name);
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "pci_tests.rs"]
+mod tests;

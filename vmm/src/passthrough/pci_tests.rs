@@ -1,0 +1,129 @@
+use super::*;
+
+const NAME: &str = "0000:00:04.0";
+
+/// What sysfs would show of a function, in a folder of the test's own.
+struct Sysfs(PathBuf);
+
+impl Sysfs {
+    fn new(command: u16) -> Sysfs {
+        let name = format!("takt-pci-{}-{:?}", std::process::id(), std::thread::current().id());
+        let root = std::env::temp_dir().join(name);
+        let _ = fs::remove_dir_all(&root);
+        let this = Sysfs(root);
+        let function = this.function();
+        fs::create_dir_all(&function).unwrap();
+        let mut config = [0; 64];
+        config[4..6].copy_from_slice(&command.to_le_bytes());
+        fs::write(function.join("config"), config).unwrap();
+        fs::write(function.join("enable"), "").unwrap();
+        fs::write(
+            function.join("resource"),
+            "0x00000000fea00000 0x00000000feafffff 0x0000000000040200\n\
+             0x000000000000c080 0x000000000000c0ff 0x0000000000040101\n\
+             0x0000000000000000 0x0000000000000000 0x0000000000000000\n",
+        )
+        .unwrap();
+        this
+    }
+
+    fn function(&self) -> PathBuf {
+        self.0.join("devices").join(NAME)
+    }
+
+    fn bind(&self) {
+        let driver = self.0.join("drivers/some");
+        fs::create_dir_all(&driver).unwrap();
+        std::os::unix::fs::symlink(&driver, self.function().join("driver")).unwrap();
+    }
+
+    fn take(&self, terms: Terms) -> Result<Function, DeviceError> {
+        Function::take(&self.0.join("devices"), NAME, terms)
+    }
+
+    fn command(&self) -> u16 {
+        let config = fs::read(self.function().join("config")).unwrap();
+        u16::from_le_bytes([config[4], config[5]])
+    }
+
+    fn text(&self, path: &str) -> String {
+        fs::read_to_string(self.0.join(path)).unwrap_or_default()
+    }
+}
+
+impl Drop for Sysfs {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+#[test]
+fn bus_mastering_is_off_while_a_guest_has_the_function() {
+    let sysfs = Sysfs::new(0x404);
+    let function = sysfs.take(Terms::default()).unwrap();
+    assert_eq!(sysfs.command(), 0x403);
+    assert_eq!(fs::read_to_string(sysfs.function().join("enable")).unwrap(), "1");
+    drop(function);
+    assert_eq!(sysfs.command(), 0x404);
+    assert_eq!(fs::read_to_string(sysfs.function().join("enable")).unwrap(), "0");
+}
+
+#[test]
+fn a_trusted_function_may_master_the_bus() {
+    let sysfs = Sysfs::new(0);
+    let terms = Terms { trusted_dma: true, ..Terms::default() };
+    let function = sysfs.take(terms).unwrap();
+    assert_eq!(sysfs.command(), 7);
+    drop(function);
+    assert_eq!(sysfs.command(), 0);
+}
+
+#[test]
+fn the_hosts_driver_is_asked_before_it_is_taken_away() {
+    let sysfs = Sysfs::new(7);
+    sysfs.bind();
+    let error = sysfs.take(Terms::default()).unwrap_err().to_string();
+    assert!(error.starts_with("0000:00:04.0 is in use by the host's driver some: "), "{error}");
+    assert!(error.contains("echo 0000:00:04.0 > /sys/bus/pci/drivers/some/unbind"), "{error}");
+    assert_eq!((sysfs.command(), sysfs.text("drivers/some/unbind")), (7, String::new()));
+
+    let function = sysfs.take(Terms { unbind: true, ..Terms::default() }).unwrap();
+    assert_eq!(function.driver().as_deref(), Some("some"));
+    assert_eq!(sysfs.text("drivers/some/unbind"), NAME);
+    assert_eq!(sysfs.text("drivers/some/bind"), "");
+    drop(function);
+    assert_eq!(sysfs.text("drivers/some/bind"), NAME);
+    assert_eq!(sysfs.command(), 7);
+}
+
+#[test]
+fn registers_are_told_with_their_kind() {
+    let sysfs = Sysfs::new(0);
+    let function = sysfs.take(Terms::default()).unwrap();
+    let memory = function.resource(0).unwrap().unwrap();
+    assert_eq!((memory.start, memory.length), (0xfea0_0000, 0x10_0000));
+    assert!(memory.is_memory() && !memory.is_ports());
+    let ports = function.resource(1).unwrap().unwrap();
+    assert_eq!((ports.start, ports.length), (0xc080, 0x80));
+    assert!(ports.is_ports() && !ports.is_memory());
+    assert_eq!(function.resource(2).unwrap(), None);
+    assert!(matches!(function.resource(3), Err(DeviceError::Unexpected(_))));
+}
+
+#[test]
+fn what_sysfs_should_not_say_is_an_error() {
+    let sysfs = Sysfs::new(0);
+    let function = sysfs.take(Terms::default()).unwrap();
+    for line in ["", "0x1 0x2", "1 2 3", "0x2 0x1 0x200", "0x0 0xffffffffffffffff 0x200", "x y z"] {
+        fs::write(sysfs.function().join("resource"), format!("{line}\n")).unwrap();
+        assert!(matches!(function.resource(0), Err(DeviceError::Unexpected(_))), "{line}");
+    }
+}
+
+#[test]
+fn a_function_that_is_not_there_is_named() {
+    let sysfs = Sysfs::new(0);
+    let error = Function::take(&sysfs.0.join("devices"), "0000:00:05.0", Terms::default());
+    let error = error.unwrap_err().to_string();
+    assert!(error.starts_with("there is no device 0000:00:05.0: "), "{error}");
+}

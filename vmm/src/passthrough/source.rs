@@ -1,0 +1,144 @@
+//! Opening a device's memory: behind a register, by a UIO driver, or at a physical address.
+
+use std::fs::{self, File};
+use std::io;
+use std::path::Path;
+
+use takt_abi::memory::PAGE;
+
+use super::error::DeviceError;
+use super::mapping::Mapping;
+use super::pci::Function;
+
+/// The first `bytes` behind a register of `function`, and where the host has them.
+///
+/// # Errors
+/// See [`DeviceError`].
+pub fn map_bar(function: &Function, bar: u8, bytes: u64) -> Result<(Mapping, u64), DeviceError> {
+    let name = function.name();
+    let kind = || DeviceError::BarKind { function: name.to_owned(), bar, wanted: "memory" };
+    let resource = function.resource(bar)?.filter(|r| r.is_memory()).ok_or_else(kind)?;
+    let device = format!("register {bar} of {name}");
+    check_fit(&device, resource.start, resource.length, bytes)?;
+    let file = open(&function.resource_file(bar), &device)?;
+    Ok((map(&file, 0, bytes, &device)?, resource.start))
+}
+
+/// The first `bytes` of a map of a UIO device, and where the host has them.
+///
+/// # Errors
+/// See [`DeviceError`].
+pub fn map_uio(device: &str, map_index: u8, bytes: u64) -> Result<(Mapping, u64), DeviceError> {
+    let folder = Path::new("/sys/class/uio").join(device).join(format!("maps/map{map_index}"));
+    let name = format!("map {map_index} of {device}");
+    let number = |key: &str| {
+        let path = folder.join(key);
+        let text = fs::read_to_string(&path).map_err(|source| DeviceError::Missing {
+            device: name.clone(),
+            path: path.clone(),
+            source,
+        })?;
+        let digits = text.trim().strip_prefix("0x").unwrap_or_default();
+        u64::from_str_radix(digits, 16).map_err(|_| DeviceError::Unexpected(path))
+    };
+    let start = number("addr")?.saturating_add(number("offset")?);
+    check_fit(&name, start, number("size")?, bytes)?;
+    let file = open(&Path::new("/dev").join(device), &name)?;
+    // The offset chooses the map (Documentation/driver-api/uio-howto.rst, "mmap()").
+    Ok((map(&file, u64::from(map_index) * PAGE, bytes, &name)?, start))
+}
+
+/// Host-physical memory that is no RAM.
+///
+/// # Errors
+/// See [`DeviceError`].
+pub fn map_physical(address: u64, bytes: u64) -> Result<Mapping, DeviceError> {
+    let device = format!("physical memory at {address:#x}");
+    let last = address + (bytes - 1);
+    let text = fs::read_to_string("/proc/iomem").map_err(|source| DeviceError::Host {
+        what: "look for RAM at",
+        device: device.clone(),
+        source,
+    })?;
+    if meets_ram(&text, address, last) {
+        return Err(DeviceError::Ram(address, last));
+    }
+    let file = open(Path::new("/dev/mem"), &device)?;
+    map(&file, address, bytes, &device)
+}
+
+/// Whether some of these addresses are RAM. The list hides all addresses as zeros from whoever is
+/// not root, who cannot open `/dev/mem` either.
+fn meets_ram(iomem: &str, first: u64, last: u64) -> bool {
+    iomem.lines().filter(|line| line.ends_with(" : System RAM")).any(|line| {
+        let range = line.trim_start().split(' ').next().and_then(|range| range.split_once('-'));
+        let number = |text| u64::from_str_radix(text, 16).ok();
+        range
+            .and_then(|(from, to)| Some((number(from)?, number(to)?)))
+            .is_none_or(|(from, to)| from <= last && first <= to)
+    })
+}
+
+/// A guest gets whole pages, so what lies in the last one behind the device's memory is the
+/// guest's as well; in front of it there must be nothing.
+fn check_fit(device: &str, start: u64, length: u64, wanted: u64) -> Result<(), DeviceError> {
+    let device = device.to_owned();
+    if !start.is_multiple_of(PAGE) {
+        return Err(DeviceError::Unaligned { device, start });
+    }
+    if wanted > length.checked_next_multiple_of(PAGE).unwrap_or(length) {
+        return Err(DeviceError::TooShort { device, has: length, wanted, unit: "bytes" });
+    }
+    Ok(())
+}
+
+/// Synchronous, which for `/dev/mem` means uncached.
+fn open(path: &Path, device: &str) -> Result<File, DeviceError> {
+    use std::os::unix::fs::OpenOptionsExt;
+
+    let file = File::options().read(true).write(true).custom_flags(libc::O_SYNC).open(path);
+    file.map_err(|source| DeviceError::Missing {
+        device: device.to_owned(),
+        path: path.into(),
+        source,
+    })
+}
+
+fn map(file: &File, offset: u64, bytes: u64, device: &str) -> Result<Mapping, DeviceError> {
+    Mapping::new(file, offset, bytes).map_err(|source: io::Error| DeviceError::Host {
+        what: "map",
+        device: device.to_owned(),
+        source,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ram_is_found_wherever_the_range_touches_it() {
+        let iomem = "00000000-00000fff : Reserved\n00001000-0009fbff : System RAM\n\
+                     00100000-3fffffff : System RAM\n  01000000-01ffffff : Kernel code\n\
+                     fed00000-fed003ff : HPET 0\n";
+        assert!(!meets_ram(iomem, 0xfed0_0000, 0xfed0_0fff));
+        assert!(!meets_ram(iomem, 0xa0000, 0xfffff));
+        assert!(meets_ram(iomem, 0xa0000, 0x10_0000));
+        assert!(meets_ram(iomem, 0x3fff_f000, 0x4000_0fff));
+        assert!(meets_ram(iomem, 0x200_0000, 0x200_0fff));
+        assert!(meets_ram(iomem, 0, u64::MAX));
+    }
+
+    #[test]
+    fn an_entry_that_cannot_be_read_counts_as_ram() {
+        assert!(meets_ram("nonsense : System RAM\n", 0xfed0_0000, 0xfed0_0fff));
+    }
+
+    #[test]
+    fn memory_starts_at_a_page_and_is_as_long_as_was_asked_for() {
+        assert!(check_fit("d", 0xfea0_0000, 0x80, PAGE).is_ok());
+        assert!(check_fit("d", 0xfea0_0000, 0x80, 2 * PAGE).is_err());
+        assert!(check_fit("d", 0xfea0_0080, 0x80, PAGE).is_err());
+        assert!(check_fit("d", 0, u64::MAX, u64::MAX - PAGE + 1).is_ok());
+    }
+}
