@@ -6,6 +6,7 @@
 #   cpus       CPUs that the partition file uses
 #   command    what takt is to do there, as an array; it may write into /out
 #   work       an empty folder for temporary files
+#   devices    what else the machine is to have, as an array: see device_options
 # shellcheck shell=bash
 
 appliance=$root/target/appliance
@@ -16,7 +17,7 @@ overhead=$((160 << 20))
 # run_appliance: runs it to its end, with the console on standard input and output, and leaves
 # in $status the exit status that takt had there.
 run_appliance() {
-    local options=() words word qemu outcome=0
+    local options=() words word device qemu outcome=0
     append_files
     # loglevel=3 leaves the console to takt unless the kernel is dying. The kernel's tests of its
     # own cryptography would take longer than all the rest of its start, and two more of its parts
@@ -37,6 +38,10 @@ run_appliance() {
         # Where takt leaves its results; its other end is vmm/src/appliance/result_port.rs.
         -chardev "file,id=results,path=$work/results"
         -device "isa-debugcon,iobase=0x402,chardev=results")
+
+    for device in "${devices[@]}"; do
+        device_options "$device"
+    done
 
     remember_terminal
     # In the background, with this script waiting, a signal to the script ends QEMU at once; and
@@ -78,6 +83,28 @@ machine_options() {
         options=(-accel "tcg,thread=multi" "${emulated[@]}" -cpu "max,-hypervisor,npt=off"
             -smp "$cpus")
         ;;
+    esac
+}
+
+# device_options DEVICE: adds a device for a partition to drive. No driver of the appliance's
+# kernel knows any of them.
+device_options() {
+    local path
+    case $1 in
+    parallel=?*)
+        # In QEMU's options a comma of the path's own is written twice.
+        path=${1#*=}
+        options+=(-chardev "file,id=parallel,path=${path//,/,,}"
+            -device "isa-parallel,chardev=parallel")
+        ;;
+    can)
+        # The second card does not start with one of its two sides left open.
+        options+=(-object "can-bus,id=can" -object "can-bus,id=idle"
+            -device "kvaser_pci,canbus=can,addr=0x10"
+            -device "mioe3680_pci,canbus0=can,canbus1=idle,addr=0x11")
+        ;;
+    edu) options+=(-device "edu,addr=0x6") ;;
+    *) fail "unknown device $1; see scripts/run --help" ;;
     esac
 }
 
