@@ -1,0 +1,91 @@
+//! Devices of the host in the hands of a PLC: what it writes arrives, what is not its own does not
+//! answer, and safe values come last.
+
+use std::fs;
+
+use takt_tests::{File, plc_image, target};
+
+/// A parallel port, the registers of QEMU's `edu`, and what is printed at the end: the byte 0xa5.
+const DEVICES: &str = r#"
+[[partition.port_io]]
+ports = "0x378-0x37a"
+
+[[partition.mmio]]
+name = "edu"
+address = "0xd0000000"
+size = "4KiB"
+pci = "0000:00:06.0"
+bar = 0
+
+[[partition.safe_value]]
+mmio = "edu"
+offset = "0x4"
+width = 4
+value = "0x0"
+
+[[partition.safe_value]]
+port = "0x378"
+width = 1
+value = "0xa5"
+
+[[partition.safe_value]]
+port = "0x37a"
+width = 1
+value = "0x0d"
+
+[[partition.safe_value]]
+port = "0x37a"
+width = 1
+value = "0x0c"
+"#;
+
+/// Ports but those that are Takt's, and large pages of the devices' area.
+const PLACES: u64 = 0x1_0000 - 0x100 + 128;
+
+#[test]
+fn outputs_are_what_a_plc_writes_and_a_neighbour_reaches_none_of_them() {
+    let printed = target("tests").join("passthrough.printed");
+    let _ = fs::remove_file(&printed);
+    let device = format!("parallel={}", printed.display());
+    let outcome = File::new("1ms")
+        .plc("drive", Some(plc_image("outputs")), DEVICES)
+        .plc("sweep", Some(plc_image("sweep")), "")
+        .schedule("normal")
+        .window("drive", 0, 200)
+        .window("sweep", 300, 500)
+        .run("passthrough")
+        .lasting("4s")
+        .with("--device")
+        .with(&device)
+        .with("--device")
+        .with("edu")
+        .run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("takt: 0000:00:06.0 for drive: bus mastering is off");
+
+    // Each scan has printed one byte, none is missing, and then came the safe value, once.
+    outcome.assert_kept_its_time("drive", 3_000);
+    let printed = fs::read(printed).expect("QEMU has written the file");
+    let (last, scans) = printed.split_last().expect("something was printed");
+    assert_eq!(*last, 0xa5);
+    let odd = scans.iter().enumerate().find(|(scan, byte)| **byte != *scan as u8);
+    assert_eq!(odd, None, "of {}", scans.len());
+    let releases = outcome.number("drive", "releases");
+    assert!(releases.abs_diff(scans.len() as u64) <= 2, "{releases} and {}", scans.len());
+    assert_eq!(outcome.number("drive", "illegal_accesses"), 0);
+
+    // A store to a register is no exit: nearly free. One to a port is.
+    let ticks = |what: &str| {
+        let said = format!("ticks of a write to a {what}: ");
+        let (_, rest) = outcome.output.split_once(&said).expect("the costs are printed");
+        let digits: String = rest.chars().take_while(char::is_ascii_digit).collect();
+        digits.parse::<u64>().expect("a number")
+    };
+    assert!(ticks("register") < 100, "{}", outcome.output);
+    assert!(ticks("port") < 30_000, "{}", outcome.output);
+    outcome.assert_shows(", 0 wrong");
+
+    // The neighbour has tried everything, and each attempt was counted.
+    outcome.assert_shows(&format!("sweep: {PLACES} places tried, 0 answered"));
+    assert_eq!(outcome.number("sweep", "illegal_accesses"), PLACES);
+}
