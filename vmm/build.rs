@@ -15,7 +15,8 @@ fn main() {
         panic!("OUT_DIR is not set: this is a cargo build script");
     };
     let guest = Path::new("../plc-guest");
-    for watched in [guest, Path::new("../devices/abi"), Path::new("../devices/channel")] {
+    let crates = ["../devices/abi", "../devices/channel", "../devices/sja1000"].map(Path::new);
+    for watched in crates.into_iter().chain([guest]) {
         for inner in ["src", "build.rs", "Cargo.toml", "Cargo.lock", "link.ld", ".cargo"] {
             let path = watched.join(inner);
             if path.exists() {

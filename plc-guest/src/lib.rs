@@ -18,6 +18,7 @@
 
 #[cfg(not(test))]
 pub mod boot;
+pub mod can;
 pub mod channel;
 pub mod console;
 pub mod control;
@@ -34,6 +35,7 @@ pub mod mmio;
 pub mod pages;
 pub mod paging;
 pub mod port;
+pub mod sequence;
 #[cfg(not(test))]
 mod stack;
 
