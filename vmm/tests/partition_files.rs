@@ -133,14 +133,18 @@ fn scratch(name: &str) -> PathBuf {
     folder
 }
 
-/// An example, with empty files where it expects the images that `scripts/guest-image` makes.
+/// An example, with empty files where it expects the images that `scripts/guest-image` makes, and
+/// those of the PLC guests.
 fn example(name: &str) -> (PathBuf, PartitionFile) {
     let folder = scratch(&format!("example-{name}"));
     let images = folder.join("target/guest");
+    let plc_images = folder.join("plc-guest/target/x86_64-unknown-linux-gnu/release");
     fs::create_dir_all(&images).unwrap();
+    fs::create_dir_all(&plc_images).unwrap();
     fs::create_dir(folder.join("configs")).unwrap();
     fs::write(images.join("vmlinuz"), "").unwrap();
     fs::write(images.join("initrd.img"), "").unwrap();
+    fs::write(plc_images.join("can"), "").unwrap();
     let path = folder.join("configs").join(name);
     fs::copy(Path::new("../configs").join(name), &path).unwrap();
     let file = config::load(&path, None).unwrap_or_else(|error| panic!("{error}"));
