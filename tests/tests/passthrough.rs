@@ -3,7 +3,7 @@
 
 use std::fs;
 
-use takt_tests::{File, plc_image, target};
+use takt_tests::{File, Outcome, Run, long, plc_image, target};
 
 /// A parallel port, the registers of QEMU's `edu`, and what is printed at the end: the byte 0xa5.
 const DEVICES: &str = r#"
@@ -88,4 +88,34 @@ fn outputs_are_what_a_plc_writes_and_a_neighbour_reaches_none_of_them() {
     // The neighbour has tried everything, and each attempt was counted.
     outcome.assert_shows(&format!("sweep: {PLACES} places tried, 0 answered"));
     assert_eq!(outcome.number("sweep", "illegal_accesses"), PLACES);
+}
+
+/// A count in the last line that the guest `can` has printed.
+fn count(outcome: &Outcome, before: &str) -> u64 {
+    let line = outcome.output.lines().rfind(|line| line.contains("[plc] cycle "));
+    let line = line.unwrap_or_else(|| panic!("it says nothing\n{}", outcome.output));
+    let mut words = line.split([' ', ',']).filter(|word| !word.is_empty());
+    let value = words.find(|word| *word == before).and_then(|_| words.next()?.parse().ok());
+    value.unwrap_or_else(|| panic!("no {before} in {line}"))
+}
+
+#[test]
+fn every_can_frame_is_accounted_for() {
+    let (duration, frames) = if long() { ("60s", 59_000) } else { ("3s", 2_000) };
+    // The file names it.
+    let _ = plc_image("can");
+    let outcome = Run::of("configs/can.toml").lasting(duration).with("--device").with("can").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_kept_its_time("plc", frames);
+    assert_eq!(outcome.number("plc", "illegal_accesses"), 0, "{}", outcome.output);
+
+    let sent = count(&outcome, "sent");
+    assert!(sent >= frames, "{sent}\n{}", outcome.output);
+    // One in each cycle, but for the first, in which the controllers are started.
+    assert!(count(&outcome, "cycle").abs_diff(sent) <= 2, "{}", outcome.output);
+    assert_eq!(sent, count(&outcome, "received"), "{}", outcome.output);
+    for what in ["lost", "disordered", "refused", "foreign", "overruns", "recoveries"] {
+        assert_eq!(count(&outcome, what), 0, "{what}\n{}", outcome.output);
+    }
+    outcome.assert_shows("Active and Active");
 }
