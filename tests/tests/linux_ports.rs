@@ -1,0 +1,89 @@
+//! A Linux with ports: its programs, its shell, and what a hostile one can do.
+
+use std::path::Path;
+
+use takt_tests::{File, Outcome, initrd_with, long, plc_image};
+
+/// A PLC `peer` and a Linux, with a sampling and a queuing channel each way; those to Linux ring.
+/// Linux has the test programs, and executes `exec`.
+fn peer_and_linux(name: &str, exec: &str, duration: &str) -> Outcome {
+    let programs = [
+        env!("CARGO_BIN_EXE_exchange"),
+        env!("CARGO_BIN_EXE_hostile"),
+        env!("CARGO_BIN_EXE_compare"),
+    ];
+    let initrd = initrd_with(name, &programs.map(Path::new));
+    File::new("1ms")
+        .plc("plc", Some(plc_image("peer")), "")
+        .linux_with(&initrd, exec)
+        .ringing_channels("plc", "linux")
+        .channels("linux", "plc")
+        .schedule("normal")
+        .window("plc", 0, 200)
+        .run(name)
+        .lasting(duration)
+        .run()
+}
+
+/// What the PLC has seen, by its last line.
+fn plc_counts(outcome: &Outcome, what: &str) -> u64 {
+    let line = outcome.output.lines().rfind(|line| line.contains("[plc] cycle "));
+    let line = line.unwrap_or_else(|| panic!("the PLC says nothing\n{}", outcome.output));
+    let (_, rest) = line.split_once(&format!("{what} ")).unwrap_or_else(|| panic!("{line}"));
+    let digits = rest.split(|c: char| !c.is_ascii_digit()).next();
+    digits.and_then(|digits| digits.parse().ok()).unwrap_or_else(|| panic!("{line}"))
+}
+
+#[test]
+fn a_plc_and_a_linux_exchange_records_and_the_shell_goes_on_where_the_program_stopped() {
+    let (count, duration) = if long() { (20_000, "60s") } else { (1_000, "3500ms") };
+    let outcome = peer_and_linux(
+        "linux-exchange",
+        &format!(
+            "exchange {count}; takt-port list; takt-port status; \
+             takt-port recv receive --hex --timeout 1s | cut -c1-32; \
+             takt-port recv in; echo status $?"
+        ),
+        duration,
+    );
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("exchange: all right");
+    outcome.assert_shows("receive  queuing   destination  512    4      refuse  -        yes");
+    // No record lies between the program's last one and the shell's.
+    let next = u64::to_le_bytes(count + 1).map(|byte| format!("{byte:02x}")).concat();
+    outcome.assert_shows(&next.repeat(2));
+    outcome.assert_shows("takt-port: port in is a sampling port");
+    outcome.assert_shows("status 4");
+    outcome.assert_kept_its_time("plc", 1_000);
+    for what in ["wrong", "hostile"] {
+        assert_eq!(plc_counts(&outcome, what), 0, "{what}\n{}", outcome.output);
+    }
+}
+
+#[test]
+fn a_linux_that_writes_to_all_of_its_device_harms_nobody_else() {
+    let (seeds, steps, duration) =
+        if long() { ("1 2 3 4 5 6 7 8", 100_000, "60s") } else { ("1 2", 5_000, "4s") };
+    let exec = format!("for seed in {seeds}; do hostile $seed {steps}; done; echo survived");
+    let outcome = peer_and_linux("linux-hostile", &exec, duration);
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("survived");
+    let done = outcome.output.matches("table unchanged").count();
+    assert_eq!(done, seeds.split(' ').count(), "{}", outcome.output);
+    outcome.assert_kept_its_time("plc", 1_000);
+    assert_eq!(outcome.number("plc", "illegal_accesses"), 0);
+    // It is noticed at both ends.
+    assert!(plc_counts(&outcome, "hostile") > 0, "{}", outcome.output);
+    assert!(outcome.number("linux", "illegal_accesses") > 1_000, "{}", outcome.output);
+}
+
+#[test]
+fn channels_are_compared_with_what_linux_has_of_its_own() {
+    if !long() {
+        return;
+    }
+    let exec = "ifconfig lo up; modprobe vsock_loopback; compare 2000; echo status $?";
+    let outcome = peer_and_linux("linux-compare", exec, "20s");
+    outcome.assert_shows("status 0");
+    assert!(!outcome.output.contains("not measured"), "{}", outcome.output);
+}
