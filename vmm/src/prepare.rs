@@ -247,7 +247,7 @@ impl Preparation<'_> {
         let reservation =
             CpuReservations::of(schedules, cpu).partitions.into_iter().find(|(p, _)| *p == id);
         let reservation = reservation.map(|(_, r)| r);
-        let ports = guest.host_ports();
+        let ports = guest.io_ranges();
         let place = Place { cpu, domain: self.domains.entry(cpu), reservation, ports };
         let (thread, records): (_, Option<Consumer<Record>>) = match plan {
             Some(plan) => {

@@ -14,10 +14,10 @@
 //! guest's thread are loads, stores, `in` and `out`.
 
 pub mod error;
-pub mod host_ports;
 pub mod mapping;
 pub mod pci;
 pub mod ports;
+pub mod real_ports;
 pub mod safe_values;
 mod source;
 
@@ -33,10 +33,10 @@ use crate::config::{
 use crate::memory::MemoryError;
 use crate::vcpu::port_access::Width;
 use error::DeviceError;
-use host_ports::HostPorts;
 use mapping::Mapping;
 use pci::{Function, Terms};
 use ports::{PortMap, PortRange};
+use real_ports::RealPorts;
 use safe_values::{PanicGuard, SafeValues, Target, Write};
 
 const PCI_DEVICES: &str = "/sys/bus/pci/devices";
@@ -53,11 +53,11 @@ pub struct Devices {
 #[derive(Clone, Debug)]
 pub struct Granted {
     /// Its ports.
-    pub ports: PortMap<HostPorts>,
+    pub ports: PortMap<RealPorts>,
     /// What is written when it ends.
     pub safe_values: SafeValues,
     /// Guest-physical addresses, and what is there.
-    memory: Vec<(u64, Arc<Mapping>)>,
+    pub memory: Vec<(u64, Arc<Mapping>)>,
 }
 
 impl Granted {
@@ -175,7 +175,7 @@ impl Found {
             Some(Write { target, width, value: safe.value })
         });
         let safe_values = SafeValues::new(writes.collect());
-        Ok(Granted { ports: PortMap::new(&ranges, HostPorts), safe_values, memory: mappings })
+        Ok(Granted { ports: PortMap::new(&ranges, RealPorts), safe_values, memory: mappings })
     }
 }
 

@@ -18,9 +18,9 @@ use std::panic;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::host_ports::{HostPorts, grant};
 use super::mapping::Mapping;
 use super::ports::Ports;
+use super::real_ports::{RealPorts, grant};
 use crate::vcpu::port_access::Width;
 
 /// One value.
@@ -62,13 +62,13 @@ impl SafeValues {
 
     /// Writes all of them, from a thread that has been granted the ports.
     pub fn write(&self) {
-        self.write_with(&mut HostPorts, |_, _| true);
+        self.write_with(&mut RealPorts, |_, _| true);
     }
 
     /// Writes all of them, from any thread.
     fn write_from_anywhere(&self) {
         let may = |first, last| grant(first, last).is_ok();
-        self.write_with(&mut HostPorts, may);
+        self.write_with(&mut RealPorts, may);
     }
 
     /// A port for which the privilege is refused is left out: the access would end the process.

@@ -126,7 +126,7 @@ pub trait Guest {
     }
 
     /// Ranges of the host's ports that the guest's thread needs for that, both ends included.
-    fn host_ports(&self) -> Vec<[u16; 2]> {
+    fn io_ranges(&self) -> Vec<[u16; 2]> {
         Vec::new()
     }
 

@@ -167,7 +167,7 @@ impl Guest for PlcGuest {
         }
     }
 
-    fn host_ports(&self) -> Vec<[u16; 2]> {
+    fn io_ranges(&self) -> Vec<[u16; 2]> {
         let ranges = self.devices.iter().flat_map(|devices| devices.ports.ranges());
         ranges.map(|range| [range.host, range.host_last()]).collect()
     }
@@ -200,6 +200,10 @@ impl Guest for PlcGuest {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::passthrough::ports::{PortMap, PortRange};
+    use crate::passthrough::real_ports::RealPorts;
+    use crate::passthrough::safe_values::SafeValues;
+    use crate::vcpu::port_access::{Direction, Width};
     use takt_devices::output;
     use takt_scheduler::schedules::ScheduleId;
     use takt_scheduler::time::TscFrequency;
@@ -315,6 +319,25 @@ mod tests {
         assert_eq!(data, [0xff; 8]);
         assert_eq!(guest.handle(VcpuExit::MmioWrite(0xc000_0000, &data)), Step::Resume);
         assert_eq!(guest.illegal_accesses(), 3);
+    }
+
+    #[test]
+    fn an_access_that_leaves_its_range_is_illegal() {
+        let (guest, _memory, _end) = guest();
+        assert!(!guest.has_port(0x378));
+        let range = PortRange { first: 0x378, last: 0x37a, host: 0x1378 };
+        let mut guest = guest.with_devices(Some(Granted {
+            ports: PortMap::new(&[range], RealPorts),
+            safe_values: SafeValues::default(),
+            memory: Vec::new(),
+        }));
+        assert_eq!(guest.io_ranges(), [[0x1378, 0x137a]]);
+        assert!(guest.has_port(0x37a) && !guest.has_port(0x37b) && !guest.has_port(0x1378));
+        let mut data = [0; 4];
+        let (port, width, direction) = (0x37a, Width::Four, Direction::In);
+        let access = PortAccess { port, width, direction, data: &mut data };
+        assert_eq!(guest.access(access), Step::Resume);
+        assert_eq!((data, guest.illegal_accesses()), ([0xff; 4], 1));
     }
 
     #[test]

@@ -19,7 +19,7 @@ use thiserror::Error;
 use super::Control;
 use super::kick::{self, Kickable};
 use crate::cpuset::Entry;
-use crate::passthrough::host_ports::grant;
+use crate::passthrough::real_ports::grant;
 
 /// All memory is locked, so a stack costs what it may grow to; these threads need little.
 const STACK: usize = 128 * 1024;

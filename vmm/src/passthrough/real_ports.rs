@@ -24,9 +24,9 @@ pub fn grant(first: u16, last: u16) -> io::Result<()> {
 /// The ports of the host, for a thread that has been [granted](grant) what it uses. An access to
 /// another one ends the process.
 #[derive(Clone, Copy, Debug)]
-pub struct HostPorts;
+pub struct RealPorts;
 
-impl Ports for HostPorts {
+impl Ports for RealPorts {
     fn read(&mut self, port: u16, width: Width) -> u32 {
         let value: u32;
         // SAFETY: an access to a port changes no memory of this process by itself. What the device
