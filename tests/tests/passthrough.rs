@@ -5,7 +5,8 @@ use std::fs;
 
 use takt_tests::{File, Outcome, Run, long, plc_image, target};
 
-/// A parallel port, the registers of QEMU's `edu`, and what is printed at the end: the byte 0xa5.
+/// A parallel port, the registers of QEMU's `edu`, and what is printed at the end: the byte 0xa5. The
+/// guest may be stopped with the strobe on, so that goes off first.
 const DEVICES: &str = r#"
 [[partition.port_io]]
 ports = "0x378-0x37a"
@@ -22,6 +23,11 @@ mmio = "edu"
 offset = "0x4"
 width = 4
 value = "0x0"
+
+[[partition.safe_value]]
+port = "0x37a"
+width = 1
+value = "0x0c"
 
 [[partition.safe_value]]
 port = "0x378"
@@ -52,7 +58,7 @@ fn outputs_are_what_a_plc_writes_and_a_neighbour_reaches_none_of_them() {
         .plc("sweep", Some(plc_image("sweep")), "")
         .schedule("normal")
         .window("drive", 0, 200)
-        .window("sweep", 300, 500)
+        .window("sweep", 300, 400)
         .run("passthrough")
         .lasting("4s")
         .with("--device")
