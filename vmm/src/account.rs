@@ -7,6 +7,8 @@ use takt_devices::output::OutputEnd;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 
+use crate::boot::StartMode;
+use crate::control::Orders;
 use crate::gather::Gather;
 use crate::health::Watch;
 use crate::restart::Restart;
@@ -64,6 +66,10 @@ pub struct Account {
     pub finished: Option<Finished>,
     /// True if an error of it has ended the run.
     pub ended_run: bool,
+    /// How its guest was started last.
+    pub start_mode: StartMode,
+    /// What an operator wants of it.
+    pub orders: Orders,
     /// Output that is no whole line yet.
     pub lines: Lines,
 }
@@ -77,8 +83,10 @@ impl Account {
     }
 
     /// Takes note that its guest was started anew.
-    pub fn restarted(&mut self) {
+    pub fn restarted(&mut self, mode: StartMode) {
         self.restarts += 1;
+        self.start_mode = mode;
+        self.orders = Orders::default();
         if let Some(releases) = &mut self.releases {
             releases.restarted();
         }

@@ -11,6 +11,7 @@ pub mod cause;
 pub mod channels;
 pub mod check;
 pub mod config;
+pub mod control;
 pub mod cpuset;
 pub mod doorbell;
 pub mod gather;

@@ -65,6 +65,9 @@ struct Run {
     /// Write every window to this file, for ui.perfetto.dev or chrome://tracing.
     #[arg(long, value_name = "OUT.json")]
     trace: Option<PathBuf>,
+    /// Make the control socket here, instead of where the file says.
+    #[arg(long, value_name = "PATH")]
+    control: Option<PathBuf>,
     /// What the report says of how Takt was started.
     #[arg(long, default_value = "direct")]
     lane: String,
@@ -75,8 +78,8 @@ struct Run {
 
 impl Run {
     fn run(self, then: impl FnOnce(&Report)) -> u8 {
-        let Run { file, duration, report, trace, lane, without_kick } = self;
-        let options = Options { duration, report, trace, lane, without_kick };
+        let Run { file, duration, report, trace, control, lane, without_kick } = self;
+        let options = Options { duration, report, trace, control, lane, without_kick };
         with_file(&file, Some(host_cpus()), |file| run_partitions(file, &options, then))
     }
 }

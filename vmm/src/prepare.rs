@@ -28,6 +28,7 @@ use crate::boot::plc::PlcImage;
 use crate::boot::touch::touch;
 use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile, ScheduleChange};
+use crate::control::Orders;
 use crate::cpuset::Domains;
 use crate::doorbell;
 use crate::gather::Gather;
@@ -280,6 +281,8 @@ impl Preparation<'_> {
             restarts: 0,
             finished: None,
             ended_run: false,
+            start_mode: StartMode::Cold,
+            orders: Orders::default(),
             lines: Lines::default(),
         };
         Ok(Prepared { account, thread, init: None })

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::fs;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::host_ports::Account as HostPort;
 use crate::worst::{LateStart, LongScan};
@@ -158,7 +158,7 @@ pub struct Releases {
 }
 
 /// A distribution, in nanoseconds if it is one of times.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Summary {
     /// Smallest value, exact.
     pub min: u64,

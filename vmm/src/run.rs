@@ -21,6 +21,7 @@ use crate::account::Account;
 use crate::appliance;
 use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile};
+use crate::control::{Facts, Listener, Server};
 use crate::cpuset::Domains;
 use crate::health::Fault;
 use crate::host_ports::{self, HostPorts};
@@ -49,6 +50,8 @@ pub struct Options {
     pub report: Option<PathBuf>,
     /// Write a trace of every window here.
     pub trace: Option<PathBuf>,
+    /// Where the control socket is, instead of what the partition file says.
+    pub control: Option<PathBuf>,
     /// How Takt was started, for the report.
     pub lane: String,
     /// For tests: windows are not ended by kicks, so that only SCHED_DEADLINE is left.
@@ -65,6 +68,13 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     kick::install()
         .map_err(|e| io::Error::from_raw_os_error(e.errno()))
         .map_err(|source| RunError::Host { what: "install the kick's signal handler", source })?;
+    let operators = options
+        .control
+        .as_deref()
+        .or(file.control())
+        .map(Listener::bind)
+        .transpose()?
+        .map(|listener| (Server::new(listener), Facts::new(file)));
     // Given back after all threads have been let go.
     let devices = Devices::take(file)?;
     let channels = Channels::new(file.channels())?;
@@ -100,7 +110,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let raw = terminal::make_raw()
         .map_err(|source| RunError::Host { what: "put the terminal into raw mode", source })?;
     let Preparation { closing, board, console, .. } = preparation;
-    let mut run = Run { file, options, frequency, closing, board, host_ports };
+    let mut run = Run { file, options, frequency, closing, board, host_ports, operators };
     let screen = Screen::new(io::stdout(), raw);
     let guard = devices.guard();
     let result = run.start(prepared, kickers, console, screen, signals, Endings { bell, ends });
@@ -122,6 +132,8 @@ struct Run<'a> {
     board: Arc<SwitchBoard>,
     /// Until the supervisor has them.
     host_ports: Option<HostPorts>,
+    /// Until the supervisor has it.
+    operators: Option<(Server, Facts)>,
 }
 
 impl Run<'_> {
@@ -150,6 +162,7 @@ impl Run<'_> {
         let mut supervisor =
             Supervisor::new(accounts, desk, trace, screen, console, signals, endings)?;
         supervisor.host_ports = self.host_ports.take();
+        supervisor.operators = self.operators.take();
         let names: Vec<&str> = self.file.partitions().iter().map(Partition::name).collect();
         supervisor.screen.line(
             "takt",
@@ -261,7 +274,7 @@ impl Run<'_> {
                 Kind::Plc { .. } => "plc",
                 Kind::Linux { .. } => "linux",
             },
-            end: finished.map_or("its thread died".to_owned(), |f| f.end.to_string()),
+            end: account.end().unwrap_or("its thread died".to_owned()),
             failed: account.ended_run || finished.is_none_or(|f| f.end.is_failure()),
             restarts: account.restarts,
             cpu_share: cpu_time.0 as f64 / duration.0.max(1) as f64,

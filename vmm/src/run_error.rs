@@ -12,6 +12,7 @@ use crate::boot::long_mode::StartError;
 use crate::boot::plc::PlcImageError;
 use crate::boot::touch::TouchError;
 use crate::channels::ChannelError;
+use crate::control::SocketError;
 use crate::cpuset::CpusetError;
 use crate::host_ports::HostPortError;
 use crate::machine::MachineError;
@@ -54,6 +55,8 @@ pub enum RunError {
     Pci(#[from] WindowFull),
     #[error("two devices of the Linux machine collide: {0}")]
     Ports(#[from] Overlap),
+    #[error(transparent)]
+    Control(#[from] SocketError),
     #[error("cannot lock memory: {0}; run as root, or raise the limit (ulimit -l unlimited)")]
     Lock(io::Error),
     #[error("cannot {what}: {source}")]
@@ -66,6 +69,11 @@ impl RunError {
     /// True if it is a file of the user's that is at fault, not the host.
     #[must_use]
     pub const fn is_users(&self) -> bool {
-        matches!(self, RunError::Plc { .. } | RunError::Linux { .. })
+        matches!(
+            self,
+            RunError::Plc { .. }
+                | RunError::Linux { .. }
+                | RunError::Control(SocketError::InUse(_) | SocketError::NotASocket(_))
+        )
     }
 }

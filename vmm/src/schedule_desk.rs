@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use takt_scheduler::schedules::ScheduleId;
-use takt_scheduler::switch::SwitchBoard;
+use takt_scheduler::switch::{Status, SwitchBoard, SwitchError};
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 
 /// The operator's side of the [`SwitchBoard`].
@@ -61,6 +61,20 @@ impl ScheduleDesk {
         }
     }
 
+    /// Asks for the schedule at this position in the file.
+    ///
+    /// # Errors
+    /// See [`SwitchError`].
+    pub fn ask_for(&self, position: usize) -> Result<(), SwitchError> {
+        self.board.request(ScheduleId(position), self.now())
+    }
+
+    /// Where the schedule stands at this time since the epoch.
+    #[must_use]
+    pub fn status(&self, now: Nanos) -> Status {
+        self.board.status(now)
+    }
+
     /// The switch that has taken effect since the last call.
     pub fn poll(&mut self) -> Option<Switched> {
         let status = self.board.status(self.now());
@@ -74,7 +88,9 @@ impl ScheduleDesk {
         Some(Switched { at, offset, schedule: status.current, name })
     }
 
-    fn now(&self) -> Nanos {
+    /// Time since the epoch.
+    #[must_use]
+    pub fn now(&self) -> Nanos {
         self.base.offset(Tsc::now())
     }
 }

@@ -14,7 +14,7 @@ use event_manager::{EventManager, EventOps, EventSet, Events, MutEventSubscriber
 use takt_devices::output::WaitingOutput;
 use takt_devices::serial::SerialPort;
 use takt_scheduler::table::PartitionId;
-use takt_scheduler::time::{Timebase, Tsc};
+use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use thiserror::Error;
 use vmm_sys_util::eventfd::EventFd;
 use vmm_sys_util::signal::{block_signal, create_sigset};
@@ -22,6 +22,8 @@ use vmm_sys_util::timerfd::TimerFd;
 
 use crate::account::{Account, Finished};
 use crate::boot::{Start, StartMode, StartReason};
+use crate::control::protocol::EventKind;
+use crate::control::{Facts, Operated, Server};
 use crate::health::{Action, Verdict};
 use crate::host_ports::HostPorts;
 use crate::init_watch::InitWatch;
@@ -99,6 +101,8 @@ pub struct Supervisor {
     pub trace: Option<Trace>,
     /// The ends of channels that are Takt's own.
     pub host_ports: Option<HostPorts>,
+    /// The control socket, if there is one.
+    pub operators: Option<(Server, Facts)>,
     desk: ScheduleDesk,
     keyboard: Keyboard,
     stdin: Stdin,
@@ -135,6 +139,7 @@ impl Supervisor {
             screen,
             trace,
             host_ports: None,
+            operators: None,
             desk,
             keyboard: Keyboard::default(),
             stdin: io::stdin(),
@@ -188,8 +193,11 @@ impl Supervisor {
             let base = self.desk.base();
             account.take_records(PartitionId(id), base.frequency, &mut self.trace);
             let Account { name, health, .. } = account;
-            let show = |line: &str| self.screen.line("takt", &format!("{name}: {line}"));
-            health.take(base, base.offset(Tsc::now()), show);
+            let now = base.offset(Tsc::now());
+            health.take(base, now, |line| {
+                self.screen.line("takt", &format!("{name}: {line}"));
+                tell(&mut self.operators, now, EventKind::Health, Some(name), line);
+            });
         }
     }
 
@@ -209,8 +217,9 @@ impl Supervisor {
             self.drain();
             let base = self.desk.base();
             let Some(account) = self.accounts.get_mut(id.0) else { continue };
-            let Account { name, lines, health, restart, .. } = account;
-            let screen = &mut self.screen;
+            let Account { name, lines, health, .. } = account;
+            let (screen, operators) = (&mut self.screen, &mut self.operators);
+            let now = self.desk.now();
             lines.finish(|line| screen.line(name, line));
             let start = match finished.end {
                 End::ScheduleChange(mode) => {
@@ -218,7 +227,10 @@ impl Supervisor {
                     Some(Start { mode, reason: StartReason::ScheduleChange })
                 }
                 _ => {
-                    let show = |line: &str| screen.line("takt", &format!("{name}: {line}"));
+                    let show = |line: &str| {
+                        screen.line("takt", &format!("{name}: {line}"));
+                        tell(operators, now, EventKind::Health, Some(name), line);
+                    };
                     let verdict = health.end(&finished, base, show);
                     let shut_down = matches!(verdict, Some(v) if v.action == Action::ShutDown);
                     account.ended_run |= shut_down;
@@ -226,21 +238,34 @@ impl Supervisor {
                     start_of(verdict)
                 }
             };
+            if let Some(outcome) = account.obey(finished) {
+                screen.line("takt", &format!("{}: {}", account.name, outcome.text));
+                tell(operators, now, outcome.kind, Some(&account.name), &outcome.text);
+                continue;
+            }
+            let Account { name, restart, .. } = account;
             let (start, failure) = match (start, &*restart) {
                 (Some(start), Some(restart)) => match restart.start(start) {
-                    Ok(()) => (true, None),
-                    Err(error) => (false, Some(error)),
+                    Ok(()) => (Some(start), None),
+                    Err(error) => (None, Some(error)),
                 },
-                (_, restart) => (false, restart.as_ref().and_then(Restart::failure)),
+                (_, restart) => (None, restart.as_ref().and_then(Restart::failure)),
             };
             if let Some(error) = failure {
                 screen.line("takt", &format!("{name}: {error}"));
             }
-            if start {
-                account.restarted();
-            } else {
-                account.finished = Some(finished);
-            }
+            let text = finished.end.to_string();
+            let kind = match start {
+                Some(start) => {
+                    account.restarted(start.mode);
+                    EventKind::Restarted
+                }
+                None => {
+                    account.finished = Some(finished);
+                    EventKind::Ended
+                }
+            };
+            tell(operators, now, kind, Some(&account.name), &text);
         }
     }
 
@@ -249,6 +274,7 @@ impl Supervisor {
     pub fn without_restarts(mut self) -> Self {
         for account in &mut self.accounts {
             account.restart = None;
+            account.orders.forget();
         }
         self
     }
@@ -256,9 +282,25 @@ impl Supervisor {
     /// Says when a switch of the schedule has taken effect.
     fn watch_schedule(&mut self) {
         let Some(switched) = self.desk.poll() else { return };
-        self.screen.line("takt", &switched.to_string());
+        let text = switched.to_string();
+        self.screen.line("takt", &text);
+        tell(&mut self.operators, switched.offset, EventKind::Schedule, None, &text);
         if let Some(trace) = &mut self.trace {
             trace.switch(switched.at, switched.schedule);
+        }
+    }
+
+    /// Answers the clients of the control socket.
+    fn serve_operators(&mut self) {
+        let Some((server, facts)) = &mut self.operators else { return };
+        let (accounts, desk) = (&mut self.accounts[..], &self.desk);
+        let mut run = Operated { facts, accounts, desk, outcomes: Vec::new() };
+        server.serve(&mut run);
+        let outcomes = run.outcomes;
+        for (name, outcome) in outcomes {
+            self.screen.line("takt", &format!("{name}: {}", outcome.text));
+            let now = self.desk.now();
+            tell(&mut self.operators, now, outcome.kind, Some(&name), &outcome.text);
         }
     }
 
@@ -310,6 +352,19 @@ fn start_of(verdict: Option<Verdict>) -> Option<Start> {
     Some(Start { mode, reason: StartReason::HealthMonitor })
 }
 
+/// Tells the clients of the control socket of an event.
+fn tell(
+    operators: &mut Option<(Server, Facts)>,
+    at: Nanos,
+    kind: EventKind,
+    partition: Option<&str>,
+    text: &str,
+) {
+    if let Some((server, _)) = operators {
+        server.tell(at, kind, partition, text);
+    }
+}
+
 /// `Stdin` is buffered by the standard library: only reading through it sees all bytes, and it
 /// reads no more than one descriptor event announces.
 const STDIN: RawFd = libc::STDIN_FILENO;
@@ -346,12 +401,15 @@ impl MutEventSubscriber for Supervisor {
             self.watch_schedule();
             self.deliver_typed();
             self.serve_host_ports(HostPorts::on_tick);
+            self.serve_operators();
         } else if self.host_ports.as_ref().is_some_and(|ports| fd == ports.as_raw_fd()) {
             self.serve_host_ports(HostPorts::on_ready);
         } else if fd == self.endings.bell.as_raw_fd() {
             let _ = self.endings.bell.read();
             self.note_endings();
-            self.running &= self.accounts.iter().any(|a| a.finished.is_none());
+            // What an operator has stopped he may start again.
+            let goes_on = |a: &Account| a.finished.is_none() || a.orders.stopped();
+            self.running &= self.accounts.iter().any(goes_on);
         } else {
             Self::acknowledge(&mut self.signals);
             self.running = false;

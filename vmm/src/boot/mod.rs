@@ -21,6 +21,8 @@ pub enum StartMode {
 pub enum StartReason {
     /// A switch of the schedule.
     ScheduleChange,
+    /// An operator wants it.
+    Operator,
     /// An error.
     HealthMonitor,
 }

@@ -14,6 +14,7 @@ use thiserror::Error;
 use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
+use crate::control::SOCKET_PATH_MAX;
 
 /// Longest path that Linux takes, with its final NUL (`PATH_MAX` in `uapi/linux/limits.h`).
 const PATH_MAX: usize = 4096;
@@ -58,6 +59,20 @@ pub fn resolve(folder: &Path, path: &Spanned<String>) -> Result<Image, Diagnosti
     Ok(Image { span: path.span(), path: without_dots(&folder.join(text)) })
 }
 
+/// The absolute path that the path of a socket stands for.
+pub fn resolve_socket(folder: &Path, path: &Spanned<String>) -> Result<PathBuf, Diagnostic> {
+    let found = match resolve(folder, path) {
+        Ok(image) if image.path.as_os_str().len() <= SOCKET_PATH_MAX => return Ok(image.path),
+        Ok(_) => "is too long for a socket",
+        Err(_) => "cannot be that of a socket",
+    };
+    let found = format!("the path {} {found}", quote(path.get_ref()));
+    let allowed = format!(
+        "1 to {SOCKET_PATH_MAX} bytes together with the folder's path, without control characters"
+    );
+    Err(Diagnostic::new(path.span(), found, allowed))
+}
+
 fn without_dots(path: &Path) -> PathBuf {
     let mut clean = PathBuf::new();
     for component in path.components() {
@@ -97,6 +112,19 @@ mod tests {
         assert_eq!(at("./x/./y"), Path::new("/a/configs/x/y"));
         assert_eq!(at("../../../../x"), Path::new("/x"));
         assert_eq!(at("/boot/x"), Path::new("/boot/x"));
+    }
+
+    #[test]
+    fn a_socket_has_a_short_path_from_the_root() {
+        let at = |path: &str| {
+            let path = Spanned::new(0..path.len(), path.to_owned());
+            resolve_socket(Path::new("/plant"), &path).ok()
+        };
+        assert_eq!(at("../run/takt.sock").unwrap(), Path::new("/run/takt.sock"));
+        let longest = "x".repeat(SOCKET_PATH_MAX - "/plant/".len());
+        assert!(at(&longest).is_some());
+        assert!(at(&(longest + "x")).is_none());
+        assert!(at("").is_none());
     }
 
     #[test]

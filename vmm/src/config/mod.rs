@@ -74,6 +74,7 @@ pub struct PartitionFile {
     schedules: Schedules,
     partitions: Vec<Partition>,
     channels: Vec<Channel>,
+    control: Option<PathBuf>,
 }
 
 impl PartitionFile {
@@ -99,6 +100,12 @@ impl PartitionFile {
     #[must_use]
     pub fn schedules(&self) -> &Schedules {
         &self.schedules
+    }
+
+    /// Absolute path of the control socket, if there is to be one.
+    #[must_use]
+    pub fn control(&self) -> Option<&Path> {
+        self.control.as_deref()
     }
 
     /// All partitions; [`PartitionId`] is the position in here.
@@ -307,6 +314,8 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     let name = names::check_name(&system.name)?.to_owned();
     schedules::check_frame(&system.major_frame)?;
     let folder = path.parent().unwrap_or(Path::new("/"));
+    let socket = system.control.as_ref();
+    let control = socket.map(|path| images::resolve_socket(folder, path)).transpose()?;
     let around = Surroundings { folder, host_cpus, frame: &system.major_frame };
     let header = file.system.span();
     let mut partitions = partition::check_all(&file.partition.0, &header, around)?;
@@ -326,5 +335,5 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     partitions.iter().flat_map(|p| &p.images).try_for_each(images::check)?;
     host_ports::check_files(&file.channel.0, &channels)?;
     let partitions = partitions.into_iter().map(|p| p.partition).collect();
-    Ok(PartitionFile { path, name, schedule_names, schedules, partitions, channels })
+    Ok(PartitionFile { path, name, schedule_names, schedules, partitions, channels, control })
 }

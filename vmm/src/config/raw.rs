@@ -42,6 +42,7 @@ pub struct File {
 pub struct System {
     pub name: Spanned<String>,
     pub major_frame: Spanned<Duration>,
+    pub control: Option<Spanned<String>>,
 }
 
 #[derive(Debug, serde::Deserialize)]

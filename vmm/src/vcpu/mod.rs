@@ -35,12 +35,13 @@ pub mod windowed;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
 
-use takt_scheduler::time::Tsc;
+use takt_scheduler::time::{Nanos, Tsc};
 
 /// What other threads may know of a vCPU's thread and ask of it.
 #[derive(Debug, Default)]
 pub struct Control {
     stop: AtomicBool,
+    halt: AtomicBool,
     /// End of the window that is being run, as a TSC value; 0 outside a window.
     running_until: AtomicU64,
     /// When the window that is being run was ended by a kick, as a TSC value; 0 if it was not.
@@ -62,9 +63,35 @@ impl Control {
         }
     }
 
-    /// True once [`stop_all`](Self::stop_all) was called.
+    /// Asks this thread to leave its guest, whatever that does, and to wait for a new start.
+    pub fn halt(&self) {
+        self.halt.store(true, Ordering::SeqCst);
+        self.kick();
+    }
+
+    /// The thread has told of its end: nothing more is asked of it.
+    pub fn halted(&self) {
+        self.halt.store(false, Ordering::SeqCst);
+    }
+
+    /// CPU time that the thread has used so far; `None` if there is no such thread.
+    #[must_use]
+    pub fn cpu_time(&self) -> Option<Nanos> {
+        match self.thread.load(Ordering::SeqCst) {
+            0 => None,
+            thread => thread::cpu_time_of(thread),
+        }
+    }
+
+    /// True if the guest shall run no more: the thread is to end or to wait.
     #[must_use]
     pub fn stopping(&self) -> bool {
+        self.ending() || self.halt.load(Ordering::SeqCst)
+    }
+
+    /// True once [`stop_all`](Self::stop_all) was called: the thread is to end.
+    #[must_use]
+    pub fn ending(&self) -> bool {
         self.stop.load(Ordering::SeqCst)
     }
 

@@ -74,7 +74,7 @@ impl PlcGuest {
             StartMode::Warm => start::WARM,
         };
         self.announced.start_condition = match reason {
-            StartReason::ScheduleChange => start::PARTITION_RESTART,
+            StartReason::ScheduleChange | StartReason::Operator => start::PARTITION_RESTART,
             StartReason::HealthMonitor => start::HEALTH_MONITOR,
         };
     }

@@ -264,6 +264,22 @@ fn reserve(name: &str, place: &Place) -> Result<(), ThreadError> {
     })
 }
 
+/// Clock of a thread's CPU time: `make_thread_cpuclock(tid, CPUCLOCK_SCHED)` in the kernel's
+/// `include/linux/posix-timers.h`.
+const fn cpu_clock(thread: i32) -> libc::clockid_t {
+    const PER_THREAD: i32 = 4;
+    const SCHED: i32 = 2;
+    !thread << 3 | PER_THREAD | SCHED
+}
+
+/// CPU time that a thread of this process has used since it started; `None` if it is gone.
+pub(super) fn cpu_time_of(thread: i32) -> Option<Nanos> {
+    let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    // SAFETY: fills in a live timespec; an unknown clock is refused.
+    let result = unsafe { libc::clock_gettime(cpu_clock(thread), &raw mut time) };
+    (result == 0).then(|| Nanos(time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64))
+}
+
 /// CPU time that the calling thread has used since it started.
 #[must_use]
 pub fn cpu_time() -> Nanos {
@@ -271,4 +287,25 @@ pub fn cpu_time() -> Nanos {
     // SAFETY: fills in a live timespec; cannot fail for the calling thread's own clock.
     unsafe { libc::clock_gettime(libc::CLOCK_THREAD_CPUTIME_ID, &raw mut time) };
     Nanos(time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_time_of_a_thread_is_known_to_others_until_it_is_gone() {
+        let (tell, told) = channel();
+        let (end, ended) = channel::<()>();
+        let thread = std::thread::spawn(move || {
+            let before = cpu_time();
+            tell.send((kick::this_thread(), before)).unwrap();
+            let _ = ended.recv();
+        });
+        let (id, before) = told.recv().unwrap();
+        assert!(cpu_time_of(id).unwrap() >= before);
+        drop(end);
+        thread.join().unwrap();
+        assert_eq!(cpu_time_of(i32::MAX >> 3), None);
+    }
 }

@@ -208,7 +208,11 @@ impl Windowed {
     /// Sleeps until `instant`; false if the partition is to stop. A kick that comes just before
     /// the sleep is lost, but what it is for is seen before the next one, a frame later at most.
     fn sleep(&self, instant: Tsc, control: &Control) -> bool {
-        while !control.stopping() {
+        self.sleep_unless(instant, || control.stopping())
+    }
+
+    fn sleep_unless(&self, instant: Tsc, ends: impl Fn() -> bool) -> bool {
+        while !ends() {
             if sleep_until(instant, self.base.frequency) == Woken::OnTime {
                 return true;
             }
@@ -216,7 +220,8 @@ impl Windowed {
         false
     }
 
-    /// Sleeps until the partition's next window, without a guest; false if it is to stop.
+    /// Sleeps until the partition's next window, without a guest; false if the thread is to end. An
+    /// order to halt is for a guest, and there is none.
     pub fn next_window(&mut self, control: &Control) -> bool {
         loop {
             let switch = self.plan.board.switch();
@@ -226,7 +231,7 @@ impl Windowed {
                 Slot::Window(release) => release.start,
                 Slot::Idle(idle) => idle.start,
             };
-            if !self.sleep(self.base.instant(start), control) {
+            if !self.sleep_unless(self.base.instant(start), || control.ending()) {
                 return false;
             }
             if matches!(self.slot, Slot::Window(release) if Tsc::now() < self.base.instant(release.end))

@@ -1,0 +1,126 @@
+//! One connection, with its two bounded buffers.
+//!
+//! As long as a client has not taken what it asked for, nothing more is read from it: what it sends
+//! then piles up in its own kernel buffer. Only events come unasked, and they pile up to
+//! [`BACKLOG_MAX`] at most.
+
+use std::io::{ErrorKind, Read, Write};
+use std::os::unix::net::UnixStream;
+
+use super::protocol::LINE_MAX;
+
+/// Bytes of events that a client may be behind with.
+const BACKLOG_MAX: usize = 64 * 1024;
+/// Turns in a row in which a client may take nothing of what waits for it: 10 s of ticks.
+pub(super) const PATIENCE: u32 = 500;
+
+/// A client.
+pub(super) struct Client {
+    stream: UnixStream,
+    /// What came and is no whole line yet, or was not read yet.
+    input: Vec<u8>,
+    /// What was not sent yet.
+    output: Vec<u8>,
+    /// True if it gets every event.
+    pub follows: bool,
+    /// Nothing more is read; when all is sent, it goes.
+    closing: bool,
+    /// Turns without progress.
+    stalled: u32,
+}
+
+/// What came from a client.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Came {
+    /// A line, without its newline.
+    Line(Vec<u8>),
+    /// The start of a line that is too long.
+    TooLong,
+    /// Nothing at present.
+    Nothing,
+}
+
+impl Client {
+    pub fn new(stream: UnixStream) -> Client {
+        Client {
+            stream,
+            input: Vec::new(),
+            output: Vec::new(),
+            follows: false,
+            closing: false,
+            stalled: 0,
+        }
+    }
+
+    /// Sends what waits; false if the client is gone, or is to go.
+    pub fn flush(&mut self) -> bool {
+        let mut sent = 0;
+        while let Some(rest) = self.output.get(sent..).filter(|rest| !rest.is_empty()) {
+            match self.stream.write(rest) {
+                Ok(count) if count > 0 => sent += count,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == ErrorKind::WouldBlock => break,
+                _ => return false,
+            }
+        }
+        self.output.drain(..sent);
+        self.stalled = if sent > 0 || self.output.is_empty() { 0 } else { self.stalled + 1 };
+        self.stalled <= PATIENCE && !(self.closing && self.output.is_empty())
+    }
+
+    /// True if it may ask for something.
+    pub fn may_ask(&self) -> bool {
+        self.output.is_empty() && !self.closing
+    }
+
+    /// Takes the next line.
+    pub fn receive(&mut self) -> Came {
+        loop {
+            let end = self.input.iter().take(LINE_MAX).position(|byte| *byte == b'\n');
+            if let Some(end) = end {
+                let rest = self.input.split_off(end + 1);
+                let mut line = std::mem::replace(&mut self.input, rest);
+                line.pop();
+                return Came::Line(line);
+            }
+            if self.input.len() >= LINE_MAX {
+                self.input = Vec::new();
+                return Came::TooLong;
+            }
+            let mut buffer = [0; 4096];
+            match self.stream.read(&mut buffer) {
+                Ok(0) => {
+                    self.close();
+                    return Came::Nothing;
+                }
+                Ok(count) => self.input.extend_from_slice(buffer.get(..count).unwrap_or_default()),
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => {
+                    if error.kind() != ErrorKind::WouldBlock {
+                        self.close();
+                    }
+                    return Came::Nothing;
+                }
+            }
+        }
+    }
+
+    /// Sends a line as soon as there is room.
+    pub fn answer(&mut self, line: &[u8]) {
+        self.output.extend_from_slice(line);
+    }
+
+    /// Sends an event; false if the client is too far behind.
+    pub fn tell(&mut self, line: &[u8]) -> bool {
+        let fits = self.output.len() + line.len() <= BACKLOG_MAX;
+        if fits {
+            self.output.extend_from_slice(line);
+        }
+        fits
+    }
+
+    /// Lets it go when all is sent.
+    pub fn close(&mut self) {
+        self.closing = true;
+    }
+}

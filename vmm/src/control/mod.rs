@@ -1,0 +1,38 @@
+//! The control socket: how an operator's program asks a running Takt, and tells it what to do.
+//!
+//! A plant is not run from a keyboard alone: another program wants to see whether the PLC keeps its
+//! time, and to stop a partition or switch the schedule. It does so through a Unix socket, one line
+//! of JSON for each request and each answer ([`protocol`]; `docs/control.md` is its reference).
+//!
+//! ```text
+//!  client --connect, lines--> Listener, Client (bounded) --Request--> Operator
+//!         <--lines----------- Server, Journal            <--Answer---
+//! ```
+//!
+//! Who may do that is a matter of the file's permissions: the socket belongs to whoever started
+//! Takt, and nobody else can open it (mode 0600). A client is not trusted beyond that. It may hang,
+//! flood or send garbage, and none of it may become a matter of time for a partition. So:
+//!
+//! * The event thread serves all clients on its tick and is never woken by one. However often a
+//!   client writes, it is looked at fifty times a second, for a bounded number of requests.
+//! * Every buffer has an end. Who sends a line that is too long, or does not read what it asked
+//!   for, is let go of.
+//! * vCPU threads take no part in it. An order to one is a flag and a kick, as at the run's end.
+
+mod client;
+mod facts;
+mod listener;
+mod operated;
+mod operator;
+mod orders;
+pub mod protocol;
+mod server;
+#[cfg(test)]
+mod tests;
+
+pub use facts::Facts;
+pub use listener::{Listener, PATH_MAX as SOCKET_PATH_MAX, SocketError};
+pub use operated::Operated;
+pub use operator::Operator;
+pub use orders::{Order, Orders};
+pub use server::Server;

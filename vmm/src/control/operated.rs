@@ -1,0 +1,132 @@
+//! The run as it really is, for the control socket.
+
+use takt_scheduler::time::Nanos;
+
+use super::facts::Facts;
+use super::operator::Operator;
+use super::orders::Outcome;
+use super::protocol::{
+    ErrorKind, Mode, PartitionStatus, Refusal, ReleaseStatus, ScheduleStatus, Status,
+};
+use crate::account::Account;
+use crate::health::Fault;
+use crate::schedule_desk::ScheduleDesk;
+
+/// What of the event thread an operator sees and changes.
+pub struct Operated<'a> {
+    /// What never changes.
+    pub facts: &'a Facts,
+    /// The partitions, in the order of the file.
+    pub accounts: &'a mut [Account],
+    /// The schedules.
+    pub desk: &'a ScheduleDesk,
+    /// What has come of orders: the partition and the outcome.
+    pub outcomes: Vec<(String, Outcome)>,
+}
+
+impl Operated<'_> {
+    fn find(&mut self, name: &str) -> Result<&mut Account, Refusal> {
+        // Not repeated in the text: it is whatever a client has sent.
+        let text = "there is no partition of this name";
+        let missing = || Refusal::new(ErrorKind::NoSuchPartition, text);
+        self.accounts.iter_mut().find(|account| account.name == name).ok_or_else(missing)
+    }
+
+    fn done(&mut self, partition: &str, outcome: Outcome) -> String {
+        let text = format!("{partition}: {}", outcome.text);
+        self.outcomes.push((partition.to_owned(), outcome));
+        text
+    }
+
+    fn schedule(&self, now: Nanos) -> ScheduleStatus {
+        let schedules = &self.facts.schedules;
+        let status = self.desk.status(now);
+        let current = &schedules[status.current.0];
+        ScheduleStatus {
+            names: schedules.iter().map(|schedule| schedule.name.clone()).collect(),
+            current: current.name.clone(),
+            next: schedules[status.next.0].name.clone(),
+            last_switch_ns: status.last_switch.map(|at| at.0),
+            windows: current.listed.clone(),
+            windows_left_out: current.left_out,
+        }
+    }
+}
+
+impl Operator for Operated<'_> {
+    fn status(&mut self) -> Status {
+        let now = self.desk.now();
+        let facts = self.facts;
+        let partitions = self.accounts.iter().zip(&facts.partitions).map(|(account, facts)| {
+            let cpu_time = account.cpu_time();
+            PartitionStatus {
+                name: account.name.clone(),
+                kind: facts.kind.to_owned(),
+                cpu: facts.cpu,
+                background: facts.background,
+                state: account.state(),
+                start_mode: account.start_mode.into(),
+                end: account.end(),
+                restarts: account.restarts,
+                cpu_time_ns: cpu_time.0,
+                cpu_share: cpu_time.0 as f64 / now.0.max(1) as f64,
+                illegal_accesses: account.health.count(Fault::IllegalRequest),
+                console_dropped: account.output.dropped(),
+                releases: account.releases.as_ref().map(|releases| {
+                    let latency_sum_ns = releases.latency_sum();
+                    let all = releases.report(0);
+                    ReleaseStatus {
+                        happened: all.releases,
+                        start_up_windows: all.start_up_windows,
+                        lost: all.lost,
+                        late: all.late_releases,
+                        overruns: all.overruns,
+                        latency_sum_ns,
+                        release_latency_ns: all.release_latency_ns,
+                        execution_ns: all.execution_ns,
+                        wake_up_latency_ns: all.wake_up_latency_ns,
+                    }
+                }),
+            }
+        });
+        Status {
+            takt: env!("CARGO_PKG_VERSION").to_owned(),
+            pid: facts.pid,
+            system: facts.system.clone(),
+            file: facts.file.clone(),
+            uptime_ns: now.0,
+            major_frame_ns: facts.frame.0,
+            schedule: self.schedule(now),
+            partitions: partitions.collect(),
+        }
+    }
+
+    fn stop(&mut self, partition: &str) -> Result<String, Refusal> {
+        self.find(partition)?.order_stop()
+    }
+
+    fn start(&mut self, partition: &str, mode: Mode) -> Result<String, Refusal> {
+        let outcome = self.find(partition)?.order_start(mode.into())?;
+        Ok(self.done(partition, outcome))
+    }
+
+    fn restart(&mut self, partition: &str, mode: Mode) -> Result<String, Refusal> {
+        match self.find(partition)?.order_restart(mode.into())? {
+            Some(outcome) => Ok(self.done(partition, outcome)),
+            None => Ok(format!("{partition} stops, and starts again")),
+        }
+    }
+
+    fn switch_schedule(&mut self, name: &str) -> Result<String, Refusal> {
+        let Some(position) = self.facts.schedules.iter().position(|s| s.name == name) else {
+            let text = "there is no schedule of this name";
+            return Err(Refusal::new(ErrorKind::NoSuchSchedule, text));
+        };
+        match self.desk.ask_for(position) {
+            Ok(()) => Ok(format!("schedule \"{name}\" will hold from the end of a frame on")),
+            Err(error) => {
+                Err(Refusal::new(ErrorKind::Refused, format!("schedule \"{name}\": {error}")))
+            }
+        }
+    }
+}

@@ -1,0 +1,33 @@
+//! What can be asked of a run.
+
+use super::protocol::{Mode, Refusal, Status};
+
+/// A run, as an operator sees it. Every call returns at once; the text says what will happen.
+pub trait Operator {
+    /// How the run stands.
+    fn status(&mut self) -> Status;
+
+    /// Asks a partition to stop.
+    ///
+    /// # Errors
+    /// Why it does not.
+    fn stop(&mut self, partition: &str) -> Result<String, Refusal>;
+
+    /// Starts a partition that has stopped or ended.
+    ///
+    /// # Errors
+    /// Why it is not started.
+    fn start(&mut self, partition: &str, mode: Mode) -> Result<String, Refusal>;
+
+    /// Asks a partition to stop and starts it again, or just starts it.
+    ///
+    /// # Errors
+    /// Why it is not started.
+    fn restart(&mut self, partition: &str, mode: Mode) -> Result<String, Refusal>;
+
+    /// Asks for a schedule.
+    ///
+    /// # Errors
+    /// Why it will not hold.
+    fn switch_schedule(&mut self, name: &str) -> Result<String, Refusal>;
+}

@@ -1,0 +1,150 @@
+//! Clients that hang, flood and lie cost nobody but themselves.
+
+use std::io::Write;
+
+use takt_scheduler::time::Nanos;
+
+use super::super::client::PATIENCE;
+use super::super::protocol::{Answer, EventKind, LINE_MAX, Request};
+use super::super::server::CLIENTS_MAX;
+use super::{Client, ErrorKind, Mode, Served};
+
+fn is_served(served: &mut Served, client: &mut Client) {
+    client.send(&Request::Status.line());
+    served.serve();
+    assert!(matches!(client.answer(), Answer::Status { .. }));
+}
+
+/// The generator of Marsaglia's "Xorshift RNGs" with the triple 13, 7, 17.
+fn random(state: &mut u64) -> u64 {
+    *state ^= *state << 13;
+    *state ^= *state >> 7;
+    *state ^= *state << 17;
+    *state
+}
+
+#[test]
+fn garbage_is_answered_with_an_error_each_and_harms_nobody() {
+    let mut served = Served::new();
+    let (mut hostile, mut other) = (served.client(), served.client());
+    let valid = Request::Restart("plc".into(), Mode::Cold).line();
+    for seed in 1..=300 {
+        let mut state = seed;
+        // Random bytes, or a request with some of its bytes changed.
+        let mut line: Vec<u8> = if seed % 2 == 0 {
+            (0..random(&mut state) % 300).map(|_| random(&mut state) as u8).collect()
+        } else {
+            valid
+                .iter()
+                .map(|b| if random(&mut state).is_multiple_of(20) { b ^ 0x11 } else { *b })
+                .collect()
+        };
+        line.retain(|byte| *byte != b'\n');
+        line.push(b'\n');
+        hostile.send(&line);
+        served.serve();
+        match hostile.answer() {
+            Answer::Error(_) | Answer::Done { .. } => {}
+            other => panic!("seed {seed}: {other:?}"),
+        }
+    }
+    is_served(&mut served, &mut other);
+    is_served(&mut served, &mut hostile);
+}
+
+#[test]
+fn a_line_has_an_end_or_the_connection_has() {
+    let mut served = Served::new();
+    let mut client = served.client();
+    let mut longest = Request::Status.line();
+    longest.splice(..0, vec![b' '; LINE_MAX - longest.len()]);
+    assert_eq!(longest.len(), LINE_MAX);
+    client.send(&longest);
+    served.serve();
+    assert!(matches!(client.answer(), Answer::Status { .. }));
+
+    longest.insert(0, b' ');
+    client.send(&longest);
+    served.serve();
+    assert_eq!(client.error(), ErrorKind::TooLong);
+    served.serve();
+    assert_eq!(client.line(), None);
+
+    let mut endless = served.client();
+    endless.0.get_ref().set_nonblocking(true).unwrap();
+    let mut sent = 0;
+    let ended = (0..100).any(|_| {
+        while let Ok(count) = endless.0.get_mut().write(&[b'x'; 4096]) {
+            sent += count;
+        }
+        served.serve();
+        matches!(endless.0.get_mut().write(b"x"), Err(e) if e.kind() == std::io::ErrorKind::BrokenPipe)
+    });
+    assert!(ended, "still there after {sent} bytes");
+}
+
+#[test]
+fn who_does_not_read_is_let_go_of_when_the_events_pile_up() {
+    let mut served = Served::new();
+    let mut silent = served.client();
+    silent.send(&Request::Events { follow: true }.line());
+    served.serve();
+    let text = "x".repeat(1000);
+    let mut told = 0;
+    while served.server.clients() > 0 {
+        served.server.tell(Nanos(0), EventKind::Ended, None, &text);
+        served.serve();
+        told += 1;
+        assert!(told < 10_000, "what it does not read is kept for ever");
+    }
+}
+
+#[test]
+fn who_does_not_read_its_answers_is_let_go_of_when_patience_ends() {
+    let mut served = Served::new();
+    let mut silent = served.client();
+    silent.0.get_ref().set_nonblocking(true).unwrap();
+    let requests = Request::Status.line().repeat(100);
+    let mut turns = 0;
+    while served.server.clients() > 0 || turns == 0 {
+        let _ = silent.0.get_mut().write(&requests);
+        served.serve();
+        turns += 1;
+        assert!(turns < 4 * PATIENCE, "a client that hangs has its place for ever");
+    }
+    assert!(turns > PATIENCE);
+}
+
+#[test]
+fn one_client_too_many_is_told_so_and_another_gets_its_place_later() {
+    let mut served = Served::new();
+    let mut clients: Vec<Client> = (0..CLIENTS_MAX + 3).map(|_| served.client()).collect();
+    served.serve();
+    for refused in clients.split_off(CLIENTS_MAX).iter_mut() {
+        assert_eq!(refused.error(), ErrorKind::Full);
+        assert_eq!(refused.line(), None);
+    }
+    for client in &mut clients {
+        is_served(&mut served, client);
+    }
+    clients.pop();
+    served.serve();
+    served.serve();
+    let mut late = served.client();
+    is_served(&mut served, &mut late);
+}
+
+#[test]
+fn a_thousand_connections_are_survived() {
+    let mut served = Served::new();
+    let mut steady = served.client();
+    is_served(&mut served, &mut steady);
+    for _ in 0..1000 {
+        let mut client = served.client();
+        client.send(b"{");
+        drop(client);
+        served.serve();
+    }
+    is_served(&mut served, &mut steady);
+    assert!(served.server.clients() <= CLIENTS_MAX);
+}

@@ -1,0 +1,209 @@
+//! The control socket, with real sockets and a run that only remembers what it was asked.
+
+mod documentation;
+mod hostile;
+mod listener;
+mod orders;
+mod protocol;
+mod server;
+
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use super::protocol::{
+    Answer, ErrorKind, Message, Mode, PartitionStatus, Refusal, ReleaseStatus, ScheduleStatus,
+    State, Status, VERSION, WindowStatus,
+};
+use super::{Listener, Operator, Server};
+use crate::report::Summary;
+
+/// A folder of its own, gone at the end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Folder {
+        static COUNT: AtomicUsize = AtomicUsize::new(0);
+        let number = COUNT.fetch_add(1, Ordering::SeqCst);
+        let name = format!("takt-control-{}-{number}", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        std::fs::create_dir_all(&path).unwrap();
+        Folder(path)
+    }
+
+    fn socket(&self) -> PathBuf {
+        self.0.join("takt.sock")
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// A run that grants everything but what concerns the partition "linux".
+#[derive(Default)]
+struct FakeRun {
+    asked: Vec<String>,
+}
+
+impl FakeRun {
+    fn order(&mut self, what: String, partition: &str) -> Result<String, Refusal> {
+        if partition == "linux" {
+            return Err(Refusal::new(ErrorKind::Unsupported, "not in this version"));
+        }
+        self.asked.push(what.clone());
+        Ok(what)
+    }
+}
+
+impl Operator for FakeRun {
+    fn status(&mut self) -> Status {
+        status()
+    }
+
+    fn stop(&mut self, partition: &str) -> Result<String, Refusal> {
+        self.order(format!("stop {partition}"), partition)
+    }
+
+    fn start(&mut self, partition: &str, mode: Mode) -> Result<String, Refusal> {
+        self.order(format!("start {partition} {mode:?}"), partition)
+    }
+
+    fn restart(&mut self, partition: &str, mode: Mode) -> Result<String, Refusal> {
+        self.order(format!("restart {partition} {mode:?}"), partition)
+    }
+
+    fn switch_schedule(&mut self, name: &str) -> Result<String, Refusal> {
+        self.order(format!("schedule {name}"), "")
+    }
+}
+
+/// A server, and the run behind it.
+struct Served {
+    server: Server,
+    run: FakeRun,
+    folder: Folder,
+}
+
+impl Served {
+    fn new() -> Served {
+        let folder = Folder::new();
+        let server = Server::new(Listener::bind(&folder.socket()).unwrap());
+        Served { server, run: FakeRun::default(), folder }
+    }
+
+    fn client(&self) -> Client {
+        let stream = UnixStream::connect(self.folder.socket()).unwrap();
+        // Nothing here ever waits for a time; without an answer the test fails instead of hanging.
+        stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+        Client(BufReader::new(stream))
+    }
+
+    fn serve(&mut self) {
+        self.server.serve(&mut self.run);
+    }
+}
+
+struct Client(BufReader<UnixStream>);
+
+impl Client {
+    fn send(&mut self, bytes: &[u8]) {
+        self.0.get_mut().write_all(bytes).unwrap();
+    }
+
+    /// The next line; `None` at the end.
+    fn line(&mut self) -> Option<String> {
+        let mut line = String::new();
+        match self.0.read_line(&mut line) {
+            Ok(0) => None,
+            Ok(_) => Some(line),
+            // Takt has closed a connection on which something was left unread.
+            Err(error) if error.kind() == std::io::ErrorKind::ConnectionReset => None,
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    fn answer(&mut self) -> Answer {
+        let line = self.line().unwrap();
+        let message: Message = serde_json::from_str(&line).unwrap();
+        assert_eq!(message.version, VERSION);
+        message.answer
+    }
+
+    fn error(&mut self) -> ErrorKind {
+        match self.answer() {
+            Answer::Error(refusal) => refusal.error,
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+/// The one that `docs/control.md` shows.
+fn status() -> Status {
+    Status {
+        takt: "0.1.0".into(),
+        pid: 4711,
+        system: "plc-and-linux".into(),
+        file: "/srv/plant/plc-and-linux.toml".into(),
+        uptime_ns: 10_000_000_000,
+        major_frame_ns: 1_000_000,
+        schedule: ScheduleStatus {
+            names: vec!["normal".into()],
+            current: "normal".into(),
+            next: "normal".into(),
+            last_switch_ns: None,
+            windows: vec![WindowStatus {
+                partition: "plc".into(),
+                offset_ns: 0,
+                duration_ns: 300_000,
+            }],
+            windows_left_out: 0,
+        },
+        partitions: vec![
+            PartitionStatus {
+                name: "plc".into(),
+                kind: "plc".into(),
+                cpu: 0,
+                background: false,
+                state: State::Running,
+                start_mode: Mode::Cold,
+                end: None,
+                restarts: 0,
+                cpu_time_ns: 230_000_000,
+                cpu_share: 0.023,
+                illegal_accesses: 0,
+                console_dropped: 0,
+                releases: Some(ReleaseStatus {
+                    happened: 9990,
+                    start_up_windows: 1,
+                    lost: 0,
+                    late: 0,
+                    overruns: 0,
+                    latency_sum_ns: 19_980,
+                    release_latency_ns: Some(Summary { min: 0, p50: 2, p99: 4, p999: 4, max: 4 }),
+                    execution_ns: None,
+                    wake_up_latency_ns: None,
+                }),
+            },
+            PartitionStatus {
+                name: "linux".into(),
+                kind: "linux".into(),
+                cpu: 0,
+                background: true,
+                state: State::Stopped,
+                start_mode: Mode::Cold,
+                end: Some("stopped by an operator".into()),
+                restarts: 0,
+                cpu_time_ns: 1_710_000_000,
+                cpu_share: 0.171,
+                illegal_accesses: 0,
+                console_dropped: 0,
+                releases: None,
+            },
+        ],
+    }
+}
