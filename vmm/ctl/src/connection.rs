@@ -1,0 +1,84 @@
+//! The client's side of the control socket.
+
+use std::io::{self, BufRead, BufReader, ErrorKind, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::time::Duration;
+
+use takt::control::protocol::{Answer, Message, Request, VERSION};
+
+use crate::error::CtlError;
+
+/// Takt answers within some ticks of 20 ms, or does not.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Longest answer. Takt's are far shorter; whatever else listens there has an end, too.
+const ANSWER_MAX: u64 = 1 << 20;
+
+/// A connection to Takt.
+pub struct Connection(BufReader<UnixStream>);
+
+impl Connection {
+    /// Connects.
+    ///
+    /// # Errors
+    /// If nobody listens there.
+    pub fn open(socket: &Path) -> Result<Connection, CtlError> {
+        let stream = UnixStream::connect(socket)
+            .map_err(|source| CtlError::NoTakt { socket: socket.to_owned(), source })?;
+        let limits = stream
+            .set_read_timeout(Some(PATIENCE))
+            .and_then(|()| stream.set_write_timeout(Some(PATIENCE)));
+        limits.map_err(CtlError::Lost)?;
+        Ok(Connection(BufReader::new(stream)))
+    }
+
+    /// From now on answers may take any time.
+    ///
+    /// # Errors
+    /// What the kernel says.
+    pub fn wait_for_ever(&mut self) -> Result<(), CtlError> {
+        self.0.get_ref().set_read_timeout(None).map_err(CtlError::Lost)
+    }
+
+    /// Sends a request. That Takt has closed already is no error yet: it has said why.
+    ///
+    /// # Errors
+    /// If the connection is lost.
+    pub fn send(&mut self, request: &Request) -> Result<(), CtlError> {
+        match self.0.get_mut().write_all(&request.line()) {
+            Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+            other => other.map_err(CtlError::Lost),
+        }
+    }
+
+    /// The next answer, also as the line that came.
+    ///
+    /// # Errors
+    /// If none comes, or it is none.
+    pub fn receive(&mut self) -> Result<(String, Answer), CtlError> {
+        let mut line = Vec::new();
+        (&mut self.0).take(ANSWER_MAX).read_until(b'\n', &mut line).map_err(|error| {
+            CtlError::Lost(match error.kind() {
+                ErrorKind::WouldBlock => io::Error::new(ErrorKind::TimedOut, "nothing came in 5 s"),
+                _ => error,
+            })
+        })?;
+        if line.last() != Some(&b'\n') {
+            return Err(CtlError::Lost(io::Error::new(
+                ErrorKind::UnexpectedEof,
+                "the connection has ended",
+            )));
+        }
+        let not_understood = |error: String| CtlError::NotUnderstood(error);
+        let message: Message =
+            serde_json::from_slice(&line).map_err(|error| not_understood(error.to_string()))?;
+        if message.version != VERSION {
+            return Err(not_understood(format!(
+                "version {} instead of {VERSION}",
+                message.version
+            )));
+        }
+        let line = String::from_utf8(line).map_err(|error| not_understood(error.to_string()))?;
+        Ok((line, message.answer))
+    }
+}

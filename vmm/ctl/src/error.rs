@@ -1,0 +1,74 @@
+//! What can go wrong, and which exit status tells of it.
+
+use std::io;
+use std::path::PathBuf;
+
+use takt::config::FileError;
+use takt::control::protocol::Refusal;
+use thiserror::Error;
+
+/// Exit status of Takt's refusal.
+pub const REFUSED: u8 = 1;
+/// Exit status of wrong usage.
+pub const USAGE: u8 = 2;
+/// Exit status if no Takt answers.
+pub const NO_TAKT: u8 = 3;
+
+/// Why a command was not carried out.
+#[derive(Debug, Error)]
+pub enum CtlError {
+    /// The partition file is wrong.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// The partition file asks for no control socket.
+    #[error(
+        "takt-ctl: {} has no `control` in [system], so its Takt has no control socket; \
+         if it was started with --control PATH, give that PATH instead",
+        .0.display()
+    )]
+    NoControl(PathBuf),
+    /// Nobody listens.
+    #[error("takt-ctl: no Takt at {}: {source}; {}", socket.display(), remedy(source))]
+    NoTakt {
+        /// The socket.
+        socket: PathBuf,
+        /// What the kernel said.
+        source: io::Error,
+    },
+    /// The connection has ended, or nothing came in time.
+    #[error("takt-ctl: Takt does not answer: {0}")]
+    Lost(io::Error),
+    /// The answer is none of this version.
+    #[error("takt-ctl: what answers there is no Takt of this version: {0}")]
+    NotUnderstood(String),
+    /// Takt refuses.
+    #[error("takt-ctl: refused: {}", crate::text::plain(&.0.text))]
+    Refused(Refusal),
+    /// The answer could not be printed.
+    #[error("takt-ctl: cannot print: {0}")]
+    Output(io::Error),
+    /// The terminal cannot show a screen.
+    #[error("takt-ctl: cannot use the terminal: {0}")]
+    Terminal(io::Error),
+}
+
+impl CtlError {
+    /// Exit status.
+    pub fn status(&self) -> u8 {
+        match self {
+            CtlError::File(_) | CtlError::NoControl(_) => USAGE,
+            CtlError::Output(_) | CtlError::Terminal(_) => USAGE,
+            CtlError::NoTakt { .. } | CtlError::Lost(_) | CtlError::NotUnderstood(_) => NO_TAKT,
+            CtlError::Refused(_) => REFUSED,
+        }
+    }
+}
+
+fn remedy(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::NotFound => "is it running, and does its file have the key `control`?",
+        io::ErrorKind::ConnectionRefused => "it has ended without removing its socket",
+        io::ErrorKind::PermissionDenied => "the socket belongs to who started Takt",
+        _ => "is it Takt's control socket?",
+    }
+}

@@ -1,0 +1,135 @@
+//! Answers for people.
+
+use std::fmt::Write;
+
+use takt::control::protocol::{Answer, Event, Mode, PartitionStatus, State, Status};
+
+/// An answer as lines. A refusal is none: it goes to standard error.
+pub fn of(answer: &Answer) -> String {
+    match answer {
+        Answer::Done { text } => format!("{}\n", plain(text)),
+        Answer::Status { status } => self::status(status),
+        Answer::Events { events } => events.iter().map(|e| event(e) + "\n").collect(),
+        Answer::Event { event: e } => event(e) + "\n",
+        Answer::Error(_) => String::new(),
+    }
+}
+
+/// A text that cannot play with the terminal.
+pub fn plain(text: &str) -> String {
+    let mut shown = String::with_capacity(text.len());
+    for c in text.chars() {
+        if c.is_control() {
+            shown.extend(c.escape_default());
+        } else {
+            shown.push(c);
+        }
+    }
+    shown
+}
+
+/// An event in one line.
+pub fn event(event: &Event) -> String {
+    let at = event.at_ns as f64 / 1e9;
+    let whose = event.partition.as_ref().map_or(String::new(), |name| format!("{name}: "));
+    plain(&format!("{at:12.3} s  {whose}{}", event.text))
+}
+
+/// What the system is and which schedule holds, in one line.
+pub fn summary(status: &Status) -> String {
+    let up = status.uptime_ns as f64 / 1e9;
+    let schedule = &status.schedule;
+    let next = if schedule.next == schedule.current {
+        String::new()
+    } else {
+        format!(", next \"{}\"", schedule.next)
+    };
+    plain(&format!(
+        "{}: up {up:.1} s, schedule \"{}\"{next}, major frame {} us",
+        status.system,
+        schedule.current,
+        status.major_frame_ns as f64 / 1e3,
+    ))
+}
+
+/// Titles of a table of partitions.
+pub const COLUMNS: [&str; 10] = [
+    "partition",
+    "cpu",
+    "state",
+    "start",
+    "CPU",
+    "restarts",
+    "releases",
+    "lost",
+    "late",
+    "overruns",
+];
+
+/// A row of that table.
+pub fn row(partition: &PartitionStatus) -> [String; 10] {
+    let state = match partition.state {
+        State::Running => "running",
+        State::Stopping => "stopping",
+        State::Restarting => "restarting",
+        State::Stopped => "stopped",
+        State::Ended => "ended",
+    };
+    let start = match partition.start_mode {
+        Mode::Cold => "cold",
+        Mode::Warm => "warm",
+    };
+    let releases = partition.releases.as_ref();
+    let count = |count: Option<u64>| count.map_or("-".to_owned(), |count| count.to_string());
+    [
+        plain(&partition.name),
+        partition.cpu.to_string(),
+        state.to_owned(),
+        start.to_owned(),
+        format!("{:.1} %", partition.cpu_share * 100.0),
+        partition.restarts.to_string(),
+        count(releases.map(|r| r.happened)),
+        count(releases.map(|r| r.lost)),
+        count(releases.map(|r| r.late)),
+        count(releases.map(|r| r.overruns)),
+    ]
+}
+
+/// Release latency since the start, in one line; `None` for a partition without.
+pub fn latency(partition: &PartitionStatus) -> Option<String> {
+    let releases = partition.releases.as_ref()?;
+    let name = plain(&partition.name);
+    Some(match releases.release_latency_ns {
+        None => format!("{name}: no release yet"),
+        Some(s) => format!(
+            "{name}: release latency p50 {}, p99 {}, p99.9 {}, max {} ns",
+            s.p50, s.p99, s.p999, s.max
+        ),
+    })
+}
+
+fn status(status: &Status) -> String {
+    let mut out = summary(status);
+    out.push_str("\n\n");
+    let rows: Vec<[String; 10]> = std::iter::once(COLUMNS.map(str::to_owned))
+        .chain(status.partitions.iter().map(row))
+        .collect();
+    for row in &rows {
+        let mut line = String::new();
+        for (column, cell) in row.iter().enumerate() {
+            let width = rows.iter().map(|row| row[column].len()).max().unwrap_or(0);
+            // Writing to a String cannot fail.
+            let _ = write!(line, "{cell:width$}  ");
+        }
+        out.push_str(line.trim_end());
+        out.push('\n');
+    }
+    let latencies = status.partitions.iter().filter_map(latency);
+    let ends = status.partitions.iter().filter_map(|p| Some((&p.name, p.end.as_ref()?)));
+    let ends = ends.map(|(name, end)| plain(&format!("{name}: {end}")));
+    for line in latencies.chain(ends) {
+        let _ = write!(out, "\n{line}");
+    }
+    out.push('\n');
+    out
+}

@@ -1,0 +1,149 @@
+//! The picture. All of it is ASCII, as the rest of Takt: it may be seen over a serial line.
+
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Style, Stylize};
+use ratatui::symbols::bar::Set;
+use ratatui::text::Line;
+use ratatui::widgets::{Paragraph, Row, Sparkline, Table};
+use takt::control::protocol::{PartitionStatus, State, Status};
+
+use super::view::View;
+use crate::text;
+
+const BARS: Set<'static> = Set {
+    empty: " ",
+    one_eighth: ".",
+    one_quarter: ".",
+    three_eighths: ":",
+    half: "-",
+    five_eighths: "=",
+    three_quarters: "+",
+    seven_eighths: "*",
+    full: "#",
+};
+/// Rows of the latencies of one partition, its title included.
+const LATENCY_ROWS: u16 = 3;
+
+/// Draws the whole screen. What finds no room is left out from below.
+pub fn screen(frame: &mut Frame<'_>, view: &View) {
+    let Some(status) = &view.status else { return };
+    let measured = || status.partitions.iter().filter(|p| p.releases.is_some());
+    let rows = |count: usize| u16::try_from(count).unwrap_or(u16::MAX);
+    let [head, table, windows, latencies, events] = Layout::vertical([
+        Constraint::Length(2),
+        Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
+        Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
+        Constraint::Length(rows(measured().count()).saturating_mul(LATENCY_ROWS)),
+        Constraint::Min(0),
+    ])
+    .areas(frame.area());
+    draw_head(frame, head, status, view);
+    draw_table(frame, table, status);
+    draw_windows(frame, windows, status);
+    for (partition, i) in measured().zip(0u16..) {
+        let y = latencies.y.saturating_add(i.saturating_mul(LATENCY_ROWS));
+        let area = Rect { y, height: LATENCY_ROWS, ..latencies };
+        draw_latency(frame, area.intersection(latencies), partition, view);
+    }
+    draw_events(frame, events, view);
+}
+
+fn draw_head(frame: &mut Frame<'_>, area: Rect, status: &Status, view: &View) {
+    let line = match &view.problem {
+        None => Line::from(format!("{}   (q leaves)", text::summary(status))).bold(),
+        Some(problem) => {
+            Line::from(format!("old: {}   (q leaves)", text::plain(problem))).bold().red()
+        }
+    };
+    frame.render_widget(Paragraph::new(line), area);
+}
+
+fn draw_table(frame: &mut Frame<'_>, area: Rect, status: &Status) {
+    let rows: Vec<[String; 10]> = status.partitions.iter().map(text::row).collect();
+    let widths = text::COLUMNS.iter().enumerate().map(|(column, title)| {
+        let widest = rows.iter().map(|row| row[column].len()).max().unwrap_or(0);
+        Constraint::Length(u16::try_from(widest.max(title.len())).unwrap_or(u16::MAX))
+    });
+    let widths: Vec<Constraint> = widths.collect();
+    let styled = status.partitions.iter().zip(rows).map(|(partition, row)| {
+        let bad = partition.releases.as_ref().is_some_and(|r| r.lost + r.late + r.overruns > 0);
+        let style = match partition.state {
+            State::Running if bad => Style::new().yellow(),
+            State::Running => Style::new(),
+            _ => Style::new().red(),
+        };
+        Row::new(row).style(style)
+    });
+    let header = Row::new(text::COLUMNS).style(Style::new().underlined());
+    frame.render_widget(Table::new(styled, widths).header(header).column_spacing(2), area);
+}
+
+fn draw_windows(frame: &mut Frame<'_>, area: Rect, status: &Status) {
+    let margin = status.partitions.iter().map(|p| p.name.len()).max().unwrap_or(0);
+    let left_out = match status.schedule.windows_left_out {
+        0 => String::new(),
+        more => format!("; {more} windows are not shown"),
+    };
+    let width = usize::from(area.width).saturating_sub(margin + 2);
+    let title = format!("windows of one frame (# window, - background{left_out})");
+    let mut lines = vec![Line::from(title).underlined()];
+    lines.extend(status.partitions.iter().map(|partition| {
+        let name = text::plain(&partition.name);
+        Line::from(format!("{name:margin$}  {}", timeline(status, partition, width)))
+    }));
+    frame.render_widget(Paragraph::new(lines), area);
+}
+
+/// One row: a window shows in every column that it touches; the background has the columns that no
+/// window of its CPU touches.
+fn timeline(status: &Status, partition: &PartitionStatus, width: usize) -> String {
+    let cpu_of = |name: &str| status.partitions.iter().find(|p| p.name == name).map(|p| p.cpu);
+    let frame = u128::from(status.major_frame_ns.max(1));
+    let spans: Vec<(usize, usize)> = status
+        .schedule
+        .windows
+        .iter()
+        .filter(|window| match partition.background {
+            false => window.partition == partition.name,
+            true => cpu_of(&window.partition) == Some(partition.cpu),
+        })
+        .map(|window| {
+            let column = |ns: u128| usize::try_from(ns * width as u128 / frame).unwrap_or(width);
+            let (start, length) = (u128::from(window.offset_ns), u128::from(window.duration_ns));
+            // The last nanosecond of the window is in its last column.
+            (column(start), column((start + length).saturating_sub(1)))
+        })
+        .collect();
+    let cell = |x: usize| {
+        let touched = spans.iter().any(|(first, last)| (*first..=*last).contains(&x));
+        match (touched, partition.background) {
+            (true, false) => '#',
+            (false, true) => '-',
+            _ => ' ',
+        }
+    };
+    (0..width).map(cell).collect()
+}
+
+fn draw_latency(frame: &mut Frame<'_>, area: Rect, partition: &PartitionStatus, view: &View) {
+    let samples = view.latencies.get(&partition.name);
+    let latest = samples.and_then(|s| s.back()).map_or("-".to_owned(), u64::to_string);
+    let since_start = text::latency(partition).unwrap_or_default();
+    let title = format!("{since_start}; latest mean {latest} ns");
+    let [head, bars] = Layout::vertical([Constraint::Length(1), Constraint::Min(0)]).areas(area);
+    frame.render_widget(Paragraph::new(Line::from(title).underlined()), head);
+    // The newest is at the right edge.
+    let all = samples.into_iter().flatten().copied();
+    let skipped = samples.map_or(0, |s| s.len().saturating_sub(usize::from(bars.width)));
+    let shown = Sparkline::default().data(all.skip(skipped).collect::<Vec<u64>>()).bar_set(BARS);
+    frame.render_widget(shown, bars);
+}
+
+fn draw_events(frame: &mut Frame<'_>, area: Rect, view: &View) {
+    let room = usize::from(area.height).saturating_sub(1);
+    let skipped = view.events.len().saturating_sub(room);
+    let mut lines = vec![Line::from("latest events").underlined()];
+    lines.extend(view.events.iter().skip(skipped).map(|event| Line::from(text::event(event))));
+    frame.render_widget(Paragraph::new(lines), area);
+}

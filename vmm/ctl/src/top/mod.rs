@@ -1,0 +1,103 @@
+//! The screen.
+//!
+//! One connection serves both: it follows the events and asks for the status twice a second. What
+//! happened in between is computed here from two answers, so that the screen costs Takt no more
+//! than any other client. If Takt goes, the last picture stays and is said to be old; the screen
+//! goes on by itself when there is one again.
+
+mod draw;
+#[cfg(test)]
+mod tests;
+mod view;
+
+use std::io;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use ratatui::DefaultTerminal;
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use takt::control::protocol::{Answer, Request};
+
+use crate::connection::Connection;
+use crate::error::CtlError;
+use view::View;
+
+/// Time between two questions.
+const PERIOD: Duration = Duration::from_millis(500);
+
+/// Shows the screen until the user leaves it.
+///
+/// # Errors
+/// If no Takt answers at the start, or the terminal fails.
+pub fn run(socket: &Path) -> Result<(), CtlError> {
+    let mut view = View::default();
+    // Before the terminal is changed: who finds no Takt sees an ordinary message.
+    let first = connect(socket, &mut view)?;
+    // Puts the terminal back at a panic, too.
+    let mut terminal = ratatui::try_init().map_err(CtlError::Terminal)?;
+    let result = show(socket, &mut terminal, &mut view, first);
+    ratatui::restore();
+    result.map_err(CtlError::Terminal)
+}
+
+fn show(
+    socket: &Path,
+    terminal: &mut DefaultTerminal,
+    view: &mut View,
+    first: Connection,
+) -> io::Result<()> {
+    let mut connection = Some(first);
+    loop {
+        terminal.draw(|frame| draw::screen(frame, view))?;
+        let next = Instant::now() + PERIOD;
+        while let Some(left) = next.checked_duration_since(Instant::now()) {
+            if !event::poll(left)? {
+                break;
+            }
+            match event::read()? {
+                Event::Key(key) if leaves(&key) => return Ok(()),
+                Event::Resize(..) => break,
+                _ => {}
+            }
+        }
+        let updated = match connection.take() {
+            Some(mut open) => update(&mut open, view).map(|()| open),
+            None => connect(socket, view),
+        };
+        match updated {
+            Ok(open) => connection = Some(open),
+            Err(error) => view.lost(error.to_string()),
+        }
+    }
+}
+
+fn leaves(key: &KeyEvent) -> bool {
+    let interrupt = key.code == KeyCode::Char('c') && key.modifiers == KeyModifiers::CONTROL;
+    let quit = matches!(key.code, KeyCode::Char('q') | KeyCode::Esc);
+    key.kind == KeyEventKind::Press && (quit || interrupt)
+}
+
+/// Connects, follows the events and asks for the first status.
+fn connect(socket: &Path, view: &mut View) -> Result<Connection, CtlError> {
+    let mut takt = Connection::open(socket)?;
+    takt.send(&Request::Events { follow: true })?;
+    update(&mut takt, view)?;
+    Ok(takt)
+}
+
+/// Asks for the status, and takes the events that come before it.
+fn update(takt: &mut Connection, view: &mut View) -> Result<(), CtlError> {
+    takt.send(&Request::Status)?;
+    loop {
+        match takt.receive()?.1 {
+            Answer::Status { status } => {
+                view.status(*status);
+                return Ok(());
+            }
+            Answer::Events { events } => view.events(events),
+            Answer::Event { event } => view.event(event),
+            Answer::Error(refusal) => return Err(CtlError::Refused(refusal)),
+            Answer::Done { .. } => {}
+        }
+    }
+}

@@ -1,0 +1,151 @@
+use ratatui::Terminal;
+use ratatui::backend::TestBackend;
+use takt::control::protocol::{
+    Event, EventKind, Mode, PartitionStatus, ReleaseStatus, ScheduleStatus, State, Status,
+    WindowStatus,
+};
+use takt::report::Summary;
+
+use super::draw;
+use super::view::View;
+
+fn partition(name: &str, releases: Option<ReleaseStatus>) -> PartitionStatus {
+    PartitionStatus {
+        name: name.into(),
+        kind: "plc".into(),
+        cpu: 0,
+        background: releases.is_none(),
+        state: State::Running,
+        start_mode: Mode::Cold,
+        end: None,
+        restarts: 0,
+        cpu_time_ns: 23_000_000,
+        cpu_share: 0.023,
+        illegal_accesses: 0,
+        console_dropped: 0,
+        releases,
+    }
+}
+
+/// After this many half seconds with 500 releases, each as late as `latency` says.
+fn status(uptime_ns: u64, happened: u64, latency_sum_ns: u64) -> Status {
+    let window =
+        |offset_ns, duration_ns| WindowStatus { partition: "plc".into(), offset_ns, duration_ns };
+    let releases = ReleaseStatus {
+        happened,
+        start_up_windows: 1,
+        lost: 0,
+        late: 2,
+        overruns: 0,
+        latency_sum_ns,
+        release_latency_ns: Some(Summary { min: 0, p50: 2, p99: 4, p999: 5, max: 9 }),
+        execution_ns: None,
+        wake_up_latency_ns: None,
+    };
+    Status {
+        takt: "0.1.0".into(),
+        pid: 1,
+        system: "demo".into(),
+        file: "/demo.toml".into(),
+        uptime_ns,
+        major_frame_ns: 1_000_000,
+        schedule: ScheduleStatus {
+            names: vec!["day".into(), "night".into()],
+            current: "day".into(),
+            next: "night".into(),
+            last_switch_ns: None,
+            windows: vec![window(0, 250_000), window(500_000, 1_000)],
+            windows_left_out: 3,
+        },
+        partitions: vec![partition("plc", Some(releases)), partition("linux", None)],
+    }
+}
+
+fn event(sequence: u64, text: &str) -> Event {
+    let partition = Some("plc".to_owned());
+    Event { sequence, at_ns: 1_500_000_000, kind: EventKind::Ended, partition, text: text.into() }
+}
+
+fn shown(view: &View, width: u16, height: u16) -> Vec<String> {
+    let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+    terminal.draw(|frame| draw::screen(frame, view)).unwrap();
+    let buffer = terminal.backend().buffer();
+    let line = |y| (0..width).map(|x| buffer[(x, y)].symbol()).collect::<String>();
+    (0..height).map(|y| line(y).trim_end().to_owned()).collect()
+}
+
+#[test]
+fn the_screen_shows_partitions_windows_latencies_and_events() {
+    let mut view = View::default();
+    view.status(status(500_000_000, 500, 1_000));
+    view.status(status(1_000_000_000, 1_000, 5_000));
+    view.event(event(1, "page fault\x1b[2J"));
+    let expected = "\
+demo: up 1.0 s, schedule \"day\", next \"night\", major frame 1000 us   (q leaves)
+
+partition  cpu  state    start  CPU    restarts  releases  lost  late  overruns
+plc        0    running  cold   2.3 %  0         1000      0     2     0
+linux      0    running  cold   2.3 %  0         -         -     -     -
+
+windows of one frame (# window, - background; 3 windows are not shown)
+plc    ###################                 #
+linux                     ----------------- ------------------------------------
+
+plc: release latency p50 2, p99 4, p99.9 5, max 9 ns; latest mean 8 ns
+ #
+-#
+latest events
+       1.500 s  plc: page fault\\u{1b}[2J";
+    let shown = shown(&view, 80, 15);
+    assert_eq!(shown.join("\n"), expected, "{shown:#?}");
+}
+
+#[test]
+fn no_size_of_a_terminal_is_too_small() {
+    let mut view = View::default();
+    view.status(status(500_000_000, 500, 1_000));
+    (0..300).for_each(|n| view.event(event(n, "x")));
+    for width in [0, 1, 2, 7, 79, 300] {
+        for height in [0, 1, 3, 9, 12, 100] {
+            shown(&view, width, height);
+        }
+    }
+    let empty = shown(&View::default(), 20, 2);
+    assert_eq!(empty, ["", ""]);
+}
+
+#[test]
+fn numbers_that_cannot_be_are_drawn_all_the_same() {
+    let mut view = View::default();
+    let mut wild = status(u64::MAX, u64::MAX, u64::MAX);
+    wild.major_frame_ns = 0;
+    wild.schedule.windows[0].offset_ns = u64::MAX;
+    wild.schedule.windows[0].duration_ns = u64::MAX;
+    wild.partitions[0].cpu_share = f64::NAN;
+    wild.partitions[1].name = "\u{1f600}\r\n".repeat(50);
+    view.status(wild.clone());
+    view.status(wild);
+    shown(&view, 80, 24);
+}
+
+#[test]
+fn a_sample_is_the_mean_of_what_came_since_the_last() {
+    let mut view = View::default();
+    view.status(status(1, 500, 1_000));
+    view.status(status(2, 1_000, 5_000));
+    view.status(status(3, 1_000, 5_000));
+    assert_eq!(view.latencies["plc"], [2, 8], "no release, no sample");
+    // Another run: its figures begin anew.
+    view.status(status(1, 100, 300));
+    assert_eq!(view.latencies["plc"], [3]);
+}
+
+#[test]
+fn an_old_picture_is_said_to_be_old() {
+    let mut view = View::default();
+    view.status(status(1, 0, 0));
+    view.lost("takt-ctl: Takt does not answer".into());
+    assert!(shown(&view, 80, 5)[0].starts_with("old: takt-ctl: Takt does not answer"));
+    view.status(status(2, 0, 0));
+    assert!(shown(&view, 80, 5)[0].starts_with("demo: up"));
+}

@@ -1,0 +1,72 @@
+//! What the screen shows, without the screen.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use takt::control::protocol::{Event, Status};
+
+/// Half seconds that are kept: more than a screen is wide.
+const SAMPLES: usize = 256;
+/// Events that are kept: more than a screen is high.
+const EVENTS: usize = 128;
+
+/// What is known of the run.
+#[derive(Debug, Default)]
+pub struct View {
+    /// The latest.
+    pub status: Option<Status>,
+    /// The oldest first.
+    pub events: VecDeque<Event>,
+    /// Mean release latency between two answers in nanoseconds, by partition; the oldest first.
+    pub latencies: BTreeMap<String, VecDeque<u64>>,
+    /// Why the status is old.
+    pub problem: Option<String>,
+}
+
+impl View {
+    /// A new status has come.
+    pub fn status(&mut self, new: Status) {
+        self.problem = None;
+        if self.status.as_ref().is_some_and(|old| old.uptime_ns > new.uptime_ns) {
+            // Another run.
+            self.latencies.clear();
+            self.status = None;
+        }
+        for partition in &new.partitions {
+            let Some(now) = &partition.releases else { continue };
+            let old = self.status.as_ref().and_then(|old| {
+                old.partitions.iter().find(|p| p.name == partition.name)?.releases.as_ref()
+            });
+            let (count, sum) = old.map_or((0, 0), |old| (old.happened, old.latency_sum_ns));
+            let count = now.happened.saturating_sub(count);
+            let samples = self.latencies.entry(partition.name.clone()).or_default();
+            // A half second without a release has no latency.
+            if let Some(mean) = now.latency_sum_ns.saturating_sub(sum).checked_div(count) {
+                push(samples, mean, SAMPLES);
+            }
+        }
+        self.status = Some(new);
+    }
+
+    /// These are the latest events.
+    pub fn events(&mut self, events: Vec<Event>) {
+        self.events.clear();
+        events.into_iter().for_each(|event| self.event(event));
+    }
+
+    /// Another event has come.
+    pub fn event(&mut self, event: Event) {
+        push(&mut self.events, event, EVENTS);
+    }
+
+    /// Takt does not answer any more.
+    pub fn lost(&mut self, why: String) {
+        self.problem = Some(why);
+    }
+}
+
+fn push<T>(queue: &mut VecDeque<T>, value: T, most: usize) {
+    if queue.len() >= most {
+        queue.pop_front();
+    }
+    queue.push_back(value);
+}

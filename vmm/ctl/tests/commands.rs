@@ -1,0 +1,274 @@
+//! `takt-ctl` as a user or a script meets it, against Takt's own server and a run that is none.
+
+use std::fs;
+use std::os::unix::net::UnixListener;
+use std::path::PathBuf;
+use std::process::{Command, Output};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use takt::control::protocol::{
+    ErrorKind, EventKind, Mode, PartitionStatus, Refusal, ScheduleStatus, State, Status,
+};
+use takt::control::{Listener, Operator, Server};
+use takt_scheduler::time::Nanos;
+
+const FILE: &str = r#"
+version = 1
+[system]
+name = "s"
+major_frame = "1ms"
+control = "takt.sock"
+[[partition]]
+name = "plc"
+kind = "plc"
+cpu = 0
+memory = "4MiB"
+[[schedule]]
+name = "normal"
+[[schedule.window]]
+partition = "plc"
+offset = "0us"
+duration = "300us"
+"#;
+
+struct FakeRun;
+
+fn granted(what: &str, partition: &str) -> Result<String, Refusal> {
+    match partition {
+        "plc" => Ok(format!("{partition} {what}")),
+        _ => Err(Refusal::new(ErrorKind::NoSuchPartition, "there is no partition of this name")),
+    }
+}
+
+impl Operator for FakeRun {
+    fn status(&mut self) -> Status {
+        let normal = || "normal".to_owned();
+        Status {
+            takt: "0".into(),
+            pid: 1,
+            system: "s".into(),
+            file: "/s.toml".into(),
+            uptime_ns: 1_500_000_000,
+            major_frame_ns: 1_000_000,
+            schedule: ScheduleStatus {
+                names: vec![normal()],
+                current: normal(),
+                next: normal(),
+                last_switch_ns: None,
+                windows: Vec::new(),
+                windows_left_out: 0,
+            },
+            partitions: vec![PartitionStatus {
+                name: "plc".into(),
+                kind: "plc".into(),
+                cpu: 0,
+                background: false,
+                state: State::Stopped,
+                start_mode: Mode::Warm,
+                end: Some("stopped by an operator".into()),
+                restarts: 1,
+                cpu_time_ns: 0,
+                cpu_share: 0.0,
+                illegal_accesses: 0,
+                console_dropped: 0,
+                releases: None,
+            }],
+        }
+    }
+
+    fn stop(&mut self, partition: &str) -> Result<String, Refusal> {
+        granted("stops", partition)
+    }
+
+    fn start(&mut self, partition: &str, mode: Mode) -> Result<String, Refusal> {
+        granted(&format!("start {mode:?}"), partition)
+    }
+
+    fn restart(&mut self, partition: &str, mode: Mode) -> Result<String, Refusal> {
+        granted(&format!("restart {mode:?}"), partition)
+    }
+
+    fn switch_schedule(&mut self, name: &str) -> Result<String, Refusal> {
+        Ok(format!("schedule {name}"))
+    }
+}
+
+/// A folder with a partition file, and perhaps a Takt.
+struct Plant {
+    folder: PathBuf,
+    end: Arc<AtomicBool>,
+    server: Option<JoinHandle<()>>,
+}
+
+impl Plant {
+    fn new(name: &str) -> Plant {
+        let name = format!("takt-ctl-{name}-{}", std::process::id());
+        let folder = std::env::temp_dir().join(name);
+        fs::create_dir_all(&folder).unwrap();
+        fs::write(folder.join("plant.toml"), FILE).unwrap();
+        Plant { folder, end: Arc::default(), server: None }
+    }
+
+    fn running(name: &str) -> Plant {
+        let mut plant = Plant::new(name);
+        let listener = Listener::bind(&plant.folder.join("takt.sock")).unwrap();
+        let end = plant.end.clone();
+        plant.server = Some(thread::spawn(move || {
+            let mut server = Server::new(listener);
+            server.tell(Nanos(2_000_000_000), EventKind::Ended, Some("plc"), "triple fault");
+            while !end.load(Ordering::SeqCst) {
+                server.serve(&mut FakeRun);
+                // The tick of this event thread; nothing depends on its length.
+                thread::park_timeout(Duration::from_millis(1));
+            }
+        }));
+        plant
+    }
+
+    fn takt_ctl(&self, arguments: &[&str]) -> Output {
+        Command::new(env!("CARGO_BIN_EXE_takt-ctl"))
+            .args(arguments)
+            .current_dir(&self.folder)
+            .output()
+            .unwrap()
+    }
+
+    /// Exit status, standard output, standard error.
+    fn says(&self, arguments: &[&str]) -> (i32, String, String) {
+        let Output { status, stdout, stderr } = self.takt_ctl(arguments);
+        let text = |bytes| String::from_utf8(bytes).unwrap();
+        (status.code().unwrap(), text(stdout), text(stderr))
+    }
+}
+
+impl Drop for Plant {
+    fn drop(&mut self) {
+        self.end.store(true, Ordering::SeqCst);
+        if let Some(server) = self.server.take() {
+            let _ = server.join();
+        }
+        let _ = fs::remove_dir_all(&self.folder);
+    }
+}
+
+#[test]
+fn orders_are_given_by_the_file_or_by_the_socket() {
+    let plant = Plant::running("orders");
+    let good = |out: &str| (0, format!("{out}\n"), String::new());
+    assert_eq!(plant.says(&["plant.toml", "stop", "plc"]), good("plc stops"));
+    assert_eq!(plant.says(&["takt.sock", "start", "plc"]), good("plc start Cold"));
+    assert_eq!(plant.says(&["takt.sock", "start", "plc", "--warm"]), good("plc start Warm"));
+    assert_eq!(plant.says(&["takt.sock", "restart", "plc", "--cold"]), good("plc restart Cold"));
+    assert_eq!(plant.says(&["takt.sock", "schedule", "night"]), good("schedule night"));
+    let event = "       2.000 s  plc: triple fault";
+    assert_eq!(plant.says(&["takt.sock", "events"]), good(event));
+    let json = r#"{"version":1,"answer":"done","text":"plc stops"}"#;
+    assert_eq!(plant.says(&["--json", "takt.sock", "stop", "plc"]), good(json));
+    let refused = "takt-ctl: refused: there is no partition of this name\n";
+    let expected = (1, String::new(), refused.to_owned());
+    assert_eq!(plant.says(&["takt.sock", "stop", "nobody"]), expected);
+}
+
+#[test]
+fn the_status_is_a_table() {
+    let plant = Plant::running("status");
+    let expected = "\
+s: up 1.5 s, schedule \"normal\", major frame 1000 us
+
+partition  cpu  state    start  CPU    restarts  releases  lost  late  overruns
+plc        0    stopped  warm   0.0 %  1         -         -     -     -
+
+plc: stopped by an operator
+";
+    assert_eq!(plant.says(&["plant.toml", "status"]), (0, expected.to_owned(), String::new()));
+}
+
+#[test]
+fn without_a_takt_the_status_is_3_and_the_message_says_what_to_look_for() {
+    let plant = Plant::new("nobody");
+    for place in ["plant.toml", "takt.sock"] {
+        let (status, out, error) = plant.says(&[place, "status"]);
+        assert_eq!((status, out.as_str()), (3, ""), "{error}");
+        assert!(
+            error.contains("is it running, and does its file have the key `control`?"),
+            "{error}"
+        );
+    }
+    drop(UnixListener::bind(plant.folder.join("takt.sock")).unwrap());
+    let (status, _, error) = plant.says(&["plant.toml", "top"]);
+    assert_eq!(status, 3);
+    assert!(error.contains("it has ended without removing its socket"), "{error}");
+}
+
+#[test]
+fn whatever_else_listens_there_is_no_takt() {
+    let plant = Plant::new("other");
+    let listener = UnixListener::bind(plant.folder.join("takt.sock")).unwrap();
+    let server = thread::spawn(move || {
+        for answer in [
+            &b"HTTP/1.1 400 Bad Request\r\n"[..],
+            b"",
+            b"{\"version\":9,\"answer\":\"done\",\"text\":\"\"}\n",
+        ] {
+            use std::io::{Read, Write};
+            let (mut stream, _) = listener.accept().unwrap();
+            let _ = stream.read(&mut [0; 100]);
+            stream.write_all(answer).unwrap();
+        }
+    });
+    for part in ["no Takt of this version", "the connection has ended", "version 9 instead of 1"] {
+        let (status, _, error) = plant.says(&["takt.sock", "status"]);
+        assert_eq!(status, 3);
+        assert!(error.contains(part), "{error}");
+    }
+    server.join().unwrap();
+}
+
+#[test]
+fn wrong_usage_and_a_file_without_a_socket_give_status_2() {
+    let plant = Plant::new("usage");
+    for arguments in [
+        &[][..],
+        &["plant.toml"],
+        &["plant.toml", "fly"],
+        &["plant.toml", "restart", "plc"],
+        &["plant.toml", "restart", "plc", "--cold", "--warm"],
+        &["missing.toml", "status"],
+    ] {
+        let (status, out, error) = plant.says(arguments);
+        assert_eq!((status, out.as_str()), (2, ""), "{arguments:?}");
+        assert!(!error.is_empty(), "{arguments:?}");
+    }
+    fs::write(plant.folder.join("plant.toml"), FILE.replace("control = \"takt.sock\"", ""))
+        .unwrap();
+    let (status, _, error) = plant.says(&["plant.toml", "status"]);
+    assert_eq!(status, 2);
+    assert!(error.contains("has no `control` in [system]"), "{error}");
+    assert_eq!(plant.says(&["--help"]).0, 0);
+}
+
+#[test]
+fn who_follows_sees_what_comes_until_takt_ends() {
+    let mut plant = Plant::running("follow");
+    let child = Command::new(env!("CARGO_BIN_EXE_takt-ctl"))
+        .args(["takt.sock", "events", "--follow"])
+        .current_dir(&plant.folder)
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut child = child;
+    let mut out = std::io::BufReader::new(child.stdout.take().unwrap());
+    let mut line = String::new();
+    std::io::BufRead::read_line(&mut out, &mut line).unwrap();
+    assert!(line.contains("triple fault"), "{line}");
+    plant.end.store(true, Ordering::SeqCst);
+    plant.server.take().unwrap().join().unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(3));
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert!(error.contains("the connection has ended"), "{error}");
+}
