@@ -44,12 +44,13 @@ run_appliance() {
     done
 
     remember_terminal
+    claim_cpu
     # In the background, with this script waiting, a signal to the script ends QEMU at once; and
     # if the script is killed, the kernel ends QEMU.
-    # Whatever competes with QEMU's threads slows the lab down out of all proportion: they hand
-    # over to each other at every event. Only root may ask for more than its share.
+    # Whatever competes with the lab slows it down. Only root may ask for more than its share.
     setpriv --pdeathsig TERM \
         nice -n -15 \
+        taskset --cpu-list "$cpu_list" \
         timeout --foreground "${TAKT_TIMEOUT:-0}" \
         setpriv --pdeathsig KILL \
         qemu-system-x86_64 "${options[@]}" <&0 &
@@ -59,6 +60,26 @@ run_appliance() {
     trap - INT TERM HUP
     restore_terminal
     read_status "$outcome"
+}
+
+# claim_cpu: sets $cpu_list to the CPUs for QEMU. The lab's threads hand over to each other at every
+# event, so that two CPUs are of no use to it, and two labs at once on the same ones would be many
+# times slower: each has one CPU for itself, until this script ends.
+claim_cpu() {
+    local allowed cpu
+    allowed=$(sed -n 's/^Cpus_allowed_list:\t//p' /proc/self/status)
+    cpu_list=$allowed
+    [[ $lane == lab ]] || return 0
+    while :; do
+        for cpu in ${allowed//,/ }; do
+            for ((cpu_list = ${cpu%-*}; cpu_list <= ${cpu#*-}; cpu_list++)); do
+                exec {cpu_lock}>"${TMPDIR:-/tmp}/takt-lab-cpu-$cpu_list"
+                ! flock --nonblock "$cpu_lock" || return 0
+                exec {cpu_lock}>&-
+            done
+        done
+        sleep 1
+    done
 }
 
 # machine_options: sets what differs from lane to lane.
