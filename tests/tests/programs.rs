@@ -25,10 +25,7 @@ fn exchange(first: &[u8], count: &str) -> Output {
     let folder = Loopback::new();
     let ports = Ports::open(folder.path()).unwrap();
     ports.sender("send", Start::Attach).unwrap().send(first, Timeout::Zero).unwrap();
-    let output = run(env!("CARGO_BIN_EXE_exchange"), &[count], &folder);
-    // It rings for each message that it sends and for each sample.
-    assert_eq!((folder.doorbell(0), folder.doorbell(2)), (1, 1));
-    output
+    run(env!("CARGO_BIN_EXE_exchange"), &[count], &folder)
 }
 
 #[test]
@@ -94,7 +91,6 @@ fn hostile_does_all_its_steps_and_the_same_ones_for_the_same_seed() {
         let output = run(env!("CARGO_BIN_EXE_hostile"), &["3", "20000"], &folder);
         assert!(output.status.success(), "{}", text(&output));
         assert_ne!(fs::read(folder.path().join("config")).unwrap()[..64], [0; 64]);
-        assert_ne!(fs::read(folder.path().join("resource0")).unwrap(), [0; 4096]);
         (text(&output), fs::read(folder.path().join("resource2")).unwrap())
     });
     assert_eq!(results[0], results[1]);
@@ -115,11 +111,11 @@ fn hostile_notices_a_table_that_it_could_change() {
 #[test]
 fn hostile_goes_on_where_it_is_refused() {
     let folder = apart();
-    fs::remove_file(folder.path().join("resource0")).unwrap();
+    fs::remove_file(folder.path().join("resource2")).unwrap();
     fs::remove_file(folder.path().join("config")).unwrap();
     let output = run(env!("CARGO_BIN_EXE_hostile"), &["1", "1000"], &folder);
     let text = text(&output);
-    let says = text.contains("doorbells 0,") && text.contains("configuration 0,");
+    let says = text.contains("writable 0,") && text.contains("configuration 0,");
     assert!(says && !text.contains("refused 0,"), "{text}");
 }
 

@@ -29,7 +29,7 @@ fn linux_gets_all_of_the_windows_of_a_plc_that_has_ended() {
     let file = File::new("1ms").plc("plc", Some(plc_image("fault")), "").linux(BUSY);
     let outcome = file.schedule("normal").window("plc", 0, 600).run("ended").lasting("2s").run();
     assert_eq!(outcome.status, 4, "{}", outcome.output);
-    outcome.assert_shows("[takt] plc: page fault");
+    outcome.assert_shows("[takt] plc: memory-violation: page fault");
     assert!(outcome.received("linux") >= 0.97, "{}", outcome.output);
     assert!(outcome.share("linux") >= 0.95, "{}", outcome.output);
 }

@@ -1,8 +1,7 @@
 //! The ports of a Linux partition, for programs that run in it.
 //!
-//! Takt gives a Linux guest its ends of channels as a PCI function: memory that it can read, memory
-//! that it can write, and a page of doorbells. No driver is needed for them, since sysfs lets root
-//! map all three; so this is a library of user space, and the guest's kernel stays as its
+//! Takt gives a Linux guest its ends of channels as a PCI function: memory that it can read, and
+//! memory that it can write. No driver is needed for them, since sysfs lets root map both; so this is a library of user space, and the guest's kernel stays as its
 //! distribution built it. Messages never pass through that kernel: writing and reading are loads and
 //! stores (`takt-channel`), and only waiting is a system call.
 //!

@@ -10,7 +10,6 @@ use std::fs::{File, OpenOptions};
 use std::os::fd::AsRawFd;
 use std::path::Path;
 use std::ptr::{self, NonNull};
-use std::sync::atomic::AtomicU32;
 
 use takt_channel::{OwnPages, PeerPages};
 
@@ -81,13 +80,6 @@ impl Map {
         // SAFETY: within the mapping, which outlives the result; this type gives it away as
         // atomics only.
         unsafe { PeerPages::new(start, bytes) }.ok()
-    }
-
-    /// The 32-bit word with this number, counted from 0.
-    pub(crate) fn word(&self, index: u32) -> Option<&AtomicU32> {
-        let (start, _) = self.part(Region { offset: u64::from(index) * 4, bytes: 4 })?;
-        // SAFETY: within the mapping, which is aligned to pages and outlives the result.
-        Some(unsafe { start.cast::<AtomicU32>().as_ref() })
     }
 
     fn part(&self, region: Region) -> Option<(NonNull<u8>, usize)> {

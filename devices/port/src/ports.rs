@@ -13,7 +13,7 @@ use crate::error::{PortError, PortsError};
 use crate::function;
 use crate::map::Map;
 use crate::queuing::{Receiver, Sender};
-use crate::sampling::{Bell, Input, Output};
+use crate::sampling::{Input, Output};
 use crate::table::{Direction, Kind, Port, Region, Table, TableError};
 use crate::wait::Waiter;
 
@@ -34,8 +34,6 @@ pub struct Ports {
     table: Table,
     readable: Map,
     writable: Map,
-    /// Only if there is a port that rings.
-    doorbells: Option<Map>,
 }
 
 impl Ports {
@@ -47,7 +45,7 @@ impl Ports {
         Self::open(&function::find(Path::new("/sys/bus/pci/devices"))?)
     }
 
-    /// The ports of a function by its folder in sysfs, or by any folder with files `resource0` to
+    /// The ports of a function by its folder in sysfs, or by any folder with files `resource1` and
     /// `resource2` like those.
     ///
     /// # Errors
@@ -59,13 +57,8 @@ impl Ports {
             Some(page) => Table::read(&page, readable.bytes(), writable.bytes())?,
             None => return Err(TableError::TooSmall(readable.bytes()).into()),
         };
-        let rings = |port: &Port| port.direction == Direction::Source && port.doorbell;
-        let doorbells = match table.ports.iter().any(rings) {
-            true => Some(Map::writable(&folder.join("resource0"))?),
-            false => None,
-        };
         let uio = function::uio(folder);
-        Ok(Ports { folder: folder.to_owned(), uio, table, readable, writable, doorbells })
+        Ok(Ports { folder: folder.to_owned(), uio, table, readable, writable })
     }
 
     /// The ports, in the order of the partition file.
@@ -115,7 +108,7 @@ impl Ports {
             Start::Open => SamplingSource::open(own, &port.geometry),
         }
         .map_err(|error| failed(port, error))?;
-        Ok(Output { end, bell: self.bell(port), clock: self.clock(), _claim: claim })
+        Ok(Output { end, clock: self.clock(), _claim: claim })
     }
 
     /// Takes a destination of a sampling channel.
@@ -150,7 +143,7 @@ impl Ports {
             Start::Open => QueuingSource::open(own, peer, &port.geometry),
         }
         .map_err(|error| failed(port, error))?;
-        Ok(Sender { end, bell: self.bell(port), clock: self.clock(), _claim: claim })
+        Ok(Sender { end, clock: self.clock(), _claim: claim })
     }
 
     /// Takes the destination of a queuing channel.
@@ -207,11 +200,6 @@ impl Ports {
 
     fn peer(&self, port: &Port) -> Result<PeerPages<'_>, PortError> {
         self.look_at_peer(port).ok_or_else(|| absent(port, port.peer))
-    }
-
-    fn bell(&self, port: &Port) -> Option<Bell<'_>> {
-        let doorbells = self.doorbells.as_ref().filter(|_| port.doorbell)?;
-        doorbells.word(port.index).map(Bell)
     }
 
     fn waiter(&self, port: &Port) -> Result<Waiter, PortsError> {

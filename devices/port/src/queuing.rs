@@ -8,14 +8,12 @@ use takt_channel::{
 use crate::claim::Claim;
 use crate::clock::Clock;
 use crate::error::CallError;
-use crate::sampling::Bell;
 use crate::wait::{Timeout, Waiter};
 
 /// A port that sends messages.
 #[derive(Debug)]
 pub struct Sender<'p> {
     pub(crate) end: QueuingSource<OwnPages<'p>, PeerPages<'p>>,
-    pub(crate) bell: Option<Bell<'p>>,
     pub(crate) clock: Clock,
     pub(crate) _claim: Claim,
 }
@@ -32,7 +30,7 @@ impl Sender<'_> {
         let mut waiter = Waiter::polling();
         loop {
             match self.end.send(bytes, self.clock.now()) {
-                Ok(()) => break,
+                Ok(()) => return Ok(()),
                 Err(SendError::Full) => {}
                 Err(error) => return Err(error.into()),
             }
@@ -43,10 +41,6 @@ impl Sender<'_> {
                 });
             }
         }
-        if let Some(bell) = &self.bell {
-            bell.ring();
-        }
-        Ok(())
     }
 
     /// What is known of the port, after a look at the destination.

@@ -1,7 +1,5 @@
 //! Sampling ports: the newest message, and how old it is.
 
-use std::sync::atomic::{AtomicU32, Ordering};
-
 use takt_channel::{
     LengthError, OwnPages, PeerPages, ReadError, Sample, SamplingDestination, SamplingSource,
     SamplingStatus, Tsc,
@@ -12,23 +10,10 @@ use crate::clock::Clock;
 use crate::error::CallError;
 use crate::wait::{Timeout, Waiter};
 
-/// The doorbell of a port.
-#[derive(Debug)]
-pub(crate) struct Bell<'p>(pub(crate) &'p AtomicU32);
-
-impl Bell<'_> {
-    /// Wakes whoever waits for this port's messages. One VM exit.
-    pub(crate) fn ring(&self) {
-        // After the message: x86-64 keeps stores in order, and the release keeps the compiler to it.
-        self.0.store(1, Ordering::Release);
-    }
-}
-
 /// A port that writes the newest message.
 #[derive(Debug)]
 pub struct Output<'p> {
     pub(crate) end: SamplingSource<OwnPages<'p>>,
-    pub(crate) bell: Option<Bell<'p>>,
     pub(crate) clock: Clock,
     pub(crate) _claim: Claim,
 }
@@ -39,11 +24,7 @@ impl Output<'_> {
     /// # Errors
     /// [`LengthError`]; the message before stays.
     pub fn write(&mut self, bytes: &[u8]) -> Result<(), LengthError> {
-        self.end.write(bytes, self.clock.now())?;
-        if let Some(bell) = &self.bell {
-            bell.ring();
-        }
-        Ok(())
+        self.end.write(bytes, self.clock.now())
     }
 }
 

@@ -16,7 +16,7 @@ use std::ops::RangeInclusive;
 use thiserror::Error;
 
 /// Smallest memory of a base address register here, so that each can be mapped by itself.
-pub const PAGE: u32 = 4096;
+const PAGE: u32 = 4096;
 /// Bits of a base address register that tell of its kind.
 const KIND: u32 = 0xf;
 const PREFETCHABLE: u32 = 1 << 3;
@@ -34,16 +34,8 @@ pub struct WindowFull {
     pub window: RangeInclusive<u32>,
 }
 
-/// Memory that needs a base address.
-#[derive(Clone, Copy, Debug)]
-pub struct Request {
-    /// How much: what is given is the next power of two, and at least a page.
-    pub bytes: u64,
-    /// Whether reading it has no side effect.
-    pub prefetchable: bool,
-}
-
-/// Gives all memory of a function its place in `window`, in the order of its registers.
+/// Gives all memory of a function its place in `window`, in the order of its registers. What is
+/// given for so many bytes is the next power of two, and at least a page.
 ///
 /// The largest lie first, which is how Linux hands addresses out itself (`pdev_sort_resources` in
 /// `drivers/pci/setup-bus.c`). It keeps those that it finds when it starts; but told to remove a
@@ -54,15 +46,15 @@ pub struct Request {
 /// [`WindowFull`].
 pub fn assign<const N: usize>(
     window: &RangeInclusive<u32>,
-    requests: [Request; N],
+    bytes: [u64; N],
 ) -> Result<[Bar; N], WindowFull> {
     let mut order: Vec<usize> = (0..N).collect();
     // A stable sort: of the same size, the lower register comes first.
-    order.sort_by_key(|&n| Reverse(size(requests[n].bytes)));
-    let mut bars = requests.map(|_| Bar::NOWHERE);
+    order.sort_by_key(|&n| Reverse(size(bytes[n])));
+    let mut bars = bytes.map(|_| Bar::NOWHERE);
     let mut next = u64::from(*window.start());
     for n in order {
-        let Request { bytes, prefetchable } = requests[n];
+        let bytes = bytes[n];
         let full = || WindowFull { bytes, window: window.clone() };
         let size = size(bytes).ok_or_else(full)?;
         let start = next.next_multiple_of(size.into());
@@ -71,7 +63,7 @@ pub fn assign<const N: usize>(
             return Err(full());
         }
         let address = u32::try_from(start).map_err(|_| full())?;
-        bars[n] = Bar { address, size, prefetchable, asked_for_size: false };
+        bars[n] = Bar { address, size, asked_for_size: false };
     }
     Ok(bars)
 }
@@ -81,19 +73,17 @@ fn size(bytes: u64) -> Option<u32> {
     bytes.max(PAGE.into()).checked_next_power_of_two()?.try_into().ok()
 }
 
-/// A 32-bit memory base address register.
+/// A 32-bit base address register of memory that can be prefetched.
 #[derive(Clone, Debug)]
 pub struct Bar {
     address: u32,
     /// A power of two, at least a page.
     size: u32,
-    prefetchable: bool,
     asked_for_size: bool,
 }
 
 impl Bar {
-    const NOWHERE: Self =
-        Self { address: 0, size: PAGE, prefetchable: false, asked_for_size: false };
+    const NOWHERE: Self = Self { address: 0, size: PAGE, asked_for_size: false };
 
     /// Where the memory begins.
     #[must_use]
@@ -102,10 +92,9 @@ impl Bar {
     }
 
     pub(super) fn read(&self) -> u32 {
-        let kind = if self.prefetchable { PREFETCHABLE } else { 0 };
         // The bits that differ between two places where the memory could lie.
         let address = if self.asked_for_size { !(self.size - 1) } else { self.address };
-        address | kind
+        address | PREFETCHABLE
     }
 
     pub(super) fn write(&mut self, value: u32, bytes: u32) {
@@ -121,7 +110,7 @@ mod tests {
     const WINDOW: RangeInclusive<u32> = 0xd000_0000..=0xd00f_ffff;
 
     fn places<const N: usize>(bytes: [u64; N]) -> Result<[(u32, u32); N], WindowFull> {
-        let bars = assign(&WINDOW, bytes.map(|bytes| Request { bytes, prefetchable: true }))?;
+        let bars = assign(&WINDOW, bytes)?;
         Ok(bars.map(|bar| (bar.address & 0xf_ffff, bar.size)))
     }
 
@@ -136,8 +125,7 @@ mod tests {
             places([1, 0x1000, 0x1001]),
             Ok([(0x2000, 0x1000), (0x3000, 0x1000), (0, 0x2000)])
         );
-        let odd =
-            assign(&(0xd000_3000..=0xd00f_ffff), [Request { bytes: 0x3000, prefetchable: true }]);
+        let odd = assign(&(0xd000_3000..=0xd00f_ffff), [0x3000]);
         assert_eq!(odd.unwrap()[0].address, 0xd000_4000);
     }
 
@@ -152,16 +140,14 @@ mod tests {
             full.to_string(),
             "no room for 0x1 bytes of PCI memory in 0xd0000000 to 0xd00fffff"
         );
-        let one = Request { bytes: 1, prefetchable: false };
         let top = 0xffff_f000..=u32::MAX;
-        assert!(assign(&top, [one]).is_ok());
-        assert!(assign(&top, [one, one]).is_err());
+        assert!(assign(&top, [1]).is_ok());
+        assert!(assign(&top, [1, 1]).is_err());
     }
 
     #[test]
     fn a_guest_learns_the_size_and_finds_the_address_again() {
-        let requests = [0x3000, 0x4000].map(|bytes| Request { bytes, prefetchable: true });
-        let [_, mut bar] = assign(&WINDOW, requests).unwrap();
+        let [_, mut bar] = assign(&WINDOW, [0x3000, 0x4000]).unwrap();
         let original = bar.read();
         assert_eq!(original, 0xd000_4008);
         bar.write(u32::MAX, u32::MAX);
@@ -172,10 +158,10 @@ mod tests {
 
     #[test]
     fn a_guest_cannot_move_the_memory() {
-        let [mut bar] = assign(&WINDOW, [Request { bytes: 1, prefetchable: false }]).unwrap();
+        let [mut bar] = assign(&WINDOW, [1]).unwrap();
         for (value, bytes) in [(0, u32::MAX), (0xe000_0000, u32::MAX), (0x12, 0xff), (!0, 0xff00)] {
             bar.write(value, bytes);
-            assert_eq!(bar.read(), 0xd000_0000, "{value:#x} {bytes:#x}");
+            assert_eq!(bar.read(), 0xd000_0008, "{value:#x} {bytes:#x}");
         }
     }
 }

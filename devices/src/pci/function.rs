@@ -1,8 +1,7 @@
-//! The function itself: two pieces of memory, a page of doorbells, and an interrupt.
+//! The function itself: two pieces of memory, and an interrupt.
 //!
 //! | base address | `sysfs` | what |
 //! | --- | --- | --- |
-//! | 0 | `resource0` | doorbells: a 32-bit write to 4 `n` is for port `n` of the port table |
 //! | 1 | `resource1` | what the guest may read: a page with its port table, then regions of channels |
 //! | 2 | `resource2` | regions of channels that it may write |
 //!
@@ -31,7 +30,7 @@
 //! Either way an interrupt too many costs no more than a look: whoever waits looks at its channel,
 //! and waits again if there is nothing new.
 
-use super::bar::{self, Bar, Request, WindowFull};
+use super::bar::{self, Bar, WindowFull};
 use super::{ConfigSpace, FUNCTION_ID, Register};
 use std::ops::RangeInclusive;
 
@@ -50,8 +49,6 @@ const STATUS_INTERRUPT: u16 = 1 << 3;
 /// Where the function's memory lies.
 #[derive(Clone, Debug)]
 pub struct Bars {
-    /// The page of doorbells.
-    pub doorbells: Bar,
     /// What the guest may read.
     pub read_only: Bar,
     /// What it may read and write.
@@ -59,7 +56,7 @@ pub struct Bars {
 }
 
 impl Bars {
-    /// Places the memory in `window`, with so many bytes of the two last.
+    /// Places the memory in `window`, with so many bytes of each.
     ///
     /// # Errors
     /// [`WindowFull`].
@@ -68,11 +65,8 @@ impl Bars {
         read_only: u64,
         read_write: u64,
     ) -> Result<Self, WindowFull> {
-        let memory = |bytes| Request { bytes, prefetchable: true };
-        let doorbells = Request { bytes: bar::PAGE.into(), prefetchable: false };
-        let bars = bar::assign(window, [doorbells, memory(read_only), memory(read_write)])?;
-        let [doorbells, read_only, read_write] = bars;
-        Ok(Self { doorbells, read_only, read_write })
+        let [read_only, read_write] = bar::assign(window, [read_only, read_write])?;
+        Ok(Self { read_only, read_write })
     }
 }
 
@@ -93,7 +87,6 @@ impl Function {
 
     fn bar(&mut self, register: Register) -> Option<&mut Bar> {
         match register.0.checked_sub(Register::BAR_0.0)? {
-            0 => Some(&mut self.bars.doorbells),
             1 => Some(&mut self.bars.read_only),
             2 => Some(&mut self.bars.read_write),
             _ => None,
@@ -138,7 +131,7 @@ pub(super) mod tests {
 
     const DISABLE: u32 = 1 << 10;
 
-    /// A function with base addresses `0xd000_4000`, `0xd000_5000` and `0xd000_0000`.
+    /// A function with base addresses `0xd000_4000` and `0xd000_0000`.
     pub fn function() -> Function {
         Function::new(Bars::assign(&(0xd000_0000..=0xdfff_ffff), 0x1000, 0x4000).unwrap())
     }
@@ -150,7 +143,7 @@ pub(super) mod tests {
         assert_eq!(function.read(Register::CLASS), 0x05_80_00_01);
         assert_eq!(function.read(Register::INTERRUPT) >> 8 & 0xff, 1);
         let bars = [0, 1, 2, 3, 4, 5].map(|n| function.read(Register(Register::BAR_0.0 + n)));
-        assert_eq!(bars, [0xd000_4000, 0xd000_5008, 0xd000_0008, 0, 0, 0]);
+        assert_eq!(bars, [0, 0xd000_4008, 0xd000_0008, 0, 0, 0]);
     }
 
     #[test]

@@ -57,14 +57,13 @@ impl Store for Words<'_> {
 
 impl Loopback {
     /// Channels from `out` to `in` (sampling), `send` to `receive` (a queue that refuses), and
-    /// `log` to `trail` (one that overwrites). The sources ring.
+    /// `log` to `trail` (one that overwrites).
     pub fn new() -> Loopback {
         static NUMBER: AtomicU32 = AtomicU32::new(0);
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let name = format!("takt-loopback-{}-{number}", std::process::id());
         let folder = std::env::temp_dir().join(name);
         fs::create_dir_all(&folder).unwrap();
-        fs::write(folder.join("resource0"), vec![0; PAGE]).unwrap();
         fs::write(folder.join("resource1"), image()).unwrap();
         symlink("resource1", folder.join("resource2")).unwrap();
         Loopback { folder }
@@ -72,11 +71,6 @@ impl Loopback {
 
     pub fn path(&self) -> &Path {
         &self.folder
-    }
-
-    /// Rings of a port's doorbell: 1 if there was any.
-    pub fn doorbell(&self, index: usize) -> u8 {
-        fs::read(self.folder.join("resource0")).unwrap()[4 * index]
     }
 
     /// Overwrites bytes of the memory, as a program that breaks every rule would.

@@ -3,7 +3,7 @@
 //!     hostile SEED STEPS [FUNCTION]
 //!
 //! In each step it writes something nasty of 1 to 8 bytes to some place: the regions and what lies
-//! between and behind them, the doorbells, the memory that it may only read, or the configuration
+//! between and behind them, the memory that it may only read, or the configuration
 //! space of any function on the PCI bus. FUNCTION is a folder like the PCI function's in sysfs, and
 //! only its own configuration is then written. Without it nothing happens on a machine that has no
 //! function of Takt's; where there is one, the other functions may not survive either.
@@ -28,7 +28,6 @@ use takt_tests::random::Random;
 const CONFIGURATION_BYTES: u64 = 256;
 
 struct Target {
-    doorbells: Option<Bar>,
     readable: Bar,
     /// The same memory mapped for writing, if the kernel lets.
     forced: Option<Bar>,
@@ -38,7 +37,6 @@ struct Target {
 
 #[derive(Debug, Default)]
 struct Done {
-    doorbells: u64,
     read_only: u64,
     writable: u64,
     configuration: u64,
@@ -48,7 +46,6 @@ struct Done {
 impl Target {
     fn new(folder: &Path, configurations: Vec<PathBuf>) -> std::io::Result<Target> {
         Ok(Target {
-            doorbells: Bar::writable(&folder.join("resource0")).ok(),
             readable: Bar::readable(&folder.join("resource1"))?,
             forced: Bar::writable(&folder.join("resource1")).ok(),
             writable: Bar::writable(&folder.join("resource2")).ok(),
@@ -59,8 +56,7 @@ impl Target {
     fn step(&self, random: &mut Random, done: &mut Done) {
         let (bar, count) = match random.below(16) {
             0..8 => (&self.writable, &mut done.writable),
-            8..11 => (&self.doorbells, &mut done.doorbells),
-            11..13 => (&self.forced, &mut done.read_only),
+            8..12 => (&self.forced, &mut done.read_only),
             _ => {
                 if self.configure(random) {
                     done.configuration += 1;
@@ -129,9 +125,9 @@ fn run(seed: u64, steps: u64, function: Option<&str>) -> Result<bool, Box<dyn Er
         target.step(&mut random, &mut done);
     }
     let unchanged = table(&target.readable) == before;
-    let Done { doorbells, read_only, writable, configuration, refused } = done;
+    let Done { read_only, writable, configuration, refused } = done;
     println!(
-        "hostile: seed {seed}, writable {writable}, doorbells {doorbells}, read-only {read_only}, \
+        "hostile: seed {seed}, writable {writable}, read-only {read_only}, \
          configuration {configuration}, refused {refused}, table {}",
         if unchanged { "unchanged" } else { "CHANGED" }
     );
