@@ -82,26 +82,14 @@ impl File {
     /// Adds a sampling and a queuing channel for records of 512 bytes, as `peer` has them: from
     /// `out` and `send` of one partition to `in` and `receive` of the other.
     #[must_use]
-    pub fn channels(self, from: &str, to: &str) -> Self {
-        self.both_channels(from, to, false)
-    }
-
-    /// The same, and their sources ring.
-    #[must_use]
-    pub fn ringing_channels(self, from: &str, to: &str) -> Self {
-        self.both_channels(from, to, true)
-    }
-
-    fn both_channels(mut self, from: &str, to: &str, doorbell: bool) -> Self {
-        let doorbell = if doorbell { "doorbell = true\n" } else { "" };
+    pub fn channels(mut self, from: &str, to: &str) -> Self {
+        // Writing to a String cannot fail.
         let _ = write!(
             self.text,
             "[[channel]]\nname = \"state-of-{from}\"\nkind = \"sampling\"\nmessage_bytes = 512\n\
              source = \"{from}:out\"\ndestinations = [\"{to}:in\"]\nrefresh_period = \"2ms\"\n\
-             {doorbell}\
              [[channel]]\nname = \"orders-of-{from}\"\nkind = \"queuing\"\nmessage_bytes = 512\n\
-             source = \"{from}:send\"\ndestinations = [\"{to}:receive\"]\ndepth = 4\n\
-             {doorbell}"
+             source = \"{from}:send\"\ndestinations = [\"{to}:receive\"]\ndepth = 4\n"
         );
         self
     }
