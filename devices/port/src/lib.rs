@@ -1,9 +1,10 @@
 //! The ports of a Linux partition, for programs that run in it.
 //!
 //! Takt gives a Linux guest its ends of channels as a PCI function: memory that it can read, and
-//! memory that it can write. No driver is needed for them, since sysfs lets root map both; so this is a library of user space, and the guest's kernel stays as its
-//! distribution built it. Messages never pass through that kernel: writing and reading are loads and
-//! stores (`takt-channel`), and only waiting is a system call.
+//! memory that it can write. No driver is needed for them, since sysfs lets root map both; so this
+//! is a library of user space, and the guest's kernel stays as its distribution built it. Messages
+//! never pass through that kernel: writing and reading are loads and stores (`takt-channel`), and
+//! only waiting is a system call.
 //!
 //! [`Ports::discover`] finds the function, and [`Ports::output`], [`Ports::input`],
 //! [`Ports::sender`] and [`Ports::receiver`] take an end for this process. An end has one owner at

@@ -72,7 +72,7 @@ impl Kind {
 /// A port of this partition.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Port {
-    /// Its place in the table, which is also the number of its doorbell.
+    /// Its place in the table.
     pub index: u32,
     /// Its name in the partition file.
     pub name: String,
@@ -82,7 +82,7 @@ pub struct Port {
     pub kind: Kind,
     /// Longest message in bytes.
     pub maximum: u32,
-    /// A source rings after each message, and a destination is rung for.
+    /// Whether the source rings after each message. No source in a Linux does.
     pub doorbell: bool,
     /// Shape of the channel.
     pub(crate) geometry: Geometry,

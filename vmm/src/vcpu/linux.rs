@@ -1,8 +1,7 @@
 //! The Linux guest's side of the loop: the few devices that are emulated for it.
 //!
 //! Of the memory of its PCI function nothing is here. The regions of channels are memory slots;
-//! what comes here is a write to one that is read-only, and any access to what is empty. That goes
-//! for the page of doorbells too: a doorbell wakes a Linux, and it is the only one.
+//! what comes here is a write to one that is read-only, and any access to what is empty.
 
 use kvm_ioctls::VcpuExit;
 use takt_devices::ports::PortBus;
@@ -111,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn every_access_to_the_doorbells_and_to_empty_memory_is_counted() {
+    fn every_access_to_empty_memory_is_counted() {
         let mut guest = LinuxGuest::new(PortBus::default(), PowerLine::default());
         let mut number = 0x2545_f491_4f6c_dd1du64;
         for count in 1..=20_000 {
