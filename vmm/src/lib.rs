@@ -34,5 +34,6 @@ pub mod statistics;
 pub mod supervisor;
 pub mod terminal;
 pub mod trace;
+pub mod unix_socket;
 pub mod vcpu;
 pub mod worst;

@@ -21,7 +21,7 @@ use crate::account::Account;
 use crate::appliance;
 use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile};
-use crate::control::{Facts, Listener, Server};
+use crate::control::{Facts, Server};
 use crate::cpuset::Domains;
 use crate::health::Fault;
 use crate::host_ports::{self, HostPorts};
@@ -35,6 +35,7 @@ use crate::schedule_desk::ScheduleDesk;
 use crate::supervisor::{Console, Endings, Supervisor, take_signals};
 use crate::terminal::{self, Screen};
 use crate::trace::Trace;
+use crate::unix_socket::{Listener, SocketKind};
 use crate::vcpu::thread::Running;
 use crate::vcpu::{Control, kick};
 
@@ -72,7 +73,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         .control
         .as_deref()
         .or(file.control())
-        .map(Listener::bind)
+        .map(|path| Listener::bind(path, SocketKind::Stream))
         .transpose()?
         .map(|listener| (Server::new(listener), Facts::new(file)));
     // Given back after all threads have been let go.

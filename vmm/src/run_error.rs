@@ -12,13 +12,13 @@ use crate::boot::long_mode::StartError;
 use crate::boot::plc::PlcImageError;
 use crate::boot::touch::TouchError;
 use crate::channels::ChannelError;
-use crate::control::SocketError;
 use crate::cpuset::CpusetError;
 use crate::host_ports::HostPortError;
 use crate::machine::MachineError;
 use crate::memory::MemoryError;
 use crate::passthrough::error::DeviceError;
 use crate::supervisor::SupervisorError;
+use crate::unix_socket::SocketError;
 use crate::vcpu::thread::ThreadError;
 
 /// A run that did not take place, or could not tell of itself.
@@ -55,7 +55,7 @@ pub enum RunError {
     Pci(#[from] WindowFull),
     #[error("two devices of the Linux machine collide: {0}")]
     Ports(#[from] Overlap),
-    #[error(transparent)]
+    #[error("control: {0}")]
     Control(#[from] SocketError),
     #[error("cannot lock memory: {0}; run as root, or raise the limit (ulimit -l unlimited)")]
     Lock(io::Error),

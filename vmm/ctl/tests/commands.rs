@@ -12,7 +12,8 @@ use std::time::Duration;
 use takt::control::protocol::{
     ErrorKind, EventKind, Mode, PartitionStatus, Refusal, ScheduleStatus, State, Status,
 };
-use takt::control::{Listener, Operator, Server};
+use takt::control::{Operator, Server};
+use takt::unix_socket::{Listener, SocketKind};
 use takt_scheduler::time::Nanos;
 
 const FILE: &str = r#"
@@ -114,7 +115,7 @@ impl Plant {
 
     fn running(name: &str) -> Plant {
         let mut plant = Plant::new(name);
-        let listener = Listener::bind(&plant.folder.join("takt.sock")).unwrap();
+        let listener = Listener::bind(&plant.folder.join("takt.sock"), SocketKind::Stream).unwrap();
         let end = plant.end.clone();
         plant.server = Some(thread::spawn(move || {
             let mut server = Server::new(listener);

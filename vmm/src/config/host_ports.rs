@@ -13,10 +13,7 @@ use super::channels::{Channel, Owner};
 use super::diagnostic::{Diagnostic, quote};
 use super::images::{self, Image};
 use super::raw::{self, Keys};
-
-/// Longest path of a socket in bytes: `sun_path` of `struct sockaddr_un` has 108, one for the NUL
-/// (`UNIX_PATH_MAX` in `uapi/linux/un.h`).
-const SOCKET_PATH_MAX: usize = 107;
+use crate::unix_socket::SOCKET_PATH_MAX;
 
 /// Where an end on the host leads. Paths are absolute.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -14,7 +14,7 @@ use thiserror::Error;
 use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
-use crate::control::SOCKET_PATH_MAX;
+use crate::unix_socket::SOCKET_PATH_MAX;
 
 /// Longest path that Linux takes, with its final NUL (`PATH_MAX` in `uapi/linux/limits.h`).
 const PATH_MAX: usize = 4096;

@@ -21,7 +21,6 @@
 
 mod client;
 mod facts;
-mod listener;
 mod operated;
 mod operator;
 mod orders;
@@ -31,7 +30,6 @@ mod server;
 mod tests;
 
 pub use facts::Facts;
-pub use listener::{Listener, PATH_MAX as SOCKET_PATH_MAX, SocketError};
 pub use operated::Operated;
 pub use operator::Operator;
 pub use orders::{Order, Orders};

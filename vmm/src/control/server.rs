@@ -2,13 +2,14 @@
 
 use std::collections::VecDeque;
 use std::io::Write;
+use std::os::unix::net::UnixStream;
 
 use takt_scheduler::time::Nanos;
 
 use super::client::{Came, Client};
-use super::listener::Listener;
 use super::operator::Operator;
 use super::protocol::{Answer, ErrorKind, Event, EventKind, LINE_MAX, Refusal, Request};
+use crate::unix_socket::Listener;
 
 /// Most clients at a time.
 pub const CLIENTS_MAX: usize = 16;
@@ -94,7 +95,7 @@ impl Server {
 
     fn accept(&mut self) {
         for _ in 0..ACCEPTED_MAX {
-            let Some(mut stream) = self.listener.accept() else { return };
+            let Some(mut stream) = self.listener.accept().map(UnixStream::from) else { return };
             if self.clients.len() < CLIENTS_MAX {
                 self.clients.push(Client::new(stream));
                 continue;

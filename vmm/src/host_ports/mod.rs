@@ -38,10 +38,10 @@ use vmm_sys_util::epoll::{Epoll, EpollEvent};
 
 use crate::channels::{Channels, Regions};
 use crate::config::{self, HostPort, Owner};
+use crate::unix_socket::{Listener, SocketError, SocketKind};
 use budget::Budget;
 use ends::{Destination, EndError, Source};
 use files::{FileDestination, FileSource};
-use seqpacket::{Listener, SocketError};
 use sockets::{Clients, SocketDestination, SocketSource, Watch};
 
 /// Events that are taken at once.
@@ -170,7 +170,7 @@ impl HostPorts {
                 return Ok(());
             }
             HostPort::Socket(path) => {
-                let listener = Listener::bind(path)
+                let listener = Listener::bind(path, SocketKind::Packets)
                     .map_err(|source| HostPortError::Socket { channel: name(), source })?;
                 let watch = Watch::new(self.epoll.clone(), self.ports.len() as u64);
                 if is_source {

@@ -14,7 +14,8 @@ use vmm_sys_util::epoll::{ControlOperation, Epoll, EpollEvent, EventSet};
 
 use super::budget::Budget;
 use super::ends::{Destination, Source};
-use super::seqpacket::{Came, Connection, Listener, Sent};
+use super::seqpacket::{Came, Connection, Sent};
+use crate::unix_socket::Listener;
 
 /// Most clients of one port at a time.
 pub const CLIENTS_MAX: usize = 8;
@@ -71,7 +72,7 @@ impl Clients {
 
     fn accept(&mut self, budget: &mut Budget) {
         while budget.is_left() {
-            let Some(connection) = self.listener.accept() else { return };
+            let Some(connection) = self.listener.accept().map(Connection) else { return };
             budget.spend(0);
             if self.all.len() < self.most && self.watch.add(connection.as_raw_fd()).is_ok() {
                 self.all.push_back(Client { connection, behind: true });

@@ -2,7 +2,6 @@
 
 mod documentation;
 mod hostile;
-mod listener;
 mod orders;
 mod protocol;
 mod server;
@@ -17,8 +16,9 @@ use super::protocol::{
     Answer, ErrorKind, Message, Mode, PartitionStatus, Refusal, ReleaseStatus, ScheduleStatus,
     State, Status, VERSION, WindowStatus,
 };
-use super::{Listener, Operator, Server};
+use super::{Operator, Server};
 use crate::report::Summary;
+use crate::unix_socket::{Listener, SocketKind};
 
 /// A folder of its own, gone at the end.
 struct Folder(PathBuf);
@@ -92,7 +92,7 @@ struct Served {
 impl Served {
     fn new() -> Served {
         let folder = Folder::new();
-        let server = Server::new(Listener::bind(&folder.socket()).unwrap());
+        let server = Server::new(Listener::bind(&folder.socket(), SocketKind::Stream).unwrap());
         Served { server, run: FakeRun::default(), folder }
     }
 

@@ -21,9 +21,10 @@ use vmm_sys_util::tempdir::TempDir;
 
 use super::packet::{HEADER, Header, LOST, VALID};
 use super::pages::{Own, Peer};
-use super::seqpacket::{Came, Connection, Sent, connect};
+use super::seqpacket::{Came, Connection, Sent};
 use super::*;
 use crate::config::{Channel, ChannelKind, End, WhenFull};
+use crate::unix_socket;
 
 /// One tick of the counter is a microsecond.
 const KHZ: u32 = 1_000;
@@ -33,6 +34,11 @@ const MAXIMUM: u32 = 64;
 
 pub(super) fn queuing(depth: u32, when_full: WhenFull) -> ChannelKind {
     ChannelKind::Queuing { depth, when_full }
+}
+
+/// Connects as a client does.
+fn connect(path: &Path) -> std::io::Result<Connection> {
+    unix_socket::connect(path, SocketKind::Packets).map(Connection)
 }
 
 /// A channel between partition 0 and the host, and the folder in which its path lies.

@@ -1,0 +1,189 @@
+//! A Unix socket that listens, and its file.
+//!
+//! Takt lets other programs in by sockets: to its control, and to the ends of channels on the host.
+//! The permissions of the file are all the protection that such a socket has, so there is no moment
+//! without them: the mode is set on the descriptor before it is bound to a path, and the kernel
+//! gives the file that mode (`unix_bind_bsd` in its `net/unix/af_unix.c`). The standard library
+//! binds at once, and knows no SOCK_SEQPACKET, which is why this one is made by hand. Nothing here
+//! ever waits.
+
+use std::ffi::c_int;
+use std::fs;
+use std::io::{self, ErrorKind};
+use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::{FileTypeExt, MetadataExt};
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+/// Connections that the kernel keeps until they are accepted.
+const BACKLOG: c_int = 32;
+/// Longest path of a socket in bytes: `sun_path` of unix(7), less its NUL.
+pub const SOCKET_PATH_MAX: usize = 107;
+
+/// What a connection carries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SocketKind {
+    /// Bytes (SOCK_STREAM).
+    Stream,
+    /// Packets, whole and in order (SOCK_SEQPACKET).
+    Packets,
+}
+
+/// Why there is no socket.
+#[derive(Debug, Error)]
+pub enum SocketError {
+    /// The host refuses something.
+    #[error("cannot {what} the socket {}: {source}", path.display())]
+    Host {
+        /// What was attempted.
+        what: &'static str,
+        /// Of the socket.
+        path: PathBuf,
+        /// What the host said.
+        source: io::Error,
+    },
+    /// Somebody listens there.
+    #[error("cannot make the socket {}: another program listens there", .0.display())]
+    InUse(PathBuf),
+    /// Something else has that path, and is not Takt's to remove.
+    #[error("cannot make the socket {}: there is a file that is no socket", .0.display())]
+    NotASocket(PathBuf),
+}
+
+/// A socket that listens; its file goes with it.
+#[derive(Debug)]
+pub struct Listener {
+    fd: OwnedFd,
+    path: PathBuf,
+    /// Device and inode of the file.
+    file: (u64, u64),
+}
+
+impl Listener {
+    /// Makes the socket, for its owner only (mode 0600). One to which nobody listens, as a Takt that
+    /// was killed leaves it, is replaced; anything else stays.
+    ///
+    /// # Errors
+    /// See [`SocketError`].
+    pub fn bind(path: &Path, kind: SocketKind) -> Result<Self, SocketError> {
+        let cannot = |what| move |source| SocketError::Host { what, path: path.to_owned(), source };
+        let fd = socket(kind).map_err(cannot("make"))?;
+        // SAFETY: takes integers only.
+        check(unsafe { libc::fchmod(fd.as_raw_fd(), 0o600) }).map_err(cannot("guard"))?;
+        let bound = match bind(&fd, path) {
+            Err(error) if error.kind() == ErrorKind::AddrInUse => {
+                remove_stale(path, kind)?;
+                bind(&fd, path)
+            }
+            other => other,
+        };
+        bound.map_err(cannot("make"))?;
+        let file = fs::symlink_metadata(path).map_err(cannot("find"))?;
+        let listener = Self { fd, path: path.to_owned(), file: (file.dev(), file.ino()) };
+        // SAFETY: takes integers only.
+        check(unsafe { libc::listen(listener.fd.as_raw_fd(), BACKLOG) })
+            .map_err(cannot("listen to"))?;
+        Ok(listener)
+    }
+
+    /// The next connection, if there is one; it never waits either.
+    #[must_use]
+    pub fn accept(&self) -> Option<OwnedFd> {
+        let flags = libc::SOCK_CLOEXEC | libc::SOCK_NONBLOCK;
+        let none = std::ptr::null_mut();
+        // SAFETY: null pointers say that the other end's address is not wanted.
+        let fd = unsafe { libc::accept4(self.fd.as_raw_fd(), none, none.cast(), flags) };
+        // SAFETY: the descriptor is new and nobody else's.
+        check(fd).ok().map(|fd| unsafe { OwnedFd::from_raw_fd(fd) })
+    }
+}
+
+impl AsRawFd for Listener {
+    fn as_raw_fd(&self) -> c_int {
+        self.fd.as_raw_fd()
+    }
+}
+
+impl Drop for Listener {
+    fn drop(&mut self) {
+        let is_own = |file: fs::Metadata| (file.dev(), file.ino()) == self.file;
+        if fs::symlink_metadata(&self.path).is_ok_and(is_own) {
+            // What is left behind the next run replaces.
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}
+
+/// Connects as a client does.
+///
+/// # Errors
+/// What the kernel says.
+pub fn connect(path: &Path, kind: SocketKind) -> io::Result<OwnedFd> {
+    let fd = socket(kind)?;
+    with_address(path, |address, length| {
+        // SAFETY: the address is live and has this length.
+        unsafe { libc::connect(fd.as_raw_fd(), address, length) }
+    })?;
+    Ok(fd)
+}
+
+/// Removes the socket of a process that is gone.
+fn remove_stale(path: &Path, kind: SocketKind) -> Result<(), SocketError> {
+    let cannot = |what| move |source| SocketError::Host { what, path: path.to_owned(), source };
+    let file = fs::symlink_metadata(path).map_err(cannot("find"))?;
+    if !file.file_type().is_socket() {
+        return Err(SocketError::NotASocket(path.to_owned()));
+    }
+    match connect(path, kind) {
+        Err(error) if error.kind() == ErrorKind::ConnectionRefused => {
+            fs::remove_file(path).map_err(cannot("replace"))
+        }
+        _ => Err(SocketError::InUse(path.to_owned())),
+    }
+}
+
+fn socket(kind: SocketKind) -> io::Result<OwnedFd> {
+    let kind = match kind {
+        SocketKind::Stream => libc::SOCK_STREAM,
+        SocketKind::Packets => libc::SOCK_SEQPACKET,
+    };
+    let kind = kind | libc::SOCK_CLOEXEC | libc::SOCK_NONBLOCK;
+    // SAFETY: takes integers only.
+    let fd = check(unsafe { libc::socket(libc::AF_UNIX, kind, 0) })?;
+    // SAFETY: the descriptor is new and nobody else's.
+    Ok(unsafe { OwnedFd::from_raw_fd(fd) })
+}
+
+fn bind(fd: &OwnedFd, path: &Path) -> io::Result<()> {
+    with_address(path, |address, length| {
+        // SAFETY: the address is live and has this length.
+        unsafe { libc::bind(fd.as_raw_fd(), address, length) }
+    })
+}
+
+fn with_address(
+    path: &Path,
+    call: impl FnOnce(*const libc::sockaddr, libc::socklen_t) -> c_int,
+) -> io::Result<()> {
+    let family = libc::AF_UNIX as libc::sa_family_t;
+    let mut address = libc::sockaddr_un { sun_family: family, sun_path: [0; SOCKET_PATH_MAX + 1] };
+    let bytes = path.as_os_str().as_bytes();
+    if bytes.len() > SOCKET_PATH_MAX {
+        return Err(ErrorKind::InvalidFilename.into());
+    }
+    for (to, from) in address.sun_path.iter_mut().zip(bytes) {
+        *to = *from as libc::c_char;
+    }
+    let length = size_of::<libc::sockaddr_un>() as libc::socklen_t;
+    check(call((&raw const address).cast(), length)).map(|_| ())
+}
+
+fn check(result: c_int) -> io::Result<c_int> {
+    if result < 0 { Err(io::Error::last_os_error()) } else { Ok(result) }
+}
+
+#[cfg(test)]
+#[path = "unix_socket_tests.rs"]
+mod tests;
