@@ -107,4 +107,7 @@ fn channels_are_compared_with_what_linux_has_of_its_own() {
     let outcome = peer_and_linux("linux-compare", exec, "", "20s");
     outcome.assert_shows("status 0");
     assert!(!outcome.output.contains("not measured"), "{}", outcome.output);
+    // Figures to report, not to test.
+    let table = outcome.output.lines().skip_while(|line| !line.starts_with("compare: "));
+    table.take_while(|line| !line.starts_with("status")).for_each(|line| println!("{line}"));
 }
