@@ -23,7 +23,7 @@ use vmm_sys_util::timerfd::TimerFd;
 use crate::account::{Account, Finished};
 use crate::boot::{Start, StartMode, StartReason};
 use crate::control::protocol::EventKind;
-use crate::control::{Facts, Operated, Server};
+use crate::control::{Facts, Operated, Outcome, Server};
 use crate::health::{Action, Verdict};
 use crate::host_ports::HostPorts;
 use crate::init_watch::InitWatch;
@@ -215,58 +215,60 @@ impl Supervisor {
         while let Ok((id, finished)) = self.endings.ends.try_recv() {
             // What it said last comes before the news of its end.
             self.drain();
-            let base = self.desk.base();
-            let Some(account) = self.accounts.get_mut(id.0) else { continue };
-            let Account { name, lines, health, .. } = account;
-            let (screen, operators) = (&mut self.screen, &mut self.operators);
-            let now = self.desk.now();
-            lines.finish(|line| screen.line(name, line));
-            let start = match finished.end {
-                End::ScheduleChange(mode) => {
-                    screen.line("takt", &format!("{name}: {}", finished.end));
-                    Some(Start { mode, reason: StartReason::ScheduleChange })
-                }
-                _ => {
-                    let show = |line: &str| {
-                        screen.line("takt", &format!("{name}: {line}"));
-                        tell(operators, now, EventKind::Health, Some(name), line);
-                    };
-                    let verdict = health.end(&finished, base, show);
-                    let shut_down = matches!(verdict, Some(v) if v.action == Action::ShutDown);
-                    account.ended_run |= shut_down;
-                    self.running &= !shut_down;
-                    start_of(verdict)
-                }
-            };
-            if let Some(outcome) = account.obey(finished) {
-                screen.line("takt", &format!("{}: {}", account.name, outcome.text));
-                tell(operators, now, outcome.kind, Some(&account.name), &outcome.text);
-                continue;
-            }
-            let Account { name, restart, .. } = account;
-            let (start, failure) = match (start, &*restart) {
-                (Some(start), Some(restart)) => match restart.start(start) {
-                    Ok(()) => (Some(start), None),
-                    Err(error) => (None, Some(error)),
-                },
-                (_, restart) => (None, restart.as_ref().and_then(Restart::failure)),
-            };
-            if let Some(error) = failure {
-                screen.line("takt", &format!("{name}: {error}"));
-            }
-            let text = finished.end.to_string();
-            let kind = match start {
-                Some(start) => {
-                    account.restarted(start.mode);
-                    EventKind::Restarted
-                }
-                None => {
-                    account.finished = Some(finished);
-                    EventKind::Ended
-                }
-            };
-            tell(operators, now, kind, Some(&account.name), &text);
+            let start = self.judge(id, &finished);
+            self.follow(id, finished, start);
         }
+    }
+
+    /// Says how a partition has ended, and decides whether it is to be started anew.
+    fn judge(&mut self, id: PartitionId, finished: &Finished) -> Option<Start> {
+        let (base, now) = (self.desk.base(), self.desk.now());
+        let Account { name, lines, health, ended_run, .. } = self.accounts.get_mut(id.0)?;
+        lines.finish(|line| self.screen.line(name, line));
+        if let End::ScheduleChange(mode) = finished.end {
+            self.screen.line("takt", &format!("{name}: {}", finished.end));
+            return Some(Start { mode, reason: StartReason::ScheduleChange });
+        }
+        let verdict = health.end(finished, base, |line| {
+            self.screen.line("takt", &format!("{name}: {line}"));
+            tell(&mut self.operators, now, EventKind::Health, Some(name), line);
+        });
+        if matches!(verdict, Some(verdict) if verdict.action == Action::ShutDown) {
+            *ended_run = true;
+            self.running = false;
+        }
+        start_of(verdict)
+    }
+
+    /// Does what follows from a partition's end: an operator's order, if there is one, or else
+    /// `start`.
+    fn follow(&mut self, id: PartitionId, finished: Finished, start: Option<Start>) {
+        let now = self.desk.now();
+        let Some(account) = self.accounts.get_mut(id.0) else { return };
+        if let Some(Outcome { kind, text }) = account.obey(finished) {
+            self.screen.line("takt", &format!("{}: {text}", account.name));
+            tell(&mut self.operators, now, kind, Some(&account.name), &text);
+            return;
+        }
+        let (started, failure) = match (start, &account.restart) {
+            (Some(start), Some(restart)) => match restart.start(start) {
+                Ok(()) => (Some(start), None),
+                Err(error) => (None, Some(error)),
+            },
+            (_, restart) => (None, restart.as_ref().and_then(Restart::failure)),
+        };
+        if let Some(error) = failure {
+            self.screen.line("takt", &format!("{}: {error}", account.name));
+        }
+        let kind = if let Some(start) = started {
+            account.restarted(start.mode);
+            EventKind::Restarted
+        } else {
+            account.finished = Some(finished);
+            EventKind::Ended
+        };
+        let text = finished.end.to_string();
+        tell(&mut self.operators, now, kind, Some(&account.name), &text);
     }
 
     /// Lets go of the threads whose guests have ended.

@@ -32,5 +32,5 @@ mod tests;
 pub use facts::Facts;
 pub use operated::Operated;
 pub use operator::Operator;
-pub use orders::{Order, Orders};
+pub use orders::{Order, Orders, Outcome};
 pub use server::Server;
