@@ -75,6 +75,13 @@ impl Outcome {
         of("donation.received_ns") / of("donation.offered_ns")
     }
 
+    /// Latest less earliest start after a release, in ns.
+    #[must_use]
+    pub fn jitter_ns(&self, partition: &str) -> u64 {
+        let of = |key| self.number(partition, key);
+        of("release_latency_ns.max") - of("release_latency_ns.min")
+    }
+
     /// Fails unless a PLC started each scan within 10 ns of its release, but for those that an
     /// interrupt of the host fell onto.
     ///

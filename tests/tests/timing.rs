@@ -4,22 +4,35 @@
 
 use takt_tests::{BUSY, File, Outcome, Run, Value, long, plc_image};
 
+/// Where the first window of a frame begins, in us. The second place is for the case that at the
+/// first one the releases meet the host's tick or Linux's, which the lab repeats as faithfully as all
+/// the rest: then that run has shown the tick's jitter and not the guard's.
+const PLACES: [u64; 2] = [0, 170];
+
+/// A run at the first place where nothing but the guard decides when `plc` starts.
+fn apart_from_ticks(run: impl Fn(u64) -> Outcome) -> Outcome {
+    let [first, second] = PLACES;
+    let outcome = run(first);
+    outcome.assert_punctual("plc");
+    if outcome.jitter_ns("plc") > 10 { run(second) } else { outcome }
+}
+
 /// A PLC with a window of 300 us in 1 ms that computes for a tenth of it, beside a busy Linux.
-fn tenth(guard: &str) -> File {
+fn tenth(guard: &str, place: u64) -> File {
     File::new("1ms")
         .plc("plc", Some(plc_image("tenth")), &format!("release_guard = {guard:?}"))
         .linux(BUSY)
         .schedule("normal")
-        .window("plc", 0, 300)
+        .window("plc", place, 300)
 }
 
 #[test]
 fn a_guarded_release_has_no_jitter_and_linux_gets_what_the_plc_leaves() {
     let duration = if long() { "60s" } else { "11s" };
-    let outcome = tenth("20us").run("guarded").lasting(duration).run();
+    let outcome = apart_from_ticks(|at| tenth("20us", at).run("guarded").lasting(duration).run());
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_kept_its_time("plc", 10_000);
-    outcome.assert_punctual("plc");
+    assert!(outcome.jitter_ns("plc") <= 10, "{}", outcome.output);
     let received = outcome.received("linux");
     assert!(received >= 0.97, "Linux received {received}\n{}", outcome.output);
 }
@@ -36,7 +49,7 @@ fn linux_gets_all_of_the_windows_of_a_plc_that_has_ended() {
 
 #[test]
 fn without_a_guard_the_wake_up_is_the_jitter() {
-    let outcome = tenth("0us").run("unguarded").for_jitter().lasting("2s").run();
+    let outcome = tenth("0us", 0).run("unguarded").for_jitter().lasting("2s").run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     let of = |key: &str| outcome.number("plc", key);
     assert_eq!(of("lost"), 0, "{}", outcome.output);
@@ -50,14 +63,14 @@ fn without_a_guard_the_wake_up_is_the_jitter() {
 
 /// A PLC that computes without end, with a window of 300 us in 1 ms, and right behind it a good one,
 /// with the shortest gap that the file may have: the time for a kick, and the guard.
-fn monopolist() -> File {
+fn monopolist(place: u64) -> File {
     File::new("1ms")
         .plc("greedy", Some(plc_image("never-done")), "")
         .plc("plc", None, "")
         .linux(BUSY)
         .schedule("normal")
-        .window("greedy", 0, 300)
-        .window("plc", 350, 100)
+        .window("greedy", place, 300)
+        .window("plc", place + 350, 100)
 }
 
 fn linux_has_its_minimum(outcome: &Outcome) {
@@ -68,20 +81,20 @@ fn linux_has_its_minimum(outcome: &Outcome) {
 
 #[test]
 fn an_overrun_ends_at_its_windows_end_and_moves_nobody() {
-    let outcome = monopolist().run("overrun").lasting("3s").run();
+    let outcome = apart_from_ticks(|at| monopolist(at).run("overrun").lasting("3s").run());
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     let overruns = outcome.number("greedy", "overruns");
     assert!(overruns >= 2_980, "{overruns} overruns\n{}", outcome.output);
     // The guest stamps the clock for ever: its last stamp is the last moment at which it ran.
     assert!(outcome.number("greedy", "overrun_ns.max") <= 10_000, "{}", outcome.output);
     outcome.assert_kept_its_time("plc", 2_980);
-    outcome.assert_punctual("plc");
+    assert!(outcome.jitter_ns("plc") <= 10, "{}", outcome.output);
     linux_has_its_minimum(&outcome);
 }
 
 #[test]
 fn without_the_kick_the_reservation_still_bounds_an_overrun() {
-    let outcome = monopolist().run("no-kick").with("--without-kick").lasting("2s").run();
+    let outcome = monopolist(0).run("no-kick").with("--without-kick").lasting("2s").run();
     assert_eq!(outcome.report["kick"], false);
     // 370 us in each ms are reserved: guard, window and 50 us for the kick that does not come. The
     // scheduler enforces that as its timer finds it, 1.3 % of the CPU late.
