@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use takt::config;
 use takt::health::{Action, FAULTS, Fault, Limit, Table};
+use takt::{check, config};
 use takt_scheduler::time::Nanos;
 
 fn tables(name: &str) -> Vec<(String, Table)> {
@@ -46,4 +46,29 @@ fn rows_and_limits_change_the_table_of_their_partition_only() {
     }
     assert_eq!(plc.limit(), Limit { at_most: 5, within: Nanos::from_millis(1_000) });
     assert_eq!(linux.limit(), Limit { at_most: 0, within: Nanos::from_millis(86_400_000) });
+}
+
+#[test]
+fn the_report_shows_what_is_not_the_default_and_nothing_else() {
+    let report = |name: &str| {
+        let path = Path::new("tests/partition_files").join(name);
+        check::report(&config::load(&path, None).unwrap_or_else(|error| panic!("{error}")))
+    };
+    let expected = "
+health monitor, where it is not the default
+  plc
+    deadline-missed -> ignore
+    application-error -> warm-start
+    numeric-error -> cold-start
+    hardware-fault -> shut-down
+    at most 5 starts within 1s
+  linux
+    illegal-request -> log
+    partition-reset -> idle
+    partition-ended -> cold-start
+    at most 0 starts within 86400s
+";
+    let report_of_changes = report("good-health.toml");
+    assert!(report_of_changes.ends_with(expected), "{report_of_changes}");
+    assert!(!report("good-channels.toml").contains("health monitor"));
 }

@@ -10,6 +10,7 @@
 //! Both are pure functions of the validated file.
 
 mod channels;
+mod health;
 mod passthrough;
 mod tables;
 mod timeline;
@@ -19,7 +20,7 @@ use takt_scheduler::schedules::ScheduleId;
 use crate::config::{Kind, Partition, PartitionFile};
 
 /// Each schedule drawn per CPU, what each partition gets in it and how its tasks fare; then what
-/// holds under all of them, the channels, and the host's devices. Ends with a newline.
+/// holds under all of them, the channels, the host's devices, and the health monitor's own rows. Ends with a newline.
 #[must_use]
 pub fn report(file: &PartitionFile) -> String {
     let mut out = format!("{}: major frame {}\n", file.name(), file.schedules().frame());
@@ -41,6 +42,7 @@ pub fn report(file: &PartitionFile) -> String {
     tables::not_analysed(&mut out, file);
     channels::list(&mut out, file);
     passthrough::list(&mut out, file);
+    health::list(&mut out, file);
     out
 }
 
