@@ -17,11 +17,11 @@ use vmm_sys_util::eventfd::EventFd;
 use crate::boot;
 use crate::boot::acpi::{POWER_PORT, SERIAL_IRQ, SERIAL_PORT};
 use crate::boot::long_mode::{self, StartError};
+use crate::init_watch::Console;
 use crate::machine::{self, Machine, MachineError};
 use crate::memory::{GuestMemory, HOLE_END, HOLE_START};
 use crate::pci::{self, Card};
 use crate::run_error::RunError;
-use crate::supervisor::Console;
 use crate::vcpu::kick;
 use crate::vcpu::linux::LinuxGuest;
 

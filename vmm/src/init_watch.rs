@@ -9,6 +9,8 @@ use std::io::{self, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use takt_devices::output::WaitingOutput;
+use takt_devices::serial::SerialPort;
 use takt_scheduler::time::Tsc;
 
 const BEFORE: &[u8] = b"Run /";
@@ -27,6 +29,9 @@ impl InitSeen {
         Some(self.0.load(Ordering::Relaxed)).filter(|&tsc| tsc != 0).map(Tsc)
     }
 }
+
+/// The serial port of the Linux guest, watched, and through a ring to the event thread.
+pub type Console = SerialPort<InitWatch<WaitingOutput>>;
 
 /// Passes console output on and watches it.
 pub struct InitWatch<W> {

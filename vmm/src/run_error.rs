@@ -17,7 +17,7 @@ use crate::host_ports::HostPortError;
 use crate::machine::MachineError;
 use crate::memory::MemoryError;
 use crate::passthrough::error::DeviceError;
-use crate::supervisor::SupervisorError;
+use crate::supervisor::error::SupervisorError;
 use crate::unix_socket::SocketError;
 use crate::vcpu::thread::ThreadError;
 

@@ -4,20 +4,19 @@
 //! leave what they have to tell in rings, and it looks at those many times a second. Only four
 //! things wake it in between: a key, a signal, the end of a partition, and a client of a channel.
 
+pub mod error;
+mod signals;
+
 use std::fs::File;
 use std::io::{self, Read, Stdin, Stdout};
-use std::os::fd::{AsRawFd, FromRawFd, RawFd};
+use std::os::fd::{AsRawFd, RawFd};
 use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
 use event_manager::{EventManager, EventOps, EventSet, Events, MutEventSubscriber, SubscriberOps};
-use takt_devices::output::WaitingOutput;
-use takt_devices::serial::SerialPort;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
-use thiserror::Error;
 use vmm_sys_util::eventfd::EventFd;
-use vmm_sys_util::signal::{block_signal, create_sigset};
 use vmm_sys_util::timerfd::TimerFd;
 
 use crate::account::{Account, Finished};
@@ -26,63 +25,18 @@ use crate::control::protocol::EventKind;
 use crate::control::{Facts, Operated, Outcome, Server};
 use crate::health::{Action, Verdict};
 use crate::host_ports::HostPorts;
-use crate::init_watch::InitWatch;
+use crate::init_watch::Console;
 use crate::restart::Restart;
 use crate::schedule_desk::ScheduleDesk;
 use crate::terminal::{Key, Keyboard, Screen};
 use crate::trace::Trace;
 use crate::vcpu::guest::End;
+use error::{SupervisorError, cannot};
+pub use signals::take_signals;
 
 /// How often the rings are emptied. At the shortest major frame a ring of window records fills
 /// in a hundred times this.
 const TICK: Duration = Duration::from_millis(20);
-/// Signals that end a run.
-const ENDING: [libc::c_int; 4] = [libc::SIGINT, libc::SIGTERM, libc::SIGHUP, libc::SIGQUIT];
-
-/// The event thread could not be set up or lost its events.
-#[derive(Debug, Error)]
-pub enum SupervisorError {
-    /// The host refuses a descriptor.
-    #[error("cannot {what}: {source}")]
-    Host {
-        /// What was attempted.
-        what: &'static str,
-        /// What the host said.
-        source: io::Error,
-    },
-    /// The event loop failed.
-    #[error("the event loop failed: {0}")]
-    Events(event_manager::Error),
-}
-
-fn cannot(what: &'static str) -> impl FnOnce(io::Error) -> SupervisorError {
-    move |source| SupervisorError::Host { what, source }
-}
-
-/// The serial port of the Linux guest, whose output goes through a ring to this thread.
-pub type Console = SerialPort<InitWatch<WaitingOutput>>;
-
-/// Blocks the signals that end a run, in this thread and all that it starts; they are then read
-/// from a descriptor.
-///
-/// # Errors
-/// If the host refuses the descriptor.
-pub fn take_signals() -> Result<File, SupervisorError> {
-    for signal in ENDING {
-        // Fails only for a signal that is blocked already, as a parent process may have done.
-        let _ = block_signal(signal);
-    }
-    let set = create_sigset(&ENDING)
-        .map_err(|e| cannot("make a set of signals")(io::Error::from_raw_os_error(e.errno())))?;
-    // SAFETY: the set is live and initialised; -1 asks for a new descriptor.
-    let fd = unsafe { libc::signalfd(-1, &raw const set, libc::SFD_CLOEXEC | libc::SFD_NONBLOCK) };
-    if fd < 0 {
-        return Err(cannot("read signals from a descriptor")(io::Error::last_os_error()));
-    }
-    // SAFETY: the descriptor is new and nobody else's.
-    Ok(unsafe { File::from_raw_fd(fd) })
-}
-
 /// How guests' ends become known.
 pub struct Endings {
     /// Rung for each.
