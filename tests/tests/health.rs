@@ -1,6 +1,6 @@
 //! What the health monitor makes of errors.
 
-use takt_tests::{File, plc_image};
+use takt_tests::{File, long, plc_image};
 
 #[test]
 fn a_plc_starts_again_as_its_table_says_until_it_does_so_too_often() {
@@ -72,4 +72,41 @@ fn a_plc_starts_again_as_its_table_says_until_it_does_so_too_often() {
     assert_eq!(shown("-> shut-down"), 1, "{}", outcome.output);
     let duration = outcome.report["duration_ns"].as_u64().unwrap_or(0);
     assert!((800_000_000..2_000_000_000).contains(&duration), "{duration} ns");
+}
+
+#[test]
+fn restarts_cost_a_neighbour_nothing_and_takt_does_not_grow() {
+    // Two guests that live for a fifth of a second each.
+    let (starts, duration) = if long() { (100, "40s") } else { (5, "1800ms") };
+    let failing = || Some(plc_image("failing-starts"));
+    let limit = format!("restarts = {{ at_most = {starts}, within = \"86400s\" }}");
+    let mut file = File::new("8ms")
+        .plc("good", None, "")
+        .plc("warm", failing(), &limit)
+        .plc("cold", failing(), &limit)
+        .health("warm", "numeric-error", "warm-start")
+        .health("cold", "numeric-error", "cold-start")
+        .schedule("normal");
+    for quarter in [0, 2_000, 4_000, 6_000] {
+        file = file.window("good", quarter, 200).window("warm", quarter + 500, 200).window(
+            "cold",
+            quarter + 1_000,
+            200,
+        );
+    }
+    let outcome = file.run("restarts").lasting(duration).run();
+    assert_eq!(outcome.status, 4, "{}", outcome.output);
+    for name in ["warm", "cold"] {
+        assert_eq!(outcome.number(name, "restarts"), starts, "{}", outcome.output);
+        outcome.assert_kept_its_time(name, 100 * starts);
+    }
+    outcome.assert_kept_its_time("good", 100 * starts);
+    outcome.assert_punctual("good");
+    let of = |when: &str, what: &str| outcome.report["process"][when][what].as_u64();
+    assert!(of("start", "descriptors").is_some(), "{}", outcome.report["process"]);
+    assert_eq!(of("start", "descriptors"), of("end", "descriptors"));
+    // What the figures of the report need on their way, but nothing for each start.
+    let grown = of("end", "anonymous_bytes").zip(of("start", "anonymous_bytes"));
+    let grown = grown.map(|(end, start)| end.saturating_sub(start));
+    assert!(grown.is_some_and(|bytes| bytes < 1 << 20), "{grown:?}");
 }

@@ -14,6 +14,7 @@ pub mod config;
 pub mod control;
 pub mod cpuset;
 pub mod doorbell;
+pub mod footprint;
 pub mod gather;
 pub mod health;
 pub mod host_ports;

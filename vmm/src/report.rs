@@ -6,6 +6,7 @@ use std::fs;
 
 use serde::{Deserialize, Serialize};
 
+use crate::footprint::Footprint;
 use crate::host_ports::Account as HostPort;
 use crate::worst::{LateStart, LongScan};
 
@@ -33,6 +34,17 @@ pub struct Report {
     pub partitions: Vec<Partition>,
     /// The ends of channels that are Takt's own, in the order of the partition file.
     pub host_ports: Vec<HostPort>,
+    /// What Takt itself held.
+    pub process: Process,
+}
+
+/// What Takt's own process held when the guests started, and when the run was over.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Process {
+    /// When the guests started; `null` if the host does not tell.
+    pub start: Option<Footprint>,
+    /// When the run was over.
+    pub end: Option<Footprint>,
 }
 
 /// Where the schedule stood at the end.
@@ -402,6 +414,7 @@ mod tests {
                 dropped: 3,
                 ..HostPort::default()
             }],
+            process: Process { start: None, end: None },
         }
     }
 

@@ -23,6 +23,7 @@ use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile};
 use crate::control::{Facts, Server};
 use crate::cpuset::Domains;
+use crate::footprint::Footprint;
 use crate::health::Fault;
 use crate::host_ports::{self, HostPorts};
 use crate::init_watch::{Console, InitSeen};
@@ -179,7 +180,9 @@ impl Run<'_> {
             controls.push(control);
             running.push(thread.start(base));
         }
+        let start = Footprint::now();
         let supervised = supervisor.supervise(self.options.duration);
+        let process = report::Process { start, end: Footprint::now() };
         let duration = self.frequency.nanos(Tsc::now().since(epoch));
         self.closing.store(true, Ordering::Relaxed);
         Control::stop_all(&controls);
@@ -198,7 +201,7 @@ impl Run<'_> {
             trace.finish().map_err(failed)?;
         }
         let host_ports = supervisor.host_ports.as_mut().map_or_else(Vec::new, HostPorts::accounts);
-        Ok(self.report(&supervisor, &inits, base, duration, host_ports))
+        Ok(self.report(&supervisor, &inits, base, duration, host_ports, process))
     }
 
     fn create_trace(&self, path: &Path, base: Timebase) -> Result<Trace, RunError> {
@@ -219,6 +222,7 @@ impl Run<'_> {
         base: Timebase,
         duration: Nanos,
         host_ports: Vec<host_ports::Account>,
+        process: report::Process,
     ) -> Report {
         let partitions = supervisor.accounts.iter().zip(inits).zip(self.file.partitions());
         let describe = |((account, init), partition): ((&Account, &Option<InitSeen>), _)| {
@@ -240,6 +244,7 @@ impl Run<'_> {
             },
             partitions: partitions.map(describe).collect(),
             host_ports,
+            process,
         }
     }
 
