@@ -62,6 +62,7 @@ fn a_port_costs_little_more_than_moving_the_bytes() {
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     let line = outcome.output.lines().find(|line| line.contains("[left] ticks for 512 bytes: "));
     let line = line.unwrap_or_else(|| panic!("no figures\n{}", outcome.output));
+    println!("{line}");
     let of = |what: &str| {
         let after = line.split([' ', ',']).skip_while(|word| *word != what).nth(1);
         after.and_then(|word| word.trim().parse::<u64>().ok())
