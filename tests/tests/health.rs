@@ -68,8 +68,9 @@ fn a_plc_starts_again_as_its_table_says_until_it_does_so_too_often() {
     assert_eq!(shown(&format!("[takt] cold: {said}")), 0, "{}", outcome.output);
 
     // The last one has ended the run long before its time.
-    outcome.assert_shows("[takt] last: numeric-error: ");
-    assert_eq!(shown("-> shut-down"), 1, "{}", outcome.output);
+    let lines = outcome.output.lines().filter(|line| line.contains("[takt] last: numeric-error: "));
+    let ends = lines.filter(|line| line.contains("-> shut-down")).count();
+    assert_eq!(ends, 1, "{}", outcome.output);
     let duration = outcome.report["duration_ns"].as_u64().unwrap_or(0);
     assert!((800_000_000..2_000_000_000).contains(&duration), "{duration} ns");
 }
