@@ -1,5 +1,7 @@
 //! The command line.
 
+mod beside;
+
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -24,9 +26,13 @@ Exit status: 0 good; 2 bad partition file or usage; 3 the host cannot; 4 a parti
 The console is Linux's: Ctrl-] q ends the run, Ctrl-] s asks for the next schedule,
 Ctrl-] Ctrl-] types Ctrl-].";
 
+const BESIDE_HELP: &str = "\
+Programs of their own, in the folder of takt:
+  ctl     Ask a running takt how it stands, and tell it what to do";
+
 /// A PLC and an unmodified Linux side by side on one machine, neither trusting the other.
 #[derive(Parser)]
-#[command(name = "takt", version, after_help = AFTER_HELP)]
+#[command(name = "takt", version, after_help = format!("{BESIDE_HELP}\n\n{AFTER_HELP}"))]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -50,6 +56,8 @@ enum Command {
     },
     /// Tell whether this host's KVM runs guest kernels at hardware speed.
     Probe,
+    #[command(external_subcommand)]
+    Beside(Vec<OsString>),
 }
 
 #[derive(clap::Args)]
@@ -108,6 +116,10 @@ fn command_line(arguments: Vec<OsString>) -> u8 {
         }
     };
     match cli.command {
+        Command::Beside(words) => beside::run(&words).unwrap_or_else(|error| {
+            eprintln!("takt: {error}");
+            status::BAD_FILE_OR_USAGE
+        }),
         Command::Run(run) => run.run(|_| {}),
         Command::Jitter(run) => run.run(|report| print!("\n{}", jitter::proposals(report))),
         Command::Check { file, needs: true } => with_file(&file, None, |file| {
