@@ -10,6 +10,13 @@ one_build_at_a_time() {
     flock "$build_lock"
 }
 
+# appliance_folder FLAVOUR: where the appliance with this kernel flavour is.
+appliance_folder() {
+    local folder=$root/target/appliance
+    [[ $1 == rt-amd64 ]] || folder+=-$1
+    echo "$folder"
+}
+
 # inputs_unchanged STAMP INPUTS: whether STAMP says that the image was made from INPUTS.
 inputs_unchanged() {
     [[ -e $1 && $(<"$1") == "$2" ]]
@@ -92,6 +99,10 @@ unpack_kernel() {
     fd377a58) tool=(xz -dc) ;;
     28b52ffd) tool=(zstd -qdc) ;;
     1f8b*) tool=(gzip -dc) ;;
+    02214c18)
+        need_packages lz4
+        tool=(lz4 -dcq)
+        ;;
     *) fail "unknown compression of the kernel $1" ;;
     esac
     # The last four bytes are the kernel's length and not part of the compressed stream.

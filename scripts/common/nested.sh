@@ -1,15 +1,15 @@
 # Runs the appliance in QEMU, with a partition file and all that it names.
-# Sourced; expects packages.sh. The caller sets:
+# Sourced; expects packages.sh and images.sh. The caller sets:
+#   appliance  the folder of the appliance to run: see appliance_folder
 #   lane       nested, lab or emulated
 #   files      the partition file and the images it names, as absolute paths
 #   memory     bytes that the guests need together
 #   cpus       CPUs that the partition file uses
 #   command    what takt is to do there, as an array; it may write into /out
 #   work       an empty folder for temporary files
+#   overlay    a folder to lie over the appliance's root, or empty
 #   devices    what else the machine is to have, as an array: see device_options
 # shellcheck shell=bash
-
-appliance=$root/target/appliance
 
 # What the appliance needs beside its guests and its files: the kernel, its tables and takt.
 overhead=$((160 << 20))
@@ -135,6 +135,7 @@ device_options() {
 append_files() {
     local path
     for path in "${files[@]}"; do
+        [[ ! -d $path ]] || (cd / && find ".$path" -print0)
         while [[ $path != / ]]; do
             printf '%s\0' ".$path"
             path=$(dirname "$path")
@@ -144,6 +145,7 @@ append_files() {
         cat "$appliance/initrd.img"
         (cd / && cpio --null --create --format=newc --dereference --quiet --owner=0:0) \
             <"$work/files"
+        [[ -z ${overlay-} ]] || pack "$overlay"
     } >"$work/initrd"
 }
 
