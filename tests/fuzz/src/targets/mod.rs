@@ -1,0 +1,9 @@
+//! The targets, one file for each door.
+
+pub mod channel_peer;
+pub mod control_line;
+pub mod images;
+pub mod linux_ports;
+pub mod partition_file;
+pub mod plc_exits;
+mod scratch;
