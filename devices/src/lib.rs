@@ -7,6 +7,7 @@
 
 #![forbid(unsafe_code)]
 
+pub mod disk;
 pub mod output;
 pub mod pci;
 pub mod ports;

@@ -1,0 +1,77 @@
+//! A disk for a Linux guest: a virtio block device (virtio 1.2, section 5.2) behind virtio's
+//! memory-mapped registers (section 4.2).
+//!
+//! What is the guest's and what is the disk's are two threads. The guest's reads and writes of
+//! registers are few and cheap, and are answered where they are made, on the thread of its vCPU.
+//! Requests wait for a file, so they are served on a thread of the disk's own, of the ordinary
+//! class: whoever has a window never waits for a file.
+//!
+//! ```text
+//!   vCPU's thread                                       disk's thread
+//!   registers::Registers --> handover::Handover <-- server::Server --> Medium
+//!                               queue, interrupts      request::Request
+//! ```
+//!
+//! Between them is one queue that changes hands ([`handover`]). Who has it may touch the guest's
+//! memory; so a reset is complete when the queue has come back.
+//!
+//! All that a guest writes is hostile: registers, rings, descriptors and what they point at. The
+//! rules, of which each has a test that drives the rings by hand:
+//!
+//! - only memory that the server was given is ever touched, which is the guest's RAM;
+//! - one notification is one queue's worth of work at most, and a request at most
+//!   [`SEGMENTS_MAX`] pieces of [`SEGMENT_BYTES_MAX`];
+//! - a request that makes no sense is answered with an error if it has a place for the answer.
+//!   Where it has none, or the rings themselves are nonsense, the device stops and says that it
+//!   needs a reset.
+
+pub mod handover;
+pub mod registers;
+pub mod request;
+pub mod server;
+#[cfg(test)]
+mod tests;
+
+use std::io;
+
+use vm_memory::VolatileSlice;
+
+/// Unit of all addresses on a disk, in bytes; virtio's own, whatever the file has.
+pub const SECTOR: u64 = 512;
+/// Entries of the queue.
+pub const QUEUE_SIZE: u16 = 128;
+/// Most pieces of memory in one request: what the queue holds beside header and status.
+pub const SEGMENTS_MAX: usize = QUEUE_SIZE as usize - 2;
+/// Longest piece, in bytes.
+pub const SEGMENT_BYTES_MAX: u32 = 1 << 16;
+
+/// What a disk is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// Its size.
+    pub sectors: u64,
+    /// Whether nothing on it may change.
+    pub read_only: bool,
+}
+
+/// Where a disk's bytes are. Positions and lengths are whole sectors within its [`Shape`]; all or
+/// nothing of a transfer counts.
+pub trait Medium: Send {
+    /// Fills the pieces of memory from `at`, in bytes.
+    ///
+    /// # Errors
+    /// If not all of it can be read.
+    fn read(&mut self, at: u64, into: &[VolatileSlice<'_>]) -> io::Result<()>;
+
+    /// Writes the pieces of memory to `at`, in bytes.
+    ///
+    /// # Errors
+    /// If not all of it can be written.
+    fn write(&mut self, at: u64, from: &[VolatileSlice<'_>]) -> io::Result<()>;
+
+    /// Returns when all that was written survives a loss of power.
+    ///
+    /// # Errors
+    /// If it may not.
+    fn flush(&mut self) -> io::Result<()>;
+}

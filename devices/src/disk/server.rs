@@ -1,0 +1,157 @@
+//! Serving requests, on the disk's own thread.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use virtio_bindings::virtio_blk::{
+    VIRTIO_BLK_ID_BYTES, VIRTIO_BLK_S_IOERR, VIRTIO_BLK_S_OK, VIRTIO_BLK_S_UNSUPP,
+    VIRTIO_BLK_T_FLUSH, VIRTIO_BLK_T_GET_ID, VIRTIO_BLK_T_IN, VIRTIO_BLK_T_OUT,
+};
+use virtio_queue::{Queue, QueueT};
+use vm_memory::{Bytes, GuestMemoryMmap};
+
+use super::handover::Handover;
+use super::request::{Body, Request, total};
+use super::{Medium, SECTOR, Shape};
+
+/// What a guest learns as the disk's serial number; zeros behind it.
+pub type DiskId = [u8; VIRTIO_BLK_ID_BYTES as usize];
+
+/// A disk, apart from how a guest reaches it.
+pub struct Disk<M> {
+    /// What it is.
+    pub shape: Shape,
+    /// How the guest knows it.
+    pub id: DiskId,
+    /// Where its bytes are.
+    pub medium: M,
+}
+
+/// What takes requests out of a queue and makes answers of them.
+pub struct Server<M> {
+    /// Between the guest's vCPU and this.
+    shared: Arc<Handover>,
+    /// The guest's RAM. Nothing else that the guest sees belongs in here: what it may only read, the
+    /// disk would write for it.
+    memory: GuestMemoryMmap,
+    disk: Disk<M>,
+}
+
+/// How a request ended.
+struct Answer {
+    status: u32,
+    /// Bytes that were written to the guest's memory, without the status.
+    bytes: u64,
+}
+
+impl Answer {
+    const fn error(status: u32) -> Self {
+        Self { status, bytes: 0 }
+    }
+
+    const fn of<E>(result: &Result<(), E>, bytes: u64) -> Self {
+        match result {
+            Ok(()) => Self { status: VIRTIO_BLK_S_OK, bytes },
+            Err(_) => Self::error(VIRTIO_BLK_S_IOERR),
+        }
+    }
+}
+
+/// The rings are not what rings are.
+struct Broken;
+
+impl<M: Medium> Server<M> {
+    /// A server of this disk.
+    #[must_use]
+    pub fn new(shared: Arc<Handover>, memory: GuestMemoryMmap, disk: Disk<M>) -> Self {
+        Self { shared, memory, disk }
+    }
+
+    /// Serves the requests that wait now, which are a queue full at most. Those that come meanwhile
+    /// have a notification of their own. True if the guest is to be interrupted: once for all of
+    /// them, since an interrupt costs it more than most requests.
+    #[must_use]
+    pub fn serve(&mut self) -> bool {
+        let Some(mut queue) = self.shared.take() else { return false };
+        let served = self.serve_queue(&mut queue);
+        self.shared.give_back(served.ok().map(|answered| (queue, answered)))
+    }
+
+    fn serve_queue(&mut self, queue: &mut Queue) -> Result<bool, Broken> {
+        if !queue.is_valid(&self.memory) {
+            return Err(Broken);
+        }
+        let available = queue.avail_idx(&self.memory, Ordering::Acquire).map_err(|_| Broken)?;
+        let waiting = available.0.wrapping_sub(queue.next_avail());
+        if waiting > queue.size() {
+            return Err(Broken);
+        }
+        for _ in 0..waiting {
+            if self.shared.is_recalled() {
+                return Ok(false);
+            }
+            self.serve_one(queue)?;
+        }
+        Ok(waiting > 0)
+    }
+
+    fn serve_one(&mut self, queue: &mut Queue) -> Result<(), Broken> {
+        let Self { memory, disk, .. } = self;
+        let memory = &*memory;
+        let chain = queue.pop_descriptor_chain(memory).ok_or(Broken)?;
+        let request = Request::parse(chain, memory).map_err(|_| Broken)?;
+        let answer = match &request.body {
+            Some(body) => disk.answer(body),
+            None => Answer::error(VIRTIO_BLK_S_IOERR),
+        };
+        memory.write_obj(answer.status as u8, request.status).map_err(|_| Broken)?;
+        // Counted from the first writable byte: the status lies behind what was not filled.
+        let bytes = u32::try_from(answer.bytes + 1).map_err(|_| Broken)?;
+        queue.add_used(memory, request.head, bytes).map_err(|_| Broken)
+    }
+}
+
+impl<M: Medium> Disk<M> {
+    fn answer(&mut self, body: &Body<'_>) -> Answer {
+        let (from, into) = (total(&body.from), total(&body.into));
+        match body.kind {
+            VIRTIO_BLK_T_IN if from == 0 => match self.place(body.sector, into) {
+                Some(at) => Answer::of(&self.medium.read(at, &body.into), into),
+                None => Answer::error(VIRTIO_BLK_S_IOERR),
+            },
+            VIRTIO_BLK_T_OUT if into == 0 && !self.shape.read_only => {
+                match self.place(body.sector, from) {
+                    Some(at) => Answer::of(&self.medium.write(at, &body.from), 0),
+                    None => Answer::error(VIRTIO_BLK_S_IOERR),
+                }
+            }
+            VIRTIO_BLK_T_FLUSH if from == 0 && into == 0 => Answer::of(&self.medium.flush(), 0),
+            VIRTIO_BLK_T_GET_ID if from == 0 => self.tell_id(body),
+            VIRTIO_BLK_T_IN | VIRTIO_BLK_T_OUT | VIRTIO_BLK_T_FLUSH | VIRTIO_BLK_T_GET_ID => {
+                Answer::error(VIRTIO_BLK_S_IOERR)
+            }
+            _ => Answer::error(VIRTIO_BLK_S_UNSUPP),
+        }
+    }
+
+    /// Where a transfer begins, in bytes, if there is all of it.
+    fn place(&self, sector: u64, bytes: u64) -> Option<u64> {
+        let end = sector.checked_add(bytes / SECTOR)?;
+        let is_good = bytes > 0 && bytes.is_multiple_of(SECTOR) && end <= self.shape.sectors;
+        is_good.then(|| sector.checked_mul(SECTOR)).flatten()
+    }
+
+    fn tell_id(&self, body: &Body<'_>) -> Answer {
+        if total(&body.into) != self.id.len() as u64 {
+            return Answer::error(VIRTIO_BLK_S_IOERR);
+        }
+        let mut rest: &[u8] = &self.id;
+        for slice in &body.into {
+            // The length was compared, so there is as much as the pieces take.
+            let Some((part, behind)) = rest.split_at_checked(slice.len()) else { break };
+            slice.copy_from(part);
+            rest = behind;
+        }
+        Answer { status: VIRTIO_BLK_S_OK, bytes: self.id.len() as u64 }
+    }
+}
