@@ -15,8 +15,9 @@ use vm_memory::{Bytes, GuestAddress};
 use vmm_sys_util::eventfd::EventFd;
 
 use crate::boot;
-use crate::boot::acpi::{POWER_PORT, SERIAL_IRQ, SERIAL_PORT};
+use crate::boot::acpi::{Fittings, POWER_PORT, SERIAL_IRQ, SERIAL_PORT};
 use crate::boot::long_mode::{self, StartError};
+use crate::disk::Drive;
 use crate::init_watch::Console;
 use crate::machine::{self, Machine, MachineError};
 use crate::memory::{GuestMemory, HOLE_END, HOLE_START};
@@ -47,6 +48,8 @@ pub struct Board {
     pub card: Option<Card>,
     /// What sources ring to wake it.
     pub bell: EventFd,
+    /// Its disks, by their numbers.
+    pub drives: Vec<Drive>,
     /// Speed of the TSC, from the first start on.
     pub frequency: Option<TscFrequency>,
     /// The machine of the last start. Its processor keeps it alive, but its interrupts go with this.
@@ -61,13 +64,16 @@ impl Board {
     /// See [`RunError`].
     pub fn start(&mut self) -> Result<(VcpuFd, LinuxGuest), RunError> {
         self.vm = None;
-        let window = self.card.as_ref().map(|_| pci::WINDOW);
+        let fittings = Fittings {
+            pci: self.card.as_ref().map(|_| pci::WINDOW),
+            disks: self.drives.len() as u32,
+        };
         let entry = boot::linux::load(
             &self.memory,
             &self.kernel,
             self.initrd.as_deref(),
             &self.cmdline,
-            window,
+            fittings,
         )
         .map_err(|source| RunError::Linux { partition: self.partition.clone(), source })?;
         let Machine { vcpu, vm, tsc } = machine::for_linux(&self.kvm, &self.memory)?;
@@ -86,8 +92,9 @@ impl Board {
         if let Some(card) = &self.card {
             card.attach(&self.memory, tsc, &vm, &mut ports, &self.bell)?;
         }
+        let disks = self.drives.iter().map(|drive| drive.attach(&vm)).collect::<Result<_, _>>()?;
         self.vm = Some(vm);
-        Ok((vcpu, LinuxGuest::new(ports, power)))
+        Ok((vcpu, LinuxGuest::new(ports, power).with_disks(disks)))
     }
 
     /// As [`start`](Self::start), after a guest has run there. The guest must not run any more.
@@ -97,6 +104,8 @@ impl Board {
     pub fn start_anew(&mut self) -> Result<(VcpuFd, LinuxGuest), RunError> {
         self.vm = None;
         self.console.reset();
+        // What a disk still read would lie in the new guest's memory.
+        self.drives.iter().for_each(Drive::reset);
         self.clear().map_err(StartError::from)?;
         let (mut vcpu, guest) = self.start()?;
         // Here, since the partition's own thread may be a deadline thread.

@@ -13,6 +13,7 @@ pub mod check;
 pub mod config;
 pub mod control;
 pub mod cpuset;
+pub mod disk;
 pub mod doorbell;
 pub mod footprint;
 pub mod gather;

@@ -188,6 +188,21 @@ impl GuestMemory {
         Ok(())
     }
 
+    /// RAM and nothing else: for devices that read and write where the guest says. What the guest
+    /// may only read is memory like any other to Takt.
+    ///
+    /// # Errors
+    /// None that could happen: what is left out is there.
+    pub fn only_ram(&self) -> Result<GuestMemoryMmap, MemoryError> {
+        let in_hole = self.ranges().filter(|(start, _)| (HOLE_START..HOLE_END).contains(start));
+        in_hole.into_iter().try_fold(self.regions().clone(), |all, (start, bytes)| {
+            let (rest, _) = all
+                .remove_region(GuestAddress(start), bytes)
+                .map_err(|e| MemoryError::Map { bytes, reason: e.to_string() })?;
+            Ok(rest)
+        })
+    }
+
     /// The regions, for loaders.
     #[must_use]
     pub fn regions(&self) -> &GuestMemoryMmap {
@@ -342,6 +357,8 @@ mod tests {
         assert_eq!(memory.ranges().collect::<Vec<_>>(), all);
         assert_eq!(memory.ram().collect::<Vec<_>>(), [ram]);
         assert_eq!(*memory.read_only, [HOLE_START]);
+        let only_ram = memory.only_ram().unwrap();
+        assert_eq!(only_ram.iter().map(|r| (r.start_addr().0, r.len())).collect::<Vec<_>>(), [ram]);
     }
 
     #[test]

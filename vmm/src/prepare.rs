@@ -30,6 +30,7 @@ use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile, ScheduleChange};
 use crate::control::Orders;
 use crate::cpuset::Domains;
+use crate::disk::{DiskThread, Drive};
 use crate::doorbell;
 use crate::gather::Gather;
 use crate::health::{Reporter, Watch};
@@ -60,6 +61,8 @@ pub struct Prepared {
     pub thread: Ready<()>,
     /// For Linux.
     pub init: Option<InitSeen>,
+    /// Those that serve its disks.
+    pub disks: Vec<DiskThread>,
 }
 
 /// A thread that ends windows, ready to run.
@@ -186,6 +189,18 @@ impl Preparation<'_> {
         let watch = InitWatch::new(writer, init.clone());
         let console = SerialPort::new(IrqLine(clone(&irq)?), watch);
         self.console = Some(console.clone());
+        let place = Place {
+            cpu: partition.cpu(),
+            domain: self.domains.entry(partition.cpu()),
+            reservation: None,
+            ports: Vec::new(),
+        };
+        let (mut drives, mut disks) = (Vec::new(), Vec::new());
+        for (number, disk) in (0..).zip(partition.disks()) {
+            let (drive, thread) = Drive::open(number, disk, &memory, place.clone())?;
+            drives.push(drive);
+            disks.push(thread);
+        }
         let mut board = Board {
             partition: partition.name().to_owned(),
             kvm: machine::open_kvm()?,
@@ -197,6 +212,7 @@ impl Preparation<'_> {
             irq,
             card: pci.map(Pci::into_card),
             bell: clone(&self.doorbell)?,
+            drives,
             frequency: self.frequency,
             vm: None,
         };
@@ -207,6 +223,7 @@ impl Preparation<'_> {
         prepared.account.restart = Some(Restart::Linux(restart));
         prepared.account.is_terminal = true;
         prepared.init = Some(init);
+        prepared.disks = disks;
         Ok(prepared)
     }
 
@@ -284,7 +301,7 @@ impl Preparation<'_> {
             orders: Orders::default(),
             lines: Lines::default(),
         };
-        Ok(Prepared { account, thread, init: None })
+        Ok(Prepared { account, thread, init: None, disks: Vec::new() })
     }
 
     /// One thread per CPU with windows, to end them.

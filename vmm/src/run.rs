@@ -23,6 +23,7 @@ use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile};
 use crate::control::{Facts, Server};
 use crate::cpuset::Domains;
+use crate::disk::DiskThread;
 use crate::footprint::Footprint;
 use crate::health::Fault;
 use crate::host_ports::{self, HostPorts};
@@ -154,7 +155,9 @@ impl Run<'_> {
             self.options.trace.as_ref().map(|path| self.create_trace(path, base)).transpose()?;
         let desk = ScheduleDesk::new(self.board.clone(), self.file.schedule_names(), base);
         let (mut accounts, mut threads, mut inits) = (Vec::new(), Vec::new(), Vec::new());
-        for Prepared { mut account, thread, init } in prepared {
+        let mut disks = Vec::new();
+        for Prepared { mut account, thread, init, disks: own } in prepared {
+            disks.extend(own);
             account.start(base);
             accounts.push(account);
             threads.push(thread);
@@ -180,12 +183,22 @@ impl Run<'_> {
             controls.push(control);
             running.push(thread.start(base));
         }
+        let mut bells = Vec::new();
+        for DiskThread { control, bell, thread } in disks {
+            controls.push(control);
+            bells.push(bell);
+            running.push(thread.start(base));
+        }
         let start = Footprint::now();
         let supervised = supervisor.supervise(self.options.duration);
         let process = report::Process { start, end: Footprint::now() };
         let duration = self.frequency.nanos(Tsc::now().since(epoch));
         self.closing.store(true, Ordering::Relaxed);
         Control::stop_all(&controls);
+        for bell in bells {
+            // Fails only if it has been rung 2^64 times, and then its thread is awake.
+            let _ = bell.write(1);
+        }
         // A thread whose guest has ended waits for the word to start it anew, which the
         // supervisor can give no more.
         let supervised = supervised.map(Supervisor::without_restarts);

@@ -13,6 +13,7 @@ use crate::boot::plc::PlcImageError;
 use crate::boot::touch::TouchError;
 use crate::channels::ChannelError;
 use crate::cpuset::CpusetError;
+use crate::disk::DiskError;
 use crate::host_ports::HostPortError;
 use crate::machine::MachineError;
 use crate::memory::MemoryError;
@@ -41,6 +42,8 @@ pub enum RunError {
     HostPort(#[from] HostPortError),
     #[error(transparent)]
     Device(#[from] DeviceError),
+    #[error(transparent)]
+    Disk(#[from] DiskError),
     #[error(transparent)]
     Start(#[from] StartError),
     #[error(transparent)]
@@ -73,6 +76,7 @@ impl RunError {
             self,
             RunError::Plc { .. }
                 | RunError::Linux { .. }
+                | RunError::Disk(_)
                 | RunError::Control(SocketError::InUse(_) | SocketError::NotASocket(_))
         )
     }

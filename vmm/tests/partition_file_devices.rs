@@ -6,8 +6,12 @@ use takt::check;
 use takt::config::{self, MemorySource, PartitionFile, SafePlace};
 
 fn file() -> PartitionFile {
-    let path = Path::new("tests/partition_files/good-passthrough.toml");
-    config::load(path, None).unwrap_or_else(|error| panic!("{error}"))
+    load("good-passthrough.toml")
+}
+
+fn load(name: &str) -> PartitionFile {
+    let path = Path::new("tests/partition_files").join(name);
+    config::load(&path, None).unwrap_or_else(|error| panic!("{error}"))
 }
 
 #[test]
@@ -56,4 +60,22 @@ fn the_report_lists_the_devices_last() {
     ports 0x3f8 to 0x3ff
 ";
     assert_eq!(devices, expected);
+}
+
+#[test]
+fn a_disk_is_only_read_unless_the_file_says_otherwise_and_a_script_is_told_of_it() {
+    let file = load("good-disks.toml");
+    let [plc, linux] = file.partitions() else { panic!() };
+    assert!(plc.disks().is_empty());
+    let disks: Vec<(&str, bool)> =
+        linux.disks().iter().map(|d| (name(&d.path), d.read_only)).collect();
+    assert_eq!(disks, [("dummy-disk", true), ("other-disk", false)]);
+    let needs = check::needs(&file);
+    for disk in linux.disks() {
+        assert!(needs.contains(&format!("file {}\n", disk.path.display())), "{needs}");
+    }
+}
+
+fn name(path: &Path) -> &str {
+    path.file_name().unwrap().to_str().unwrap()
 }

@@ -9,8 +9,8 @@
 use std::ops::RangeInclusive;
 
 use acpi_tables::aml::{
-    AddressSpace as Range, AddressSpaceCacheable, Device, EISAName, IO, Interrupt, Method, Name,
-    Package, Path, ResourceTemplate, Scope,
+    AddressSpace as Range, AddressSpaceCacheable, Device, EISAName, IO, Interrupt, Memory32Fixed,
+    Method, Name, Package, Path, ResourceTemplate, Scope,
 };
 use acpi_tables::fadt::{FADTBuilder, Flags};
 use acpi_tables::gas::{AccessSize, AddressSpace, GAS};
@@ -21,10 +21,13 @@ use acpi_tables::rsdp::Rsdp;
 use acpi_tables::sdt::Sdt;
 use acpi_tables::xsdt::XSDT;
 use acpi_tables::{Aml, AmlSink, aml};
+use takt_devices::disk::registers;
 use takt_devices::pci::config_ports;
 use takt_devices::power::AcpiPower;
 use takt_devices::serial;
 use vm_memory::{Bytes, GuestAddress, GuestMemoryError, GuestMemoryMmap};
+
+use crate::disk;
 
 /// Where the tables lie: in the area in which a PC's firmware keeps them.
 pub const TABLES: u64 = 0xe_0000;
@@ -53,15 +56,20 @@ mod absent {
     pub const CMOS_CLOCK: u16 = 1 << 5;
 }
 
+/// What a machine has beyond what all have.
+#[derive(Clone, Debug, Default)]
+pub struct Fittings {
+    /// Where the memory of PCI functions may lie, if there is a PCI bus.
+    pub pci: Option<RangeInclusive<u32>>,
+    /// How many disks there are.
+    pub disks: u32,
+}
+
 /// Writes the tables to guest memory; returns the address of the first, for the boot parameters.
-/// `pci` is where the memory of PCI functions may lie, if the machine has a PCI bus.
 ///
 /// # Errors
 /// If the guest has no memory there.
-pub fn write(
-    memory: &GuestMemoryMmap,
-    pci: Option<RangeInclusive<u32>>,
-) -> Result<u64, GuestMemoryError> {
+pub fn write(memory: &GuestMemoryMmap, fittings: Fittings) -> Result<u64, GuestMemoryError> {
     let mut next = TABLES + 64;
     let mut put = |table: &dyn Aml| {
         let mut bytes = Vec::new();
@@ -71,7 +79,7 @@ pub fn write(
         next = (at + bytes.len() as u64).next_multiple_of(64);
         Ok::<u64, GuestMemoryError>(at)
     };
-    let dsdt = put(&dsdt(pci))?;
+    let dsdt = put(&dsdt(fittings))?;
     let fadt = put(&fadt(dsdt))?;
     let madt = put(&madt())?;
     let mut xsdt = XSDT::new(OEM, MACHINE, REVISION);
@@ -111,8 +119,8 @@ fn madt() -> impl Aml {
 }
 
 /// The machine's description in ACPI's own byte code: how to switch off, the serial port, and the
-/// PCI bus, if there is one.
-fn dsdt(pci: Option<RangeInclusive<u32>>) -> Sdt {
+/// PCI bus and the disks, if there are any.
+fn dsdt(Fittings { pci, disks }: Fittings) -> Sdt {
     let mut body = Vec::new();
     let off = AcpiPower::SOFT_OFF;
     Name::new(Path::new("_S5_"), &Package::new(vec![&off, &aml::ZERO, &aml::ZERO, &aml::ZERO]))
@@ -125,10 +133,12 @@ fn dsdt(pci: Option<RangeInclusive<u32>>) -> Sdt {
     let crs = Name::new(Path::new("_CRS"), &resources);
     let serial = Device::new(Path::new("COM1"), vec![&hid, &uid, &crs]);
     let bus = pci.map(PciBus);
+    let disks: Vec<Disk> = (0..disks).map(Disk).collect();
     let mut devices: Vec<&dyn Aml> = vec![&serial];
     if let Some(bus) = &bus {
         devices.extend([&InterruptLink as &dyn Aml, bus]);
     }
+    devices.extend(disks.iter().map(|disk| disk as &dyn Aml));
     Scope::new(Path::new("_SB_"), devices).to_aml_bytes(&mut body);
     let mut table = Sdt::new(*b"DSDT", 36, 2, OEM, MACHINE, REVISION);
     table.append_slice(&body);
@@ -183,13 +193,34 @@ impl Aml for PciBus {
     }
 }
 
+/// A disk, by its number: virtio's memory-mapped registers, for which ACPI has this name (kernel,
+/// `drivers/virtio/virtio_mmio.c`), and an interrupt. It is an edge for each time that something was
+/// added, as Linux takes it: its driver looks at all that is there.
+struct Disk(u32);
+
+impl Aml for Disk {
+    fn to_aml_bytes(&self, sink: &mut dyn AmlSink) {
+        let Self(number) = *self;
+        let hid = Name::new(Path::new("_HID"), &"LNRO0005");
+        let uid = Name::new(Path::new("_UID"), &number);
+        let registers = Memory32Fixed::new(true, disk::registers(number), registers::BYTES as u32);
+        let interrupt = Interrupt::new(true, true, false, false, disk::gsi(number));
+        let resources = ResourceTemplate::new(vec![&registers, &interrupt]);
+        let crs = Name::new(Path::new("_CRS"), &resources);
+        let name = format!("DSK{number:X}");
+        Device::new(Path::new(&name), vec![&hid, &uid, &crs]).to_aml_bytes(sink);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn dsdt_bytes(pci: Option<RangeInclusive<u32>>) -> Vec<u8> {
+    const WINDOW: RangeInclusive<u32> = 0xd000_0000..=0xdfff_ffff;
+
+    fn dsdt_bytes(pci: Option<RangeInclusive<u32>>, disks: u32) -> Vec<u8> {
         let mut bytes = Vec::new();
-        dsdt(pci).to_aml_bytes(&mut bytes);
+        dsdt(Fittings { pci, disks }).to_aml_bytes(&mut bytes);
         bytes
     }
 
@@ -199,8 +230,8 @@ mod tests {
 
     #[test]
     fn only_a_machine_with_a_function_has_a_pci_bus() {
-        let without = dsdt_bytes(None);
-        let with = dsdt_bytes(Some(0xd000_0000..=0xdfff_ffff));
+        let without = dsdt_bytes(None, 0);
+        let with = dsdt_bytes(Some(WINDOW), 0);
         for name in [b"PCI0", b"_PRT", b"LNKA"] {
             assert!(!contains(&without, name));
             assert!(contains(&with, name));
@@ -216,9 +247,25 @@ mod tests {
     }
 
     #[test]
+    fn each_disk_has_registers_and_an_interrupt_of_its_own() {
+        let bytes = dsdt_bytes(None, 2);
+        assert!(!contains(&dsdt_bytes(None, 0), b"LNRO0005"));
+        for (name, registers, gsi) in [(b"DSK0", 0, 17), (b"DSK1", 0x1000, 18)] {
+            assert!(contains(&bytes, name));
+            let address = 0xe000_0000u32 + registers;
+            let mut memory = vec![0x86, 9, 0, 1];
+            memory.extend([address.to_le_bytes(), 0x1000u32.to_le_bytes()].concat());
+            // Extended interrupt: consumer, edge, active high, exclusive.
+            memory.extend([0x89, 6, 0, 0b0011, 1, gsi, 0, 0, 0]);
+            assert!(contains(&bytes, &memory));
+        }
+        assert!(!contains(&bytes, b"DSK2"));
+    }
+
+    #[test]
     fn every_table_has_its_signature_and_a_good_checksum() {
         let memory = GuestMemoryMmap::from_ranges(&[(GuestAddress(0), 1 << 20)]).unwrap();
-        let rsdp = write(&memory, Some(0xd000_0000..=0xdfff_ffff)).unwrap();
+        let rsdp = write(&memory, Fittings { pci: Some(WINDOW), disks: 4 }).unwrap();
         let word = |at| memory.read_obj::<u32>(GuestAddress(at)).unwrap();
         let long = |at| memory.read_obj::<u64>(GuestAddress(at)).unwrap();
         let check = |at: u64| {

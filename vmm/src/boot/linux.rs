@@ -16,7 +16,6 @@
 
 use std::fs::File;
 use std::io;
-use std::ops::RangeInclusive;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
@@ -29,7 +28,7 @@ use takt_devices::power::AcpiPower;
 use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress};
 
-use super::acpi;
+use super::acpi::{self, Fittings};
 use super::elf::{self, ElfError};
 use super::long_mode::Entry;
 use crate::memory::{GuestMemory, HOLE_START};
@@ -119,8 +118,7 @@ struct Kernel {
     end: u64,
 }
 
-/// Loads kernel, RAM disk and tables into memory. `pci` is where the memory of PCI functions may
-/// lie, if the machine has a PCI bus.
+/// Loads kernel, RAM disk and tables into memory, which tell of the machine's `fittings`.
 ///
 /// # Errors
 /// See [`LinuxImageError`].
@@ -129,7 +127,7 @@ pub fn load(
     kernel: &Path,
     initrd: Option<&Path>,
     cmdline: &str,
-    pci: Option<RangeInclusive<u32>>,
+    fittings: Fittings,
 ) -> Result<Entry, LinuxImageError> {
     let mut parameters = boot_params::default();
     let kernel = load_kernel(memory, kernel)?;
@@ -148,7 +146,7 @@ pub fn load(
         .regions()
         .write_slice(&RESTART, GuestAddress(RESTART_VECTOR))
         .map_err(|e| LinuxImageError::Parameters(e.to_string()))?;
-    parameters.acpi_rsdp_addr = acpi::write(memory.regions(), pci)
+    parameters.acpi_rsdp_addr = acpi::write(memory.regions(), fittings)
         .map_err(|e| LinuxImageError::Parameters(e.to_string()))?;
     write_memory_map(&mut parameters, memory);
     LinuxBootConfigurator::write_bootparams(

@@ -47,8 +47,8 @@ pub fn report(file: &PartitionFile) -> String {
 }
 
 /// What a machine must have to run the file: the lines `memory BYTES` (the sum of all partitions),
-/// `cpus N` (the highest CPU number, plus one), `file PATH` for the partition file, each image and
-/// each file that is sent from, and `record CHANNEL PATH` for each file that is appended to. Paths
+/// `cpus N` (the highest CPU number, plus one), `file PATH` for the partition file, each image,
+/// each disk and each file that is sent from, and `record CHANNEL PATH` for each file that is appended to. Paths
 /// are absolute. Ends with a newline.
 #[must_use]
 pub fn needs(file: &PartitionFile) -> String {
@@ -62,6 +62,9 @@ pub fn needs(file: &PartitionFile) -> String {
         };
         for path in images.into_iter().flatten() {
             line(&mut out, &format!("file {}", path.display()));
+        }
+        for disk in partition.disks() {
+            line(&mut out, &format!("file {}", disk.path.display()));
         }
     }
     for channel in file.channels() {

@@ -9,7 +9,7 @@
 //! 2. the rules of each partition (`partition`, `tasks`), of the schedules (`schedules`,
 //!    `explain`), of both together (`deadlines`), of the channels between partitions (`channels`,
 //!    `ports`, `host_ports`), of the health monitor's tables (`health`), of the host's devices
-//!    (`passthrough`), and of the files that are named (`images`);
+//!    (`passthrough`), and of the files that are named (`images`, `disks`);
 //! 3. a [`PartitionFile`], which has private fields and no other way to be made. The rest of Takt
 //!    takes nothing else and checks nothing again.
 //!
@@ -19,6 +19,7 @@
 mod channels;
 mod deadlines;
 mod diagnostic;
+mod disks;
 mod explain;
 mod health;
 mod host_ports;
@@ -49,6 +50,7 @@ use schedules::Draft;
 
 pub use channels::{CHANNELS_MAX, Channel, ChannelKind, End, Owner, WhenFull};
 pub use deadlines::{Met, WAKE_UP_ALLOWANCE};
+pub use disks::{DISKS_MAX, Disk};
 pub use host_ports::HostPort;
 pub use images::Unreadable;
 pub(crate) use images::open as open_file;
@@ -134,6 +136,7 @@ pub struct Partition {
     tasks: Vec<NamedTask>,
     met: Vec<Met>,
     passthrough: Passthrough,
+    disks: Vec<Disk>,
 }
 
 impl Partition {
@@ -191,6 +194,12 @@ impl Partition {
     #[must_use]
     pub fn passthrough(&self) -> &Passthrough {
         &self.passthrough
+    }
+
+    /// Its disks, in the order of the file; none for a PLC.
+    #[must_use]
+    pub fn disks(&self) -> &[Disk] {
+        &self.disks
     }
 
     /// What the analysis found for a schedule; `None` without tasks, or without a window in it.
@@ -333,6 +342,7 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     partition::check_one_linux(&partitions)?;
     // Last, because it is the only thing that may be right on another machine.
     partitions.iter().flat_map(|p| &p.images).try_for_each(images::check)?;
+    partitions.iter().flat_map(|p| &p.disks).try_for_each(disks::check_file)?;
     host_ports::check_files(&file.channel.0, &channels)?;
     let partitions = partitions.into_iter().map(|p| p.partition).collect();
     Ok(PartitionFile { path, name, schedule_names, schedules, partitions, channels, control })

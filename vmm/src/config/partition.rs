@@ -8,6 +8,7 @@ use takt_scheduler::time::Nanos;
 use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
+use super::disks::{self, CheckedDisk};
 use super::health;
 use super::images::{self, Image};
 use super::names::{HOST, check_name};
@@ -43,6 +44,7 @@ pub struct Checked {
     pub name: Span,
     pub background: Option<Span>,
     pub tasks: CheckedTasks,
+    pub disks: Vec<CheckedDisk>,
 }
 
 /// What the rules of a partition need to know of the world around it.
@@ -136,6 +138,7 @@ fn check(
     let on_schedule_change = check_change(raw.on_schedule_change.as_ref())?;
     let health = health::default_table(&kind, raw.restarts.as_ref())?;
     let tasks = tasks::check(&raw.task.0, around.frame)?;
+    let disks = disks::check(&raw.disk.0, around.folder)?;
     let partition = Partition {
         id,
         name: name.to_owned(),
@@ -147,10 +150,12 @@ fn check(
         tasks: tasks.tasks.clone(),
         met: Vec::new(),
         passthrough: Passthrough::default(),
+        disks: disks.iter().map(|disk| disk.disk.clone()).collect(),
     };
     Ok(Checked {
         partition,
         tasks,
+        disks,
         role,
         images,
         header: table.span(),
@@ -169,16 +174,20 @@ fn check_plc(
         let allowed = "windows in the [[schedule]]: in the background a PLC would have no release";
         return Err(Diagnostic::new(background.span(), found, allowed));
     }
-    for (key, value) in
-        [("kernel", &raw.kernel), ("initrd", &raw.initrd), ("cmdline", &raw.cmdline)]
-    {
-        if let Some(value) = value {
+    let of_linux = [
+        ("kernel", raw.kernel.as_ref().map(Spanned::span)),
+        ("initrd", raw.initrd.as_ref().map(Spanned::span)),
+        ("cmdline", raw.cmdline.as_ref().map(Spanned::span)),
+        ("disk", raw.disk.0.first().map(Spanned::span)),
+    ];
+    for (key, span) in of_linux {
+        if let Some(span) = span {
             let found = misplaced(key, "linux", name, "plc");
             let allowed = "for a \"plc\": name, kind, cpu, memory, release_guard, image, \
                            on_schedule_change, restarts, [[partition.task]], \
                            [[partition.port_io]], [[partition.mmio]] and \
                            [[partition.safe_value]]";
-            return Err(Diagnostic::new(value.span(), found, allowed));
+            return Err(Diagnostic::new(span, found, allowed));
         }
     }
     let guard = match &raw.release_guard {
@@ -217,7 +226,8 @@ fn check_linux(
     for (key, span) in of_plc {
         if let Some(span) = span {
             let found = misplaced(key, "plc", name, "linux");
-            let allowed = "for a \"linux\": name, kind, cpu, memory, background, restarts, kernel, initrd and cmdline";
+            let allowed = "for a \"linux\": name, kind, cpu, memory, background, restarts, \
+                           kernel, initrd, cmdline and [[partition.disk]]";
             return Err(Diagnostic::new(span, found, allowed));
         }
     }

@@ -68,6 +68,15 @@ pub struct Partition {
     pub kernel: Option<Spanned<String>>,
     pub initrd: Option<Spanned<String>>,
     pub cmdline: Option<Spanned<String>>,
+    #[serde(default)]
+    pub disk: Tables<Disk>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Disk {
+    pub path: Spanned<String>,
+    pub read_only: Option<Spanned<bool>>,
 }
 
 #[derive(Debug, serde::Deserialize)]

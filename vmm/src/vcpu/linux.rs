@@ -4,6 +4,7 @@
 //! what comes here is a write to one that is read-only, and any access to what is empty.
 
 use kvm_ioctls::VcpuExit;
+use takt_devices::disk::registers::{BYTES, Registers};
 use takt_devices::ports::PortBus;
 use takt_devices::power::{PowerLine, PowerRequest};
 use takt_scheduler::time::{Timebase, Tsc};
@@ -11,11 +12,13 @@ use takt_scheduler::timetable::{Release, Slot};
 
 use super::guest::{End, Guest, Step, handle_common};
 use super::record::Scan;
+use crate::disk;
 
 /// A Linux guest.
 pub struct LinuxGuest {
     ports: PortBus,
     power: PowerLine,
+    disks: Vec<Registers>,
     stray_memory: u64,
 }
 
@@ -23,7 +26,21 @@ impl LinuxGuest {
     /// A guest with these devices; `power` is the line that some of them pull.
     #[must_use]
     pub fn new(ports: PortBus, power: PowerLine) -> Self {
-        Self { ports, power, stray_memory: 0 }
+        Self { ports, power, disks: Vec::new(), stray_memory: 0 }
+    }
+
+    /// The same guest with disks, by their numbers.
+    #[must_use]
+    pub fn with_disks(self, disks: Vec<Registers>) -> Self {
+        Self { disks, ..self }
+    }
+
+    /// The disk that an address belongs to, and where in its registers it lies. KVM splits what
+    /// would leave a page.
+    fn disk(&mut self, address: u64) -> Option<(&mut Registers, u64)> {
+        let offset = address.checked_sub(disk::registers(0).into())?;
+        let disk = self.disks.get_mut(usize::try_from(offset / BYTES).ok()?)?;
+        Some((disk, offset % BYTES))
     }
 }
 
@@ -52,13 +69,21 @@ impl Guest for LinuxGuest {
                 self.ports.read(port, width(data.len()), data);
                 Step::Resume
             }
-            VcpuExit::MmioRead(_, data) => {
-                data.fill(0xff);
-                self.stray_memory += 1;
+            VcpuExit::MmioRead(address, data) => {
+                match self.disk(address) {
+                    Some((disk, offset)) => disk.read(offset, data),
+                    None => {
+                        data.fill(0xff);
+                        self.stray_memory += 1;
+                    }
+                }
                 Step::Resume
             }
-            VcpuExit::MmioWrite(..) => {
-                self.stray_memory += 1;
+            VcpuExit::MmioWrite(address, data) => {
+                match self.disk(address) {
+                    Some((disk, offset)) => disk.write(offset, data),
+                    None => self.stray_memory += 1,
+                }
                 Step::Resume
             }
             other => handle_common(&other),
@@ -86,6 +111,8 @@ impl Guest for LinuxGuest {
 mod tests {
     use super::*;
     use crate::pci;
+    use std::sync::Arc;
+    use takt_devices::disk::Shape;
     use takt_devices::power::AcpiPower;
 
     #[test]
@@ -107,6 +134,26 @@ mod tests {
         let mut data = [0; 4];
         assert_eq!(guest.handle(VcpuExit::MmioRead(0xd000_0000, &mut data)), Step::Resume);
         assert_eq!((data, guest.illegal_accesses()), ([0xff; 4], 1));
+    }
+
+    #[test]
+    fn each_disk_answers_at_its_own_registers_and_none_behind_them() {
+        let registers =
+            |sectors| Registers::new(Shape { sectors, read_only: true }, Arc::default());
+        let mut guest = LinuxGuest::new(PortBus::default(), PowerLine::default())
+            .with_disks(vec![registers(5), registers(6)]);
+        let mut read = |address| {
+            let mut data = [0; 4];
+            assert_eq!(guest.handle(VcpuExit::MmioRead(address, &mut data)), Step::Resume);
+            (u32::from_le_bytes(data), guest.illegal_accesses())
+        };
+        assert_eq!([read(0xe000_0100), read(0xe000_1100)], [(5, 0), (6, 0)]);
+        assert_eq!([read(0xdfff_fffc), read(0xe000_2000)], [(u32::MAX, 1), (u32::MAX, 2)]);
+        let write = VcpuExit::MmioWrite(0xe000_1070, &[1, 0, 0, 0]);
+        assert_eq!(guest.handle(write), Step::Resume);
+        let mut data = [0; 4];
+        let _ = guest.handle(VcpuExit::MmioRead(0xe000_1070, &mut data));
+        assert_eq!((data, guest.illegal_accesses()), ([1, 0, 0, 0], 2));
     }
 
     #[test]

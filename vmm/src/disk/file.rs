@@ -1,0 +1,214 @@
+//! A disk's bytes in a file of the host.
+//!
+//! They go straight between the guest's memory and the host's page cache; what was written is on
+//! the host's disk after a flush. The file is locked, so that no second Takt writes what this one
+//! has cached in its guest, nor reads what changes under it.
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io;
+use std::os::fd::AsRawFd;
+use std::path::{Path, PathBuf};
+
+use takt_devices::disk::{Medium, SECTOR, Shape};
+use thiserror::Error;
+use vm_memory::VolatileSlice;
+
+use crate::config::{self, Unreadable};
+
+/// A disk's file that cannot be used.
+#[derive(Debug, Error)]
+pub enum DiskError {
+    /// It cannot be opened as it has to be.
+    #[error("cannot open the disk {}: {reason}{}", path.display(), if *.read_only { "" } else { "; to read a file that may not be written, say read_only = true" })]
+    Open {
+        /// Of the file.
+        path: PathBuf,
+        /// Whether it was only to be read.
+        read_only: bool,
+        /// What is in the way.
+        reason: Unreadable,
+    },
+    /// Another program has it.
+    #[error("the disk {} is in use by another program, most likely another takt; end that, or let each have a copy of its own", path.display())]
+    InUse {
+        /// Of the file.
+        path: PathBuf,
+    },
+    /// Its file system knows no locks.
+    #[error("cannot lock the disk {}: {source}; put it on a file system of this machine", path.display())]
+    Lock {
+        /// Of the file.
+        path: PathBuf,
+        /// What the host said.
+        source: io::Error,
+    },
+    /// It has changed since the partition file was checked.
+    #[error("the disk {} has {bytes} bytes, which is no whole number of sectors of {SECTOR}; truncate -s makes it longer", path.display())]
+    Size {
+        /// Of the file.
+        path: PathBuf,
+        /// Its length.
+        bytes: u64,
+    },
+}
+
+/// An open and locked file.
+pub(super) struct DiskFile(File);
+
+impl DiskFile {
+    /// Opens a disk's file: for itself alone if the guest may write, else together with others that
+    /// only read.
+    pub(super) fn open(disk: &config::Disk) -> Result<(Self, Shape), DiskError> {
+        let config::Disk { path, read_only } = disk;
+        let (path, read_only) = (path.clone(), *read_only);
+        let file = match open(&path, read_only) {
+            Ok(file) => file,
+            Err(reason) => return Err(DiskError::Open { path, read_only, reason }),
+        };
+        let locked = if read_only { file.try_lock_shared() } else { file.try_lock() };
+        match locked {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(DiskError::InUse { path }),
+            Err(TryLockError::Error(source)) => return Err(DiskError::Lock { path, source }),
+        }
+        match file.metadata() {
+            Ok(metadata) if metadata.len() > 0 && metadata.len().is_multiple_of(SECTOR) => {
+                Ok((Self(file), Shape { sectors: metadata.len() / SECTOR, read_only }))
+            }
+            Ok(metadata) => Err(DiskError::Size { path, bytes: metadata.len() }),
+            Err(error) => Err(DiskError::Open { path, read_only, reason: error.into() }),
+        }
+    }
+
+    /// A transfer of everything in one system call. It is short if the file has become shorter or
+    /// its disk is full, and then has failed.
+    fn transfer(
+        &self,
+        call: unsafe extern "C" fn(i32, *const libc::iovec, i32, i64) -> isize,
+        at: u64,
+        slices: &[VolatileSlice<'_>],
+    ) -> io::Result<()> {
+        let invalid = |_| io::Error::from(io::ErrorKind::InvalidInput);
+        let guards: Vec<_> = slices.iter().map(VolatileSlice::ptr_guard_mut).collect();
+        let vectors: Vec<libc::iovec> = guards
+            .iter()
+            .map(|guard| libc::iovec { iov_base: guard.as_ptr().cast(), iov_len: guard.len() })
+            .collect();
+        let total: usize = slices.iter().map(VolatileSlice::len).sum();
+        let count = i32::try_from(vectors.len()).map_err(invalid)?;
+        let at = i64::try_from(at).map_err(invalid)?;
+        // SAFETY: `call` is preadv or pwritev. Each vector is a piece of guest memory that stays
+        // mapped while `slices` is borrowed. The guest may change it at the same time, which is why
+        // no Rust reference to it exists: the kernel copies, whatever is there.
+        let moved = unsafe { call(self.0.as_raw_fd(), vectors.as_ptr(), count, at) };
+        match usize::try_from(moved) {
+            Ok(moved) if moved == total => Ok(()),
+            Ok(_) => Err(io::ErrorKind::UnexpectedEof.into()),
+            Err(_) => Err(io::Error::last_os_error()),
+        }
+    }
+}
+
+/// Looks first what it is: opening a pipe would wait for ever.
+fn open(path: &Path, read_only: bool) -> Result<File, Unreadable> {
+    let file = config::open_file(path)?;
+    if read_only {
+        return Ok(file);
+    }
+    Ok(OpenOptions::new().read(true).write(true).open(path)?)
+}
+
+impl Medium for DiskFile {
+    fn read(&mut self, at: u64, into: &[VolatileSlice<'_>]) -> io::Result<()> {
+        self.transfer(libc::preadv, at, into)
+    }
+
+    fn write(&mut self, at: u64, from: &[VolatileSlice<'_>]) -> io::Result<()> {
+        self.transfer(libc::pwritev, at, from)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.sync_data()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use vm_memory::{Bytes, GuestAddress, GuestMemoryBackend, GuestMemoryMmap};
+    use vmm_sys_util::tempdir::TempDir;
+
+    use super::*;
+
+    /// A folder with a disk of four sectors, of which number n is full of n.
+    fn disk(read_only: bool) -> (TempDir, config::Disk) {
+        let folder = TempDir::new().unwrap();
+        let path = folder.as_path().join("disk");
+        let bytes: Vec<u8> = (0..4 * SECTOR).map(|n| (n / SECTOR) as u8).collect();
+        fs::write(&path, bytes).unwrap();
+        (folder, config::Disk { path, read_only })
+    }
+
+    fn refusal(disk: &config::Disk) -> String {
+        DiskFile::open(disk).err().unwrap().to_string()
+    }
+
+    #[test]
+    fn bytes_go_to_their_place_and_come_back() {
+        let (_folder, disk) = disk(false);
+        let (mut file, shape) = DiskFile::open(&disk).unwrap();
+        assert_eq!(shape, Shape { sectors: 4, read_only: false });
+        let memory: GuestMemoryMmap =
+            GuestMemoryMmap::from_ranges(&[(GuestAddress(0), 1 << 16)]).unwrap();
+        let slice = |at, bytes| memory.get_slice(GuestAddress(at), bytes).unwrap();
+        memory.write_slice(&[7; 512], GuestAddress(0)).unwrap();
+        file.write(512, &[slice(256, 256), slice(0, 256)]).unwrap();
+        file.flush().unwrap();
+        assert_eq!(fs::read(&disk.path).unwrap(), [0, 7, 2, 3].map(|n| [n; 512]).concat());
+        file.read(1024, &[slice(4096, 1), slice(8192, 1023)]).unwrap();
+        let mut read = [0; 1023];
+        memory.read_slice(&mut read, GuestAddress(8192)).unwrap();
+        assert_eq!((read[510], read[511], read[1022]), (2, 3, 3));
+    }
+
+    #[test]
+    fn a_file_that_became_shorter_is_an_error_and_no_end() {
+        let (_folder, disk) = disk(false);
+        let (mut file, _) = DiskFile::open(&disk).unwrap();
+        let memory: GuestMemoryMmap =
+            GuestMemoryMmap::from_ranges(&[(GuestAddress(0), 1 << 16)]).unwrap();
+        let piece = memory.get_slice(GuestAddress(0), 1024).unwrap();
+        assert!(file.read(1024, &[piece.clone()]).is_ok());
+        File::options().write(true).open(&disk.path).unwrap().set_len(1536).unwrap();
+        assert!(file.read(1024, &[piece.clone()]).is_err());
+        assert!(file.read(1 << 40, &[piece.clone()]).is_err());
+        assert!(file.read(u64::MAX, &[piece]).is_err());
+    }
+
+    #[test]
+    fn who_may_write_is_alone_and_who_reads_is_among_readers() {
+        let (_folder, reader) = disk(true);
+        let writer = config::Disk { read_only: false, ..reader.clone() };
+        let first = DiskFile::open(&reader).unwrap();
+        let second = DiskFile::open(&reader).unwrap();
+        assert!(refusal(&writer).contains("in use by another program"));
+        drop((first, second));
+        let _writer = DiskFile::open(&writer).unwrap();
+        assert!(refusal(&writer).contains("in use by another program"));
+        assert!(refusal(&reader).contains("in use by another program"));
+    }
+
+    #[test]
+    fn what_is_no_disk_is_refused() {
+        let (folder, mut disk) = disk(false);
+        fs::write(&disk.path, [0; 513]).unwrap();
+        assert!(refusal(&disk).contains("has 513 bytes"));
+        fs::write(&disk.path, []).unwrap();
+        assert!(refusal(&disk).contains("has 0 bytes"));
+        disk.path = folder.as_path().to_owned();
+        assert!(refusal(&disk).contains("not a regular file"));
+        disk.path = folder.as_path().join("none");
+        assert!(refusal(&disk).contains("No such file"));
+    }
+}

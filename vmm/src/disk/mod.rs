@@ -1,0 +1,115 @@
+//! The disks of a Linux guest: where they are in its machine, and who serves them.
+//!
+//! ```text
+//! write to the register --> KVM: ioeventfd --> disk's thread --> file
+//!                          KVM: irqfd     <--/
+//! ```
+//!
+//! The device is `takt_devices::disk`. Its thread is of the ordinary class and on the CPU of its
+//! Linux, so that a guest that reads and writes without end spends what is its own: what the
+//! windows leave. Nothing of it happens on the thread of a vCPU that has windows but the handful of
+//! register accesses that a driver makes when it starts, and two for each interrupt.
+//!
+//! A disk is found by its memory-mapped registers, which ACPI names to Linux (`LNRO0005`; kernel,
+//! `drivers/virtio/virtio_mmio.c`). As a PCI function it would need capabilities and
+//! message-signalled interrupts in addition; see `docs/decisions/0010-disk.md`.
+
+mod file;
+mod thread;
+
+use std::sync::Arc;
+
+use kvm_ioctls::{IoEventAddress, VmFd};
+use takt_devices::disk::Shape;
+use takt_devices::disk::handover::Handover;
+use takt_devices::disk::registers::{self, Registers};
+use takt_devices::disk::server::{Disk, DiskId, Server};
+use vmm_sys_util::eventfd::{EFD_CLOEXEC, EventFd};
+
+use crate::boot::acpi::PCI_GSI;
+use crate::config;
+use crate::machine::MachineError;
+use crate::memory::GuestMemory;
+use crate::prepare::{clone, eventfd};
+use crate::run_error::RunError;
+use crate::vcpu::thread::Place;
+use file::DiskFile;
+
+pub use file::DiskError;
+pub use thread::DiskThread;
+
+/// Registers of the first disk: in the hole for devices, behind the memory of PCI functions.
+const REGISTERS: u32 = 0xe000_0000;
+
+/// Where the registers of a disk lie, counted from 0.
+#[must_use]
+pub const fn registers(number: u32) -> u32 {
+    REGISTERS + number * registers::BYTES as u32
+}
+
+/// The interrupt of a disk: the pins behind that of the PCI function.
+#[must_use]
+pub const fn gsi(number: u32) -> u32 {
+    PCI_GSI + 1 + number
+}
+
+/// A disk, as the machines know it that its Linux has one after the other.
+pub struct Drive {
+    number: u32,
+    shape: Shape,
+    shared: Arc<Handover>,
+    /// Rung by the guest.
+    bell: EventFd,
+    /// Rung for the guest.
+    interrupt: EventFd,
+}
+
+impl Drive {
+    /// Opens a disk and makes the thread that serves it, for the guest that has `memory`.
+    ///
+    /// # Errors
+    /// If the file cannot be had, or the host gives no thread.
+    pub fn open(
+        number: u32,
+        disk: &config::Disk,
+        memory: &GuestMemory,
+        place: Place,
+    ) -> Result<(Self, DiskThread), RunError> {
+        let (medium, shape) = DiskFile::open(disk)?;
+        let shared: Arc<Handover> = Arc::default();
+        let bell = EventFd::new(EFD_CLOEXEC)
+            .map_err(|source| RunError::Host { what: "make an event descriptor", source })?;
+        let interrupt = eventfd()?;
+        let disk = Disk { shape, id: id(number), medium };
+        let server = Server::new(shared.clone(), memory.only_ram()?, disk);
+        let thread = DiskThread::new(number, place, server, clone(&bell)?, clone(&interrupt)?)?;
+        Ok((Self { number, shape, shared, bell, interrupt }, thread))
+    }
+
+    /// Connects the disk to a machine that has not run yet.
+    ///
+    /// # Errors
+    /// If KVM refuses.
+    pub fn attach(&self, vm: &VmFd) -> Result<Registers, MachineError> {
+        let notify = u64::from(registers(self.number)) + registers::NOTIFY;
+        // The number of the only queue there is.
+        vm.register_ioevent(&self.bell, &IoEventAddress::Mmio(notify), 0u32)
+            .map_err(|source| MachineError::Call { what: "attach a disk's doorbell", source })?;
+        vm.register_irqfd(&self.interrupt, gsi(self.number))
+            .map_err(|source| MachineError::Call { what: "attach a disk's interrupt", source })?;
+        Ok(Registers::new(self.shape, self.shared.clone()))
+    }
+
+    /// Takes the disk away from a guest that does not run any more. Afterwards nothing is written to
+    /// its memory.
+    pub fn reset(&self) {
+        self.shared.reset();
+    }
+}
+
+/// What Linux shows as the serial number of the disk.
+fn id(number: u32) -> DiskId {
+    let mut id = DiskId::default();
+    id.iter_mut().zip(format!("takt-{number}").bytes()).for_each(|(to, from)| *to = from);
+    id
+}
