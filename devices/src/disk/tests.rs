@@ -17,7 +17,7 @@ mod hostile;
 mod requests;
 
 /// Sectors of the disk here.
-const SECTORS: u64 = 64;
+const SECTORS: u64 = 256;
 /// RAM of the guest: from 0, and behind a hole from `HIGH`.
 const RAM: u64 = 1 << 20;
 const HIGH: u64 = 1 << 32;

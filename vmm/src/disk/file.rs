@@ -178,12 +178,12 @@ mod tests {
         let (mut file, _) = DiskFile::open(&disk).unwrap();
         let memory: GuestMemoryMmap =
             GuestMemoryMmap::from_ranges(&[(GuestAddress(0), 1 << 16)]).unwrap();
-        let piece = memory.get_slice(GuestAddress(0), 1024).unwrap();
-        assert!(file.read(1024, &[piece.clone()]).is_ok());
+        let pieces = [memory.get_slice(GuestAddress(0), 1024).unwrap()];
+        assert!(file.read(1024, &pieces).is_ok());
         File::options().write(true).open(&disk.path).unwrap().set_len(1536).unwrap();
-        assert!(file.read(1024, &[piece.clone()]).is_err());
-        assert!(file.read(1 << 40, &[piece.clone()]).is_err());
-        assert!(file.read(u64::MAX, &[piece]).is_err());
+        assert!(file.read(1024, &pieces).is_err());
+        assert!(file.read(1 << 40, &pieces).is_err());
+        assert!(file.read(u64::MAX, &pieces).is_err());
     }
 
     #[test]

@@ -9,7 +9,7 @@ fn linux_finds_a_disk_and_its_size() {
     let mut capacity = [0; 8];
     guest.registers.read(0x100, &mut capacity);
     assert_eq!(u64::from_le_bytes(capacity), SECTORS);
-    assert_eq!([0x100, 0x104, 0x108, 0x10c].map(|at| guest.read(at)), [64, 0, 1 << 16, 126]);
+    assert_eq!([0x100, 0x104, 0x108, 0x10c].map(|at| guest.read(at)), [256, 0, 1 << 16, 126]);
     let mut byte = [0];
     guest.registers.read(0x10a, &mut byte);
     assert_eq!(byte, [1]);
@@ -86,7 +86,8 @@ fn a_restart_of_the_guest_begins_as_at_power_on() {
     let mut guest = Guest::driven(false);
     assert_eq!(guest.ask(FLUSH, 0, &[]), OK);
     guest.shared.reset();
-    guest.registers = Registers::new(Shape { sectors: 64, read_only: false }, guest.shared.clone());
+    guest.registers =
+        Registers::new(Shape { sectors: SECTORS, read_only: false }, guest.shared.clone());
     assert_eq!([0x44, 0x60, 0x70].map(|at| guest.read(at)), [0; 3]);
     assert!(!guest.server.serve());
     guest.start_driver();

@@ -103,10 +103,10 @@ fn an_error_of_the_file_is_an_answer() {
 #[test]
 fn the_largest_request_that_a_driver_may_make_is_served() {
     let mut guest = Guest::driven(false);
-    let pieces = [writable(DATA, 512); 64];
-    assert_eq!(guest.ask(IN, 0, &pieces), OK);
-    // As many as there are, of which none fits the disk any more, but the chain is sound.
-    assert_eq!(guest.ask(IN, 0, &[writable(DATA, 512); SEGMENTS_MAX]), IOERR);
-    assert!(!guest.needs_reset());
-    assert_eq!(guest.transfers(), 1);
+    let last = SECTORS - SEGMENTS_MAX as u64;
+    let pieces = [writable(DATA, 512); SEGMENTS_MAX];
+    assert_eq!(guest.ask(IN, last, &pieces), OK);
+    assert_eq!(guest.ask(IN, last + 1, &pieces), IOERR);
+    assert_eq!(guest.ask(IN, 0, &[writable(DATA, SEGMENT_BYTES_MAX); 2]), OK);
+    assert_eq!(guest.transfers(), 2);
 }

@@ -1,0 +1,97 @@
+//! A Linux with two disks beside a PLC that keeps its time.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use takt_tests::random::Random;
+use takt_tests::{File, Outcome, long, target};
+
+/// Bytes of the file on the first disk.
+const BYTES: usize = 512 << 10;
+
+/// Makes two files for disks: one with an ext4 in which there is a file of noise, and an empty one.
+/// Returns them, and the noise's checksum.
+fn disks() -> (PathBuf, PathBuf, String) {
+    let folder = target("tests/disk");
+    let _ = fs::remove_dir_all(&folder);
+    let tree = folder.join("tree");
+    fs::create_dir_all(&tree).unwrap();
+    let mut random = Random::new(1);
+    let noise: Vec<u8> = (0..BYTES / 8).flat_map(|_| random.number().to_le_bytes()).collect();
+    fs::write(tree.join("noise"), noise).unwrap();
+    let (first, second) = (folder.join("first.img"), folder.join("second.img"));
+    for disk in [&first, &second] {
+        fs::File::create(disk).unwrap().set_len(2 << 20).unwrap();
+    }
+    let mut mke2fs = Command::new("mke2fs");
+    // Without a journal: a disk that is only read has nothing to replay.
+    mke2fs.args(["-q", "-t", "ext4", "-O", "^has_journal", "-d"]).arg(&tree).arg(&first);
+    assert!(mke2fs.status().expect("mke2fs starts").success());
+    (first, second, checksum(&tree.join("noise")))
+}
+
+fn checksum(path: &Path) -> String {
+    let output = Command::new("sha256sum").arg(path).output().expect("sha256sum starts");
+    let text = String::from_utf8(output.stdout).unwrap();
+    text.split_whitespace().next().expect("a checksum").to_owned()
+}
+
+/// A Linux that does something with `/dev/vda`, which it can only read, and `/dev/vdb`.
+fn run(name: &str, disks: [&Path; 2], exec: &str, more: &str, duration: &str) -> Outcome {
+    let [first, second] = disks;
+    File::new("1ms")
+        .plc("plc", None, "")
+        .linux(exec)
+        .lines(more)
+        .lines(&format!("[[partition.disk]]\npath = {first:?}"))
+        .lines(&format!("[[partition.disk]]\npath = {second:?}\nread_only = false"))
+        .schedule("normal")
+        .window("plc", 0, 200)
+        .run(name)
+        .lasting(duration)
+        .run()
+}
+
+/// Few requests and large ones, since each takes an interrupt, and those are what the lab's QEMU may
+/// deliver twice.
+#[test]
+fn a_linux_reads_one_disk_and_writes_the_other_and_the_plc_keeps_its_time() {
+    let (first, second, noise) = disks();
+    let exec = "mkdir /mnt; mount -r /dev/vda /mnt; sha256sum /mnt/noise; \
+                dd if=/mnt/noise of=/dev/vdb bs=64k conv=fsync; \
+                echo 1 > /proc/sys/vm/drop_caches; \
+                head -c 524288 /dev/vdb | sha256sum; \
+                dd if=/mnt/noise of=/dev/vda count=1 || echo refused; \
+                cat /sys/block/vdb/serial; echo; \
+                echo virtio1 > /sys/bus/virtio/drivers/virtio_blk/unbind; \
+                echo virtio1 > /sys/bus/virtio/drivers/virtio_blk/bind; \
+                head -c 524288 /dev/vdb | sha256sum; echo all done";
+    let outcome = run("disk", [&first, &second], exec, "", "2800ms");
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("\nall done");
+    assert_eq!(outcome.output.matches(&format!("\n{noise}")).count(), 3, "{}", outcome.output);
+    outcome.assert_shows("\nrefused");
+    outcome.assert_shows("\ntakt-1\r\n");
+    outcome.assert_kept_its_time("plc", 2_700);
+    outcome.assert_punctual("plc");
+}
+
+/// What was written by one life of Linux, the next finds, and its device as at power-on.
+#[test]
+fn a_linux_that_starts_again_finds_its_disks_as_it_left_them() {
+    if !long() {
+        return;
+    }
+    let (first, second, noise) = disks();
+    let exec = "mkdir /mnt; mount -r /dev/vda /mnt; head -c 524288 /dev/vdb | sha256sum; \
+                dd if=/mnt/noise of=/dev/vdb bs=64k conv=fsync; cat /dev/vdb > /dev/null & \
+                reboot -f";
+    let limit = "restarts = { at_most = 1, within = \"60s\" }";
+    let outcome = run("disk-restart", [&first, &second], exec, limit, "7s");
+    // A partition whose last life ended with a restart has failed.
+    assert_eq!(outcome.status, 4, "{}", outcome.output);
+    assert_eq!(outcome.number("linux", "restarts"), 1, "{}", outcome.output);
+    assert_eq!(outcome.output.matches(&format!("\n{noise}")).count(), 1, "{}", outcome.output);
+    outcome.assert_kept_its_time("plc", 6_900);
+}
