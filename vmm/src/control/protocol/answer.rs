@@ -1,0 +1,123 @@
+//! What Takt says: answers, refusals and events.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Status, VERSION, line};
+
+/// Why a request was not granted.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Refusal {
+    /// For programs.
+    pub error: ErrorKind,
+    /// For people.
+    pub text: String,
+}
+
+impl Refusal {
+    /// With a text.
+    #[must_use]
+    pub fn new(error: ErrorKind, text: impl Into<String>) -> Refusal {
+        Refusal { error, text: text.into() }
+    }
+}
+
+/// Kinds of refusals.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ErrorKind {
+    /// No JSON object, or keys and values that do not fit the request.
+    Malformed,
+    /// A line of more than [`LINE_MAX`] bytes. The connection ends.
+    TooLong,
+    /// Another version of the protocol.
+    Version,
+    /// There is no such request.
+    UnknownRequest,
+    /// There is no such partition.
+    NoSuchPartition,
+    /// There is no such schedule.
+    NoSuchSchedule,
+    /// Not in this state, such as the start of a partition that runs.
+    Refused,
+    /// Never, for this partition.
+    Unsupported,
+    /// There are too many clients. The connection ends.
+    Full,
+}
+
+/// A line from Takt.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Message {
+    /// [`VERSION`].
+    pub version: u32,
+    /// The rest.
+    #[serde(flatten)]
+    pub answer: Answer,
+}
+
+/// What Takt says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "answer", rename_all = "kebab-case")]
+pub enum Answer {
+    /// The order is accepted; how far it has got, `status` and the events tell.
+    Done {
+        /// For people.
+        text: String,
+    },
+    /// To `status`.
+    Status {
+        /// How the run stands.
+        status: Box<Status>,
+    },
+    /// To `events`.
+    Events {
+        /// The latest ones, the oldest first.
+        events: Vec<Event>,
+    },
+    /// Unasked, to who follows.
+    Event {
+        /// What happened.
+        event: Event,
+    },
+    /// The request changes nothing.
+    Error(Refusal),
+}
+
+impl Answer {
+    /// The line of this answer, with its newline.
+    #[must_use]
+    pub fn line(self) -> Vec<u8> {
+        line(&Message { version: VERSION, answer: self })
+    }
+}
+
+/// Something that has happened.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Event {
+    /// Counts from 1, without gaps.
+    pub sequence: u64,
+    /// When it became known, since the epoch.
+    pub at_ns: u64,
+    /// What kind of event.
+    pub kind: EventKind,
+    /// Whose, if it is a partition's.
+    pub partition: Option<String>,
+    /// For people.
+    pub text: String,
+}
+
+/// Kinds of events.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EventKind {
+    /// A switch of the schedule has taken effect.
+    Schedule,
+    /// A partition has ended by itself, or could not be started anew.
+    Ended,
+    /// An operator has stopped a partition.
+    Stopped,
+    /// A partition was started anew.
+    Restarted,
+    /// The health monitor has taken note of an error.
+    Health,
+}

@@ -1,0 +1,25 @@
+//! What is said on the control socket. `docs/control.md` describes it byte by byte.
+//!
+//! The types are those of both sides, so that they cannot disagree.
+
+mod answer;
+mod request;
+mod status;
+
+use serde::Serialize;
+
+pub use answer::{Answer, ErrorKind, Event, EventKind, Message, Refusal};
+pub use request::{Mode, Request};
+pub use status::{PartitionStatus, ReleaseStatus, ScheduleStatus, State, Status, WindowStatus};
+
+/// Version of the protocol: the only value of `version` that is understood.
+pub const VERSION: u32 = 1;
+/// Longest line of a request in bytes, its newline included.
+pub const LINE_MAX: usize = 64 * 1024;
+
+/// None of these types has a map with keys that are no text, which is all that could fail.
+fn line(value: &impl Serialize) -> Vec<u8> {
+    let mut line = serde_json::to_vec(value).unwrap_or_default();
+    line.push(b'\n');
+    line
+}

@@ -1,0 +1,126 @@
+//! How a run stands, as it is told.
+
+use serde::{Deserialize, Serialize};
+
+use super::Mode;
+use crate::report::Summary;
+
+/// How the run stands. Times are nanoseconds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Status {
+    /// Version of Takt.
+    pub takt: String,
+    /// Its process.
+    pub pid: u32,
+    /// `name` of the partition file's system.
+    pub system: String,
+    /// The partition file.
+    pub file: String,
+    /// Since the epoch.
+    pub uptime_ns: u64,
+    /// Length of the major frame.
+    pub major_frame_ns: u64,
+    /// Which schedule holds.
+    pub schedule: ScheduleStatus,
+    /// In the order of the partition file.
+    pub partitions: Vec<PartitionStatus>,
+}
+
+/// Where the schedule stands.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ScheduleStatus {
+    /// All there are, in the order of the partition file.
+    pub names: Vec<String>,
+    /// The one that holds.
+    pub current: String,
+    /// The one that will hold: another one while a switch is under way.
+    pub next: String,
+    /// When the current one began to hold, since the epoch; `null` if it always did.
+    pub last_switch_ns: Option<u64>,
+    /// Windows of the current one, by CPU and then in the order of time.
+    pub windows: Vec<WindowStatus>,
+    /// Windows that are not among those.
+    pub windows_left_out: u64,
+}
+
+/// A window of the frame.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct WindowStatus {
+    /// Whose it is.
+    pub partition: String,
+    /// From the start of the frame.
+    pub offset_ns: u64,
+    /// Its length.
+    pub duration_ns: u64,
+}
+
+/// What a partition is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum State {
+    /// It runs.
+    Running,
+    /// It was asked to stop, and has not yet.
+    Stopping,
+    /// It was asked to start again, and has not yet.
+    Restarting,
+    /// An operator has stopped it.
+    Stopped,
+    /// It has ended.
+    Ended,
+}
+
+/// How a partition stands.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PartitionStatus {
+    /// Its name.
+    pub name: String,
+    /// `plc` or `linux`.
+    pub kind: String,
+    /// The CPU that it runs on.
+    pub cpu: u64,
+    /// True if it has no windows and gets what those of others leave.
+    pub background: bool,
+    /// What it is doing.
+    pub state: State,
+    /// How it was started last.
+    pub start_mode: Mode,
+    /// How it ended; `null` while it runs.
+    pub end: Option<String>,
+    /// How often it was started anew.
+    pub restarts: u64,
+    /// CPU time of its thread.
+    pub cpu_time_ns: u64,
+    /// The same as a part of the time since the epoch.
+    pub cpu_share: f64,
+    /// Accesses that nothing answers.
+    pub illegal_accesses: u64,
+    /// Bytes of console output that were dropped.
+    pub console_dropped: u64,
+    /// Only for a partition with windows and a scan.
+    pub releases: Option<ReleaseStatus>,
+}
+
+/// How a partition has kept its time, since the epoch.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ReleaseStatus {
+    /// Releases that happened.
+    pub happened: u64,
+    /// Windows that the guest needed to start up.
+    pub start_up_windows: u64,
+    /// Releases that never happened.
+    pub lost: u64,
+    /// Releases that came later than the guard can absorb.
+    pub late: u64,
+    /// Windows that ended by a kick.
+    pub overruns: u64,
+    /// Sum of the latencies of all releases: from the difference of two answers follows the mean
+    /// of the time between them.
+    pub latency_sum_ns: u64,
+    /// From the release to the guest's start.
+    pub release_latency_ns: Option<Summary>,
+    /// From the guest's start to its end.
+    pub execution_ns: Option<Summary>,
+    /// From when the thread was to wake up to when it did.
+    pub wake_up_latency_ns: Option<Summary>,
+}
