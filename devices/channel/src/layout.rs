@@ -223,6 +223,14 @@ impl Geometry {
         Ok(())
     }
 
+    pub(crate) fn check_source_length(&self, region: &impl Load) -> Result<(), OpenError> {
+        long_enough(region, self.source_bytes())
+    }
+
+    pub(crate) fn check_destination_length(&self, region: &impl Load) -> Result<(), OpenError> {
+        long_enough(region, self.destination_bytes())
+    }
+
     pub(crate) fn check_source(&self, region: &impl Load) -> Result<(), OpenError> {
         self.check(self.source_kind(), self.source_bytes(), region)
     }

@@ -29,17 +29,20 @@
 #![no_std]
 #![deny(unsafe_code)]
 
+mod bystander;
 mod code;
 mod counters;
 mod layout;
 mod memory;
 mod open;
+mod order;
 mod outgoing;
 mod queuing;
 mod sampling;
 mod slots;
 mod time;
 
+pub use bystander::{Bystander, LookError, Sight};
 pub use code::ReturnCode;
 pub use counters::Counters;
 pub use layout::{

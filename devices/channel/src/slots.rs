@@ -116,6 +116,16 @@ impl Slots {
         look(sequence(region), n)?;
         Ok(Copied { length, stamp })
     }
+
+    /// The stamp of message `n`.
+    pub(crate) fn stamp(&self, region: &impl Load, n: u64) -> Result<Tsc, Fault> {
+        let slot = self.start(n);
+        let sequence = || region.load(slot + word(offset::SEQUENCE));
+        look(sequence(), n)?;
+        let stamp = Tsc(region.load(slot + word(offset::STAMP)));
+        look(sequence(), n)?;
+        Ok(stamp)
+    }
 }
 
 /// The sequence number of a slot that holds message `n`.

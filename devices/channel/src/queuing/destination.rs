@@ -7,6 +7,7 @@ use crate::counters::{Counters, EpochWatch, count};
 use crate::layout::{Geometry, Policy, offset, word};
 use crate::memory::{Load, Store};
 use crate::open::OpenError;
+use crate::order::is_ahead;
 use crate::outgoing::begin_epoch;
 use crate::slots::{ATTEMPTS, Claim, Fault, LIFE_MAX, Slots};
 use crate::time::Tsc;
@@ -248,10 +249,4 @@ impl<L: Load, S: Store> QueuingDestination<L, S> {
         self.next = n;
         self.own.store(word(offset::READ), n);
     }
-}
-
-/// Whether message `a` comes after message `b`, on a circle of numbers.
-#[inline]
-fn is_ahead(a: u64, b: u64) -> bool {
-    (1..=u64::MAX / 2).contains(&a.wrapping_sub(b))
 }

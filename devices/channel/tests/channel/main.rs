@@ -5,6 +5,7 @@
 #![cfg(not(loom))]
 
 mod attach;
+mod bystander;
 mod claims;
 mod header;
 mod hostile;
