@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use rtrb::Consumer;
 use takt_devices::output::OutputEnd;
-use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 
 use crate::boot::StartMode;
@@ -14,10 +13,9 @@ use crate::health::Watch;
 use crate::restart::Restart;
 use crate::statistics;
 use crate::terminal::Lines;
-use crate::trace::Trace;
 use crate::vcpu::Control;
 use crate::vcpu::guest::End;
-use crate::vcpu::record::Record;
+use crate::vcpu::record::{Detour, Record, WindowRecord};
 
 /// What a vCPU's thread leaves behind.
 #[derive(Clone, Copy, Debug)]
@@ -92,20 +90,17 @@ impl Account {
         }
     }
 
-    /// Takes everything out of the ring of records.
+    /// Takes everything out of the ring of records, and shows each window with its detours.
     pub fn take_records(
         &mut self,
-        id: PartitionId,
         frequency: TscFrequency,
-        trace: &mut Option<Trace>,
+        mut show: impl FnMut(&str, &WindowRecord, &[Detour]),
     ) {
         let Some(records) = &mut self.records else { return };
         while let Ok(record) = records.pop() {
             let Some((window, detours)) = self.gather.add(&record) else { continue };
             self.occupied = self.occupied.plus(frequency.nanos(window.left.since(window.due)));
-            if let Some(trace) = trace {
-                trace.add(id, &window, detours);
-            }
+            show(&self.name, &window, detours);
             if let Some(releases) = &mut self.releases {
                 releases.add(&window, detours);
             }

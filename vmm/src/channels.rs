@@ -125,6 +125,11 @@ impl<'a> Channels<'a> {
         Ok(Self { all: channels.iter().map(Regions::new).collect::<Result<_, _>>()? })
     }
 
+    /// All of them, in the order of the file.
+    pub fn all(&self) -> impl Iterator<Item = &Regions<'a>> {
+        self.all.iter()
+    }
+
     /// Those of which Takt itself has an end.
     pub fn of_host(&self) -> impl Iterator<Item = &Regions<'a>> {
         self.all.iter().filter(|regions| regions.channel.host.is_some())

@@ -28,7 +28,8 @@ Ctrl-] Ctrl-] types Ctrl-].";
 
 const BESIDE_HELP: &str = "\
 Programs of their own, in the folder of takt:
-  ctl     Ask a running takt how it stands, and tell it what to do";
+  ctl     Ask a running takt how it stands, and tell it what to do
+  top     Show what a running takt does";
 
 /// A PLC and an unmodified Linux side by side on one machine, neither trusting the other.
 #[derive(Parser)]

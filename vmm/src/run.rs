@@ -21,7 +21,7 @@ use crate::account::Account;
 use crate::appliance;
 use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile};
-use crate::control::{Facts, Server};
+use crate::control::Operators;
 use crate::cpuset::Domains;
 use crate::disk::DiskThread;
 use crate::footprint::Footprint;
@@ -71,16 +71,17 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     kick::install()
         .map_err(|e| io::Error::from_raw_os_error(e.errno()))
         .map_err(|source| RunError::Host { what: "install the kick's signal handler", source })?;
-    let operators = options
+    let control = options
         .control
         .as_deref()
         .or(file.control())
         .map(|path| Listener::bind(path, SocketKind::Stream))
-        .transpose()?
-        .map(|listener| (Server::new(listener), Facts::new(file)));
+        .transpose()?;
     // Given back after all threads have been let go.
     let devices = Devices::take(file)?;
     let channels = Channels::new(file.channels())?;
+    let operators =
+        control.map(|listener| Operators::new(listener, file, &channels)).transpose()?;
     // Dropped after all threads have been let go.
     let domains = Domains::set_up(file.schedules())?;
     let (sender, ends) = channel();
@@ -136,7 +137,7 @@ struct Run<'a> {
     /// Until the supervisor has them.
     host_ports: Option<HostPorts>,
     /// Until the supervisor has it.
-    operators: Option<(Server, Facts)>,
+    operators: Option<Operators>,
 }
 
 impl Run<'_> {

@@ -12,6 +12,7 @@ use crate::boot::long_mode::StartError;
 use crate::boot::plc::PlcImageError;
 use crate::boot::touch::TouchError;
 use crate::channels::ChannelError;
+use crate::control::ViewError;
 use crate::cpuset::CpusetError;
 use crate::disk::DiskError;
 use crate::host_ports::HostPortError;
@@ -60,6 +61,8 @@ pub enum RunError {
     Ports(#[from] Overlap),
     #[error("control: {0}")]
     Control(#[from] SocketError),
+    #[error("control: {0}")]
+    View(#[from] ViewError),
     #[error("cannot lock memory: {0}; run as root, or raise the limit (ulimit -l unlimited)")]
     Lock(io::Error),
     #[error("cannot {what}: {source}")]

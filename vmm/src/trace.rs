@@ -1,5 +1,7 @@
 //! The trace: all windows of a run, for a viewer of time lines.
 //!
+//! `takt run --trace` writes all of a run, `takt ctl FILE trace` a part of it elsewhere.
+//!
 //! The file is in the Chrome trace-event format (JSON, the form that is one array), which
 //! <https://ui.perfetto.dev> and `chrome://tracing` open. It is written while the run lasts, so
 //! memory does not grow with it; a run that is cut off leaves a file without its last bracket,
@@ -138,6 +140,18 @@ impl Trace {
 
 impl<W: Write> Trace<W> {
     fn new(out: W, base: Timebase, partitions: &[(&str, Cpu)], schedules: &[&str]) -> Self {
+        Self::since(out, base, partitions, schedules, Tsc(0), ScheduleId(0))
+    }
+
+    /// Begins a trace in the midst of a run, of whatever happens after `since`, when `schedule` holds.
+    pub fn since(
+        out: W,
+        base: Timebase,
+        partitions: &[(&str, Cpu)],
+        schedules: &[&str],
+        since: Tsc,
+        schedule: ScheduleId,
+    ) -> Self {
         // Viewers have an own idea of process 0 and of thread 0.
         let process = |cpu: Cpu| (cpu.0 as u64).saturating_add(1);
         let last = partitions.iter().map(|(_, cpu)| process(*cpu)).max().unwrap_or(0);
@@ -146,7 +160,7 @@ impl<W: Write> Trace<W> {
             let thread = threads.next().unwrap_or(0);
             Track { process, thread, drawn_to: 0 }
         };
-        let schedule = track(last.saturating_add(1));
+        let schedule_track = track(last.saturating_add(1));
         let tracks = partitions
             .iter()
             .map(|(_, cpu)| Tracks { host: track(process(*cpu)), claims: track(process(*cpu)) });
@@ -155,17 +169,18 @@ impl<W: Write> Trace<W> {
             base,
             partitions: tracks.collect(),
             schedules: schedules.iter().map(|name| Arc::from(*name)).collect(),
-            schedule,
+            schedule: schedule_track,
         };
-        this.name(schedule, "process_name", "schedule");
-        this.name(schedule, "thread_name", "schedule");
+        this.name(schedule_track, "process_name", "schedule");
+        this.name(schedule_track, "thread_name", "schedule");
         for (i, (name, cpu)) in partitions.iter().enumerate() {
             let Tracks { host, claims } = this.partitions[i];
             this.name(host, "process_name", &format!("CPU {}", cpu.0));
             this.name(host, "thread_name", name);
             this.name(claims, "thread_name", &format!("{name}: claims"));
         }
-        this.begin_schedule(0, ScheduleId(0));
+        let at = this.ns(since);
+        this.begin_schedule(at, schedule);
         this
     }
 

@@ -10,7 +10,7 @@ use takt::control::protocol::{Answer, Message, Request, VERSION};
 use crate::error::CtlError;
 
 /// Takt answers within some ticks of 20 ms, or does not.
-const PATIENCE: Duration = Duration::from_secs(5);
+pub const PATIENCE: Duration = Duration::from_secs(5);
 /// Longest answer. Takt's are far shorter; whatever else listens there has an end, too.
 const ANSWER_MAX: u64 = 1 << 20;
 
@@ -40,6 +40,14 @@ impl Connection {
         self.0.get_ref().set_read_timeout(None).map_err(CtlError::Lost)
     }
 
+    /// From now on an answer may take as long as this.
+    ///
+    /// # Errors
+    /// What the kernel says.
+    pub fn wait_for(&mut self, time: Duration) -> Result<(), CtlError> {
+        self.0.get_ref().set_read_timeout(Some(time)).map_err(CtlError::Lost)
+    }
+
     /// Sends a request. That Takt has closed already is no error yet: it has said why.
     ///
     /// # Errors
@@ -59,7 +67,9 @@ impl Connection {
         let mut line = Vec::new();
         (&mut self.0).take(ANSWER_MAX).read_until(b'\n', &mut line).map_err(|error| {
             CtlError::Lost(match error.kind() {
-                ErrorKind::WouldBlock => io::Error::new(ErrorKind::TimedOut, "nothing came in 5 s"),
+                ErrorKind::WouldBlock => {
+                    io::Error::new(ErrorKind::TimedOut, "nothing came in time")
+                }
                 _ => error,
             })
         })?;

@@ -22,13 +22,13 @@ pub enum CtlError {
     File(#[from] FileError),
     /// The partition file asks for no control socket.
     #[error(
-        "takt-ctl: {} has no `control` in [system], so its Takt has no control socket; \
+        "{} has no `control` in [system], so its Takt has no control socket; \
          if it was started with --control PATH, give that PATH instead",
         .0.display()
     )]
     NoControl(PathBuf),
     /// Nobody listens.
-    #[error("takt-ctl: no Takt at {}: {source}; {}", socket.display(), remedy(source))]
+    #[error("no Takt at {}: {source}; {}", socket.display(), remedy(source))]
     NoTakt {
         /// The socket.
         socket: PathBuf,
@@ -36,20 +36,26 @@ pub enum CtlError {
         source: io::Error,
     },
     /// The connection has ended, or nothing came in time.
-    #[error("takt-ctl: Takt does not answer: {0}")]
+    #[error("Takt does not answer: {0}")]
     Lost(io::Error),
     /// The answer is none of this version.
-    #[error("takt-ctl: what answers there is no Takt of this version: {0}")]
+    #[error("what answers there is no Takt of this version: {0}")]
     NotUnderstood(String),
     /// Takt refuses.
-    #[error("takt-ctl: refused: {}", crate::text::plain(&.0.text))]
+    #[error("refused: {}", crate::text::plain(&.0.text))]
     Refused(Refusal),
     /// The answer could not be printed.
-    #[error("takt-ctl: cannot print: {0}")]
+    #[error("cannot print: {0}")]
     Output(io::Error),
     /// The terminal cannot show a screen.
-    #[error("takt-ctl: cannot use the terminal: {0}")]
+    #[error("cannot use the terminal: {0}")]
     Terminal(io::Error),
+}
+
+impl From<Refusal> for CtlError {
+    fn from(refusal: Refusal) -> CtlError {
+        CtlError::Refused(refusal)
+    }
 }
 
 impl CtlError {

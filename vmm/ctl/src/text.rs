@@ -4,6 +4,9 @@ use std::fmt::Write;
 
 use takt::control::protocol::{Answer, Event, Mode, PartitionStatus, State, Status};
 
+use crate::channels;
+use crate::trace::Extent;
+
 /// An answer as lines. A refusal is none: it goes to standard error.
 pub fn of(answer: &Answer) -> String {
     match answer {
@@ -11,7 +14,9 @@ pub fn of(answer: &Answer) -> String {
         Answer::Status { status } => self::status(status),
         Answer::Events { events } => events.iter().map(|e| event(e) + "\n").collect(),
         Answer::Event { event: e } => event(e) + "\n",
-        Answer::Error(_) => String::new(),
+        // A trace is for a viewer.
+        Answer::Trace { .. } | Answer::Window { .. } | Answer::Switch { .. } => String::new(),
+        Answer::Traced { .. } | Answer::Error(_) => String::new(),
     }
 }
 
@@ -26,6 +31,16 @@ pub fn plain(text: &str) -> String {
         }
     }
     shown
+}
+
+/// How much of its time a trace has, in one line.
+pub fn extent(Extent { windows, dropped }: Extent) -> String {
+    match dropped {
+        0 => format!("{windows} windows, all there were"),
+        _ => format!(
+            "{windows} windows; {dropped} more are missing, for this program read too slowly"
+        ),
+    }
 }
 
 /// An event in one line.
@@ -111,9 +126,26 @@ pub fn latency(partition: &PartitionStatus) -> Option<String> {
 fn status(status: &Status) -> String {
     let mut out = summary(status);
     out.push_str("\n\n");
-    let rows: Vec<[String; 10]> = std::iter::once(COLUMNS.map(str::to_owned))
-        .chain(status.partitions.iter().map(row))
-        .collect();
+    out.push_str(&table(COLUMNS, status.partitions.iter().map(row)));
+    if !status.channels.is_empty() {
+        out.push('\n');
+        out.push_str(&table(channels::COLUMNS, status.channels.iter().map(channels::row)));
+    }
+    let latencies = status.partitions.iter().filter_map(latency);
+    let ends = status.partitions.iter().filter_map(|p| Some((&p.name, p.end.as_ref()?)));
+    let ends = ends.map(|(name, end)| plain(&format!("{name}: {end}")));
+    let problems = status.channels.iter().filter_map(channels::problem);
+    for line in latencies.chain(ends).chain(problems) {
+        let _ = write!(out, "\n{line}");
+    }
+    out.push('\n');
+    out
+}
+
+/// Rows below their titles, each column as wide as it has to be.
+fn table<const N: usize>(titles: [&str; N], rows: impl Iterator<Item = [String; N]>) -> String {
+    let rows: Vec<[String; N]> = std::iter::once(titles.map(str::to_owned)).chain(rows).collect();
+    let mut out = String::new();
     for row in &rows {
         let mut line = String::new();
         for (column, cell) in row.iter().enumerate() {
@@ -124,12 +156,5 @@ fn status(status: &Status) -> String {
         out.push_str(line.trim_end());
         out.push('\n');
     }
-    let latencies = status.partitions.iter().filter_map(latency);
-    let ends = status.partitions.iter().filter_map(|p| Some((&p.name, p.end.as_ref()?)));
-    let ends = ends.map(|(name, end)| plain(&format!("{name}: {end}")));
-    for line in latencies.chain(ends) {
-        let _ = write!(out, "\n{line}");
-    }
-    out.push('\n');
     out
 }

@@ -5,16 +5,20 @@ use std::os::unix::net::UnixListener;
 use std::path::PathBuf;
 use std::process::{Command, Output};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use serde_json::Value;
 use takt::control::protocol::{
-    ErrorKind, EventKind, Mode, PartitionStatus, Refusal, ScheduleStatus, State, Status,
+    ChannelStatus, ErrorKind, EventKind, Mode, PartitionStatus, Refusal, ScheduleStatus, State,
+    Status, TraceStart, TracedPartition, TracedWindow,
 };
 use takt::control::{Operator, Server};
 use takt::unix_socket::{Listener, SocketKind};
-use takt_scheduler::time::Nanos;
+use takt::vcpu::record::WindowRecord;
+use takt_scheduler::schedules::ScheduleId;
+use takt_scheduler::time::{Nanos, Ticks, Tsc};
 
 const FILE: &str = r#"
 version = 1
@@ -35,7 +39,10 @@ offset = "0us"
 duration = "300us"
 "#;
 
-struct FakeRun;
+#[derive(Default)]
+struct FakeRun {
+    looks: AtomicU64,
+}
 
 fn granted(what: &str, partition: &str) -> Result<String, Refusal> {
     match partition {
@@ -45,6 +52,11 @@ fn granted(what: &str, partition: &str) -> Result<String, Refusal> {
 }
 
 impl Operator for FakeRun {
+    fn now(&self) -> Nanos {
+        // Each look is a millisecond.
+        Nanos::from_millis(self.looks.fetch_add(1, Ordering::SeqCst))
+    }
+
     fn status(&mut self) -> Status {
         let normal = || "normal".to_owned();
         Status {
@@ -77,6 +89,17 @@ impl Operator for FakeRun {
                 console_dropped: 0,
                 releases: None,
             }],
+            channels: vec![ChannelStatus {
+                name: "orders".into(),
+                kind: "queuing".into(),
+                source: "linux:orders".into(),
+                destinations: vec!["plc:orders".into()],
+                depth: Some(8),
+                refresh_ns: None,
+                contents: None,
+                lost: None,
+                problem: Some("an end makes an impossible claim: Counter".into()),
+            }],
         }
     }
 
@@ -95,6 +118,40 @@ impl Operator for FakeRun {
     fn switch_schedule(&mut self, name: &str) -> Result<String, Refusal> {
         Ok(format!("schedule {name}"))
     }
+
+    fn trace(&self) -> TraceStart {
+        TraceStart {
+            tsc_khz: 1_000_000,
+            epoch_tsc: 5_000_000_000,
+            since_tsc: 6_000_000_000,
+            schedule: "normal".into(),
+            schedules: vec!["normal".into(), "night".into()],
+            partitions: vec![TracedPartition { name: "plc".into(), cpu: 0 }],
+        }
+    }
+}
+
+fn window(sequence: u64) -> TracedWindow {
+    let release = Tsc(6_000_000_000 + 1_000_000 * sequence);
+    let record = WindowRecord {
+        sequence,
+        schedule: ScheduleId(0),
+        skipped: 0,
+        release,
+        end: release.after(Ticks(300_000)),
+        due: release.before(Ticks(20_000)),
+        woken: release.before(Ticks(10_000)),
+        entered: release.before(Ticks(9_000)),
+        left: release.after(Ticks(100_000)),
+        kicked: None,
+        claim: None,
+        last_stamp: release,
+        exits: 1,
+        kernel_exits: 1,
+        overrun: false,
+        ended: false,
+    };
+    TracedWindow::new("plc", "normal", &record, &[])
 }
 
 /// A folder with a partition file, and perhaps a Takt.
@@ -120,8 +177,13 @@ impl Plant {
         plant.server = Some(thread::spawn(move || {
             let mut server = Server::new(listener);
             server.tell(Nanos(2_000_000_000), EventKind::Ended, Some("plc"), "triple fault");
-            while !end.load(Ordering::SeqCst) {
-                server.serve(&mut FakeRun);
+            let mut run = FakeRun::default();
+            for sequence in 0.. {
+                if end.load(Ordering::SeqCst) {
+                    break;
+                }
+                server.serve(&mut run);
+                server.window(|| window(sequence));
                 // The tick of this event thread; nothing depends on its length.
                 thread::park_timeout(Duration::from_millis(1));
             }
@@ -129,17 +191,15 @@ impl Plant {
         plant
     }
 
-    fn takt_ctl(&self, arguments: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_takt-ctl"))
-            .args(arguments)
-            .current_dir(&self.folder)
-            .output()
-            .unwrap()
+    /// Exit status, standard output, standard error of `takt-ctl`.
+    fn says(&self, arguments: &[&str]) -> (i32, String, String) {
+        self.run(env!("CARGO_BIN_EXE_takt-ctl"), arguments)
     }
 
-    /// Exit status, standard output, standard error.
-    fn says(&self, arguments: &[&str]) -> (i32, String, String) {
-        let Output { status, stdout, stderr } = self.takt_ctl(arguments);
+    fn run(&self, program: &str, arguments: &[&str]) -> (i32, String, String) {
+        let mut command = Command::new(program);
+        let command = command.args(arguments).current_dir(&self.folder);
+        let Output { status, stdout, stderr } = command.output().unwrap();
         let text = |bytes| String::from_utf8(bytes).unwrap();
         (status.code().unwrap(), text(stdout), text(stderr))
     }
@@ -166,7 +226,7 @@ fn orders_are_given_by_the_file_or_by_the_socket() {
     assert_eq!(plant.says(&["takt.sock", "schedule", "night"]), good("schedule night"));
     let event = "       2.000 s  plc: triple fault";
     assert_eq!(plant.says(&["takt.sock", "events"]), good(event));
-    let json = r#"{"version":1,"answer":"done","text":"plc stops"}"#;
+    let json = r#"{"version":2,"answer":"done","text":"plc stops"}"#;
     assert_eq!(plant.says(&["--json", "takt.sock", "stop", "plc"]), good(json));
     let refused = "takt-ctl: refused: there is no partition of this name\n";
     let expected = (1, String::new(), refused.to_owned());
@@ -182,9 +242,35 @@ s: up 1.5 s, schedule \"normal\", major frame 1000 us
 partition  cpu  state    start  CPU    restarts  releases  lost  late  overruns
 plc        0    stopped  warm   0.0 %  1         -         -     -     -
 
+channel  from          to          fill  newest  written  lost
+orders   linux:orders  plc:orders  ?     -       ?        -
+
 plc: stopped by an operator
+channel orders: an end makes an impossible claim: Counter
 ";
     assert_eq!(plant.says(&["plant.toml", "status"]), (0, expected.to_owned(), String::new()));
+}
+
+#[test]
+fn a_trace_is_a_file_for_viewers_or_lines_for_programs() {
+    let plant = Plant::running("trace");
+    let (status, out, error) = plant.says(&["plant.toml", "trace", "--for", "20ms"]);
+    assert_eq!(status, 0, "{error}");
+    let events: Vec<Value> = serde_json::from_str(&out).unwrap();
+    let releases = events.iter().filter(|e| e["name"] == "release").count();
+    assert!(releases > 5, "{releases} of 20");
+    assert_eq!(error, format!("takt-ctl: {releases} windows, all there were\n"));
+
+    let (status, out, _) = plant.says(&["--json", "plant.toml", "trace", "--for", "20ms"]);
+    assert_eq!(status, 0);
+    let lines: Vec<Value> = out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let (first, last) = (lines.first().unwrap(), lines.last().unwrap());
+    assert_eq!((&first["answer"], &last["answer"]), (&"trace".into(), &"traced".into()));
+    assert_eq!(last["windows"], lines.len() - 2);
+
+    let too_long = "takt-ctl: refused: `duration_ns` must be 1 to 60000000000\n";
+    let expected = (1, String::new(), too_long.to_owned());
+    assert_eq!(plant.says(&["plant.toml", "trace", "--for", "61s"]), expected);
 }
 
 #[test]
@@ -199,8 +285,9 @@ fn without_a_takt_the_status_is_3_and_the_message_says_what_to_look_for() {
         );
     }
     drop(UnixListener::bind(plant.folder.join("takt.sock")).unwrap());
-    let (status, _, error) = plant.says(&["plant.toml", "top"]);
+    let (status, _, error) = plant.run(env!("CARGO_BIN_EXE_takt-top"), &["plant.toml"]);
     assert_eq!(status, 3);
+    assert!(error.starts_with("takt-top: no Takt at "), "{error}");
     assert!(error.contains("it has ended without removing its socket"), "{error}");
 }
 
@@ -220,7 +307,7 @@ fn whatever_else_listens_there_is_no_takt() {
             stream.write_all(answer).unwrap();
         }
     });
-    for part in ["no Takt of this version", "the connection has ended", "version 9 instead of 1"] {
+    for part in ["no Takt of this version", "the connection has ended", "version 9 instead of 2"] {
         let (status, _, error) = plant.says(&["takt.sock", "status"]);
         assert_eq!(status, 3);
         assert!(error.contains(part), "{error}");
@@ -236,6 +323,8 @@ fn wrong_usage_and_a_file_without_a_socket_give_status_2() {
         &["plant.toml"],
         &["plant.toml", "fly"],
         &["plant.toml", "restart", "plc"],
+        &["plant.toml", "top"],
+        &["plant.toml", "trace", "--for", "soon"],
         &["plant.toml", "restart", "plc", "--cold", "--warm"],
         &["missing.toml", "status"],
     ] {

@@ -1,16 +1,22 @@
 //! One connection, with its two bounded buffers.
 //!
 //! As long as a client has not taken what it asked for, nothing more is read from it: what it sends
-//! then piles up in its own kernel buffer. Only events come unasked, and they pile up to
+//! then piles up in its own kernel buffer. Only events and windows come unasked, and they pile up to
 //! [`BACKLOG_MAX`] at most.
 
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
 
-use super::protocol::LINE_MAX;
+use takt_scheduler::time::Nanos;
+
+use super::protocol::{LINE_MAX, TracedWindow};
+use super::tracing::Tracing;
 
 /// Bytes of events that a client may be behind with.
 const BACKLOG_MAX: usize = 64 * 1024;
+/// Bytes with which a client may be behind and still be told of one window more. Less than that of
+/// events, so that who traces slowly misses windows and is not let go of for an event.
+const TRACE_BACKLOG_MAX: usize = 32 * 1024;
 /// Turns in a row in which a client may take nothing of what waits for it: 10 s of ticks.
 pub(super) const PATIENCE: u32 = 500;
 
@@ -23,6 +29,8 @@ pub(super) struct Client {
     output: Vec<u8>,
     /// True if it gets every event.
     pub follows: bool,
+    /// What it gets of the windows, if it has asked for them.
+    pub trace: Option<Tracing>,
     /// Nothing more is read; when all is sent, it goes.
     closing: bool,
     /// Turns without progress.
@@ -47,6 +55,7 @@ impl Client {
             input: Vec::new(),
             output: Vec::new(),
             follows: false,
+            trace: None,
             closing: false,
             stalled: 0,
         }
@@ -54,18 +63,25 @@ impl Client {
 
     /// Sends what waits; false if the client is gone, or is to go.
     pub fn flush(&mut self) -> bool {
+        let Some(sent) = self.push() else { return false };
+        self.stalled = if sent > 0 || self.output.is_empty() { 0 } else { self.stalled + 1 };
+        let done = self.output.is_empty() && self.trace.is_none();
+        self.stalled <= PATIENCE && !(self.closing && done)
+    }
+
+    /// Sends what the socket takes; returns how much, or `None` if the client is gone.
+    fn push(&mut self) -> Option<usize> {
         let mut sent = 0;
         while let Some(rest) = self.output.get(sent..).filter(|rest| !rest.is_empty()) {
             match self.stream.write(rest) {
                 Ok(count) if count > 0 => sent += count,
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) if error.kind() == ErrorKind::WouldBlock => break,
-                _ => return false,
+                _ => return None,
             }
         }
         self.output.drain(..sent);
-        self.stalled = if sent > 0 || self.output.is_empty() { 0 } else { self.stalled + 1 };
-        self.stalled <= PATIENCE && !(self.closing && self.output.is_empty())
+        Some(sent)
     }
 
     /// True if it may ask for something.
@@ -117,6 +133,31 @@ impl Client {
             self.output.extend_from_slice(line);
         }
         fits
+    }
+
+    /// Sends a window, if the client traces and there is room for it. It is not made otherwise.
+    pub fn trace_window(&mut self, window: impl FnOnce() -> TracedWindow) {
+        if self.output.len() >= TRACE_BACKLOG_MAX {
+            // There can be many windows in one turn. Who is gone is let go of at the next.
+            if self.push().is_some_and(|sent| sent > 0) {
+                self.stalled = 0;
+            }
+        }
+        let Some(trace) = &mut self.trace else { return };
+        if self.output.len() < TRACE_BACKLOG_MAX {
+            let line = trace.tell(window()).line();
+            self.output.extend_from_slice(&line);
+        } else {
+            trace.drop_one();
+        }
+    }
+
+    /// Ends the trace if its time has come.
+    pub fn end_trace(&mut self, now: Nanos) {
+        if let Some(end) = self.trace.as_ref().and_then(|trace| trace.end(now)) {
+            self.trace = None;
+            self.answer(&end.line());
+        }
     }
 
     /// Lets it go when all is sent.

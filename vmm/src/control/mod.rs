@@ -19,18 +19,21 @@
 //!   for, is let go of.
 //! * vCPU threads take no part in it. An order to one is a flag and a kick, as at the run's end.
 
+mod channels;
 mod client;
 mod facts;
 mod operated;
 mod operator;
+mod operators;
 mod orders;
 pub mod protocol;
 mod server;
 #[cfg(test)]
 mod tests;
+mod tracing;
 
-pub use facts::Facts;
-pub use operated::Operated;
+pub use channels::ViewError;
 pub use operator::Operator;
+pub use operators::Operators;
 pub use orders::{Order, Orders, Outcome};
 pub use server::Server;

@@ -1,15 +1,18 @@
 //! The run as it really is, for the control socket.
 
-use takt_scheduler::time::Nanos;
+use takt_scheduler::time::{Nanos, Tsc};
 
+use super::channels::Views;
 use super::facts::Facts;
 use super::operator::Operator;
 use super::orders::Outcome;
 use super::protocol::{
-    ErrorKind, Mode, PartitionStatus, Refusal, ReleaseStatus, ScheduleStatus, Status,
+    ChannelStatus, ErrorKind, Mode, PartitionStatus, Refusal, ReleaseStatus, ScheduleStatus,
+    Status, TraceStart, TracedPartition,
 };
 use crate::account::Account;
 use crate::health::Fault;
+use crate::host_ports::HostPorts;
 use crate::schedule_desk::ScheduleDesk;
 
 /// What of the event thread an operator sees and changes.
@@ -18,6 +21,10 @@ pub struct Operated<'a> {
     pub facts: &'a Facts,
     /// The partitions, in the order of the file.
     pub accounts: &'a mut [Account],
+    /// What is between them.
+    pub channels: &'a Views,
+    /// The ends of channels that are Takt's own.
+    pub host_ports: Option<&'a mut HostPorts>,
     /// The schedules.
     pub desk: &'a ScheduleDesk,
     /// What has come of orders: the partition and the outcome.
@@ -38,6 +45,12 @@ impl Operated<'_> {
         text
     }
 
+    fn channels(&mut self) -> Vec<ChannelStatus> {
+        let own = self.host_ports.as_mut().map_or_else(Vec::new, |ports| ports.accounts());
+        let lost = |name: &str| own.iter().find(|end| end.channel == name).map(|end| end.lost);
+        self.channels.look(Tsc::now, self.desk.base().frequency, lost)
+    }
+
     fn schedule(&self, now: Nanos) -> ScheduleStatus {
         let schedules = &self.facts.schedules;
         let status = self.desk.status(now);
@@ -54,8 +67,13 @@ impl Operated<'_> {
 }
 
 impl Operator for Operated<'_> {
+    fn now(&self) -> Nanos {
+        self.desk.now()
+    }
+
     fn status(&mut self) -> Status {
         let now = self.desk.now();
+        let channels = self.channels();
         let facts = self.facts;
         let partitions = self.accounts.iter().zip(&facts.partitions).map(|(account, facts)| {
             let cpu_time = account.cpu_time();
@@ -98,6 +116,7 @@ impl Operator for Operated<'_> {
             major_frame_ns: facts.frame.0,
             schedule: self.schedule(now),
             partitions: partitions.collect(),
+            channels,
         }
     }
 
@@ -127,6 +146,26 @@ impl Operator for Operated<'_> {
             Err(error) => {
                 Err(Refusal::new(ErrorKind::Refused, format!("schedule \"{name}\": {error}")))
             }
+        }
+    }
+
+    fn trace(&self) -> TraceStart {
+        let (base, since) = (self.desk.base(), Tsc::now());
+        let current = self.desk.status(base.offset(since)).current;
+        let names = self.facts.schedules.iter().map(|schedule| schedule.name.clone());
+        let partitions = self.accounts.iter().zip(&self.facts.partitions);
+        TraceStart {
+            tsc_khz: base.frequency.khz(),
+            epoch_tsc: base.epoch.0,
+            since_tsc: since.0,
+            schedule: self.facts.schedules[current.0].name.clone(),
+            schedules: names.collect(),
+            partitions: partitions
+                .map(|(account, facts)| TracedPartition {
+                    name: account.name.clone(),
+                    cpu: facts.cpu,
+                })
+                .collect(),
         }
     }
 }

@@ -1,9 +1,14 @@
 //! What can be asked of a run.
 
-use super::protocol::{Mode, Refusal, Status};
+use takt_scheduler::time::Nanos;
+
+use super::protocol::{Mode, Refusal, Status, TraceStart};
 
 /// A run, as an operator sees it. Every call returns at once; the text says what will happen.
 pub trait Operator {
+    /// Time since its epoch.
+    fn now(&self) -> Nanos;
+
     /// How the run stands.
     fn status(&mut self) -> Status;
 
@@ -30,4 +35,7 @@ pub trait Operator {
     /// # Errors
     /// Why it will not hold.
     fn switch_schedule(&mut self, name: &str) -> Result<String, Refusal>;
+
+    /// What a trace that begins now begins with.
+    fn trace(&self) -> TraceStart;
 }

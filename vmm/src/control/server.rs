@@ -4,11 +4,14 @@ use std::collections::VecDeque;
 use std::io::Write;
 use std::os::unix::net::UnixStream;
 
-use takt_scheduler::time::Nanos;
+use takt_scheduler::time::{Nanos, Tsc};
 
 use super::client::{Came, Client};
 use super::operator::Operator;
-use super::protocol::{Answer, ErrorKind, Event, EventKind, LINE_MAX, Refusal, Request};
+use super::protocol::{
+    Answer, ErrorKind, Event, EventKind, LINE_MAX, Refusal, Request, TracedWindow,
+};
+use super::tracing::Tracing;
 use crate::unix_socket::Listener;
 
 /// Most clients at a time.
@@ -39,8 +42,10 @@ impl Server {
     /// Does what there is to do, within bounds. It never waits.
     pub fn serve(&mut self, run: &mut impl Operator) {
         self.accept();
-        let kept = &self.kept;
+        let (kept, now) = (&self.kept, run.now());
+        let mut traced = self.clients.iter().any(|client| client.trace.is_some());
         self.clients.retain_mut(|client| {
+            client.end_trace(now);
             if !client.flush() {
                 return false;
             }
@@ -51,7 +56,9 @@ impl Server {
                 match client.receive() {
                     Came::Nothing => break,
                     Came::Line(line) => {
-                        let answer = answer(&line, client, kept, run).unwrap_or_else(Answer::Error);
+                        let answer = answer(&line, client, kept, traced, run);
+                        let answer = answer.unwrap_or_else(Answer::Error);
+                        traced |= client.trace.is_some();
                         client.answer(&answer.line());
                     }
                     Came::TooLong => {
@@ -87,6 +94,19 @@ impl Server {
         self.clients.retain_mut(|client| !client.follows || client.tell(&line));
     }
 
+    /// Tells who traces of a window that is over. It is not made if nobody does.
+    pub fn window(&mut self, window: impl FnOnce() -> TracedWindow) {
+        if let Some(client) = self.clients.iter_mut().find(|client| client.trace.is_some()) {
+            client.trace_window(window);
+        }
+    }
+
+    /// Tells who traces that another schedule holds.
+    pub fn switch(&mut self, at: Tsc, schedule: &str) {
+        let line = Answer::Switch { at_tsc: at.0, schedule: schedule.to_owned() }.line();
+        self.clients.retain_mut(|client| client.trace.is_none() || client.tell(&line));
+    }
+
     /// Number of clients.
     #[cfg(test)]
     pub(super) fn clients(&self) -> usize {
@@ -112,6 +132,7 @@ fn answer(
     line: &[u8],
     client: &mut Client,
     kept: &VecDeque<Event>,
+    traced: bool,
     run: &mut impl Operator,
 ) -> Result<Answer, Refusal> {
     let done = |text| Answer::Done { text };
@@ -124,6 +145,14 @@ fn answer(
         Request::Events { follow } => {
             client.follows = follow;
             Ok(Answer::Events { events: kept.iter().cloned().collect() })
+        }
+        // Each trace costs the event thread its share, so there is no second one.
+        Request::Trace(_) if traced => {
+            Err(Refusal::new(ErrorKind::Refused, "there is a trace under way"))
+        }
+        Request::Trace(duration) => {
+            client.trace = Some(Tracing::new(run.now().plus(duration)));
+            Ok(Answer::Trace { trace: run.trace() })
         }
     }
 }

@@ -22,7 +22,7 @@ use vmm_sys_util::timerfd::TimerFd;
 use crate::account::{Account, Finished};
 use crate::boot::{Start, StartMode, StartReason};
 use crate::control::protocol::EventKind;
-use crate::control::{Facts, Operated, Outcome, Server};
+use crate::control::{Operators, Outcome};
 use crate::health::{Action, Verdict};
 use crate::host_ports::HostPorts;
 use crate::init_watch::Console;
@@ -56,7 +56,7 @@ pub struct Supervisor {
     /// The ends of channels that are Takt's own.
     pub host_ports: Option<HostPorts>,
     /// The control socket, if there is one.
-    pub operators: Option<(Server, Facts)>,
+    pub operators: Option<Operators>,
     desk: ScheduleDesk,
     keyboard: Keyboard,
     stdin: Stdin,
@@ -145,7 +145,15 @@ impl Supervisor {
                 account.lines.add(&buffer, |line| self.screen.line(&account.name, line));
             }
             let base = self.desk.base();
-            account.take_records(PartitionId(id), base.frequency, &mut self.trace);
+            let (trace, operators) = (&mut self.trace, &mut self.operators);
+            account.take_records(base.frequency, |name, window, detours| {
+                if let Some(trace) = trace {
+                    trace.add(PartitionId(id), window, detours);
+                }
+                if let Some(operators) = operators {
+                    operators.window(name, window, detours);
+                }
+            });
             let Account { name, health, .. } = account;
             let now = base.offset(Tsc::now());
             health.take(base, now, |line| {
@@ -244,16 +252,16 @@ impl Supervisor {
         if let Some(trace) = &mut self.trace {
             trace.switch(switched.at, switched.schedule);
         }
+        if let Some(operators) = &mut self.operators {
+            operators.switch(switched.at, switched.schedule);
+        }
     }
 
     /// Answers the clients of the control socket.
     fn serve_operators(&mut self) {
-        let Some((server, facts)) = &mut self.operators else { return };
-        let (accounts, desk) = (&mut self.accounts[..], &self.desk);
-        let mut run = Operated { facts, accounts, desk, outcomes: Vec::new() };
-        server.serve(&mut run);
-        let outcomes = run.outcomes;
-        for (name, outcome) in outcomes {
+        let Some(operators) = &mut self.operators else { return };
+        let host_ports = self.host_ports.as_mut();
+        for (name, outcome) in operators.serve(&mut self.accounts, host_ports, &self.desk) {
             self.screen.line("takt", &format!("{name}: {}", outcome.text));
             let now = self.desk.now();
             tell(&mut self.operators, now, outcome.kind, Some(&name), &outcome.text);
@@ -310,14 +318,14 @@ fn start_of(verdict: Option<Verdict>) -> Option<Start> {
 
 /// Tells the clients of the control socket of an event.
 fn tell(
-    operators: &mut Option<(Server, Facts)>,
+    operators: &mut Option<Operators>,
     at: Nanos,
     kind: EventKind,
     partition: Option<&str>,
     text: &str,
 ) {
-    if let Some((server, _)) = operators {
-        server.tell(at, kind, partition, text);
+    if let Some(operators) = operators {
+        operators.tell(at, kind, partition, text);
     }
 }
 

@@ -268,6 +268,23 @@ fn a_window_takes_as_much_as_the_documentation_says() {
     assert!((200..=300).contains(&with), "{with}");
 }
 
+#[test]
+fn a_trace_that_begins_in_a_run_has_nothing_before_its_beginning() {
+    let mut out = Vec::new();
+    let (names, since) = ([("plc", Cpu(0))], at(5_000_000));
+    let mut trace =
+        Trace::since(&mut out, base(), &names, &["normal", "safe"], since, ScheduleId(1));
+    trace.add(PLC, &window(6), &[]);
+    trace.finish().unwrap();
+    let events: Vec<Value> = serde_json::from_slice(&out).unwrap();
+    check(&events);
+    let begins: Vec<_> = events.iter().filter(|e| e["ph"] == "B").collect();
+    assert_eq!(begins.len(), 1);
+    assert_eq!((&begins[0]["name"], ns(&begins[0]["ts"])), (&"safe".into(), 6_000_000));
+    let timed = events.iter().filter(|e| e["ph"] != "M");
+    assert!(timed.map(|e| ns(&e["ts"])).all(|ts| ts >= 6_000_000));
+}
+
 /// Takes some bytes and then no more.
 struct Full(usize);
 

@@ -9,7 +9,7 @@ use ratatui::widgets::{Paragraph, Row, Sparkline, Table};
 use takt::control::protocol::{PartitionStatus, State, Status};
 
 use super::view::View;
-use crate::text;
+use crate::{channels, text};
 
 const BARS: Set<'static> = Set {
     empty: " ",
@@ -30,10 +30,14 @@ pub fn screen(frame: &mut Frame<'_>, view: &View) {
     let Some(status) = &view.status else { return };
     let measured = || status.partitions.iter().filter(|p| p.releases.is_some());
     let rows = |count: usize| u16::try_from(count).unwrap_or(u16::MAX);
-    let [head, table, windows, latencies, events] = Layout::vertical([
+    let [head, table, windows, channels, latencies, events] = Layout::vertical([
         Constraint::Length(2),
         Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
         Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
+        Constraint::Length(match status.channels.len() {
+            0 => 0,
+            count => rows(count).saturating_add(2),
+        }),
         Constraint::Length(rows(measured().count()).saturating_mul(LATENCY_ROWS)),
         Constraint::Min(0),
     ])
@@ -41,6 +45,7 @@ pub fn screen(frame: &mut Frame<'_>, view: &View) {
     draw_head(frame, head, status, view);
     draw_table(frame, table, status);
     draw_windows(frame, windows, status);
+    draw_channels(frame, channels, status);
     for (partition, i) in measured().zip(0u16..) {
         let y = latencies.y.saturating_add(i.saturating_mul(LATENCY_ROWS));
         let area = Rect { y, height: LATENCY_ROWS, ..latencies };
@@ -60,23 +65,43 @@ fn draw_head(frame: &mut Frame<'_>, area: Rect, status: &Status, view: &View) {
 }
 
 fn draw_table(frame: &mut Frame<'_>, area: Rect, status: &Status) {
-    let rows: Vec<[String; 10]> = status.partitions.iter().map(text::row).collect();
-    let widths = text::COLUMNS.iter().enumerate().map(|(column, title)| {
-        let widest = rows.iter().map(|row| row[column].len()).max().unwrap_or(0);
-        Constraint::Length(u16::try_from(widest.max(title.len())).unwrap_or(u16::MAX))
-    });
-    let widths: Vec<Constraint> = widths.collect();
-    let styled = status.partitions.iter().zip(rows).map(|(partition, row)| {
-        let bad = partition.releases.as_ref().is_some_and(|r| r.lost + r.late + r.overruns > 0);
-        let style = match partition.state {
+    let style = |partition: &PartitionStatus| {
+        let bad =
+            partition.releases.as_ref().is_some_and(|r| r.lost > 0 || r.late > 0 || r.overruns > 0);
+        match partition.state {
             State::Running if bad => Style::new().yellow(),
             State::Running => Style::new(),
             _ => Style::new().red(),
-        };
-        Row::new(row).style(style)
+        }
+    };
+    let rows = status.partitions.iter().map(|p| (text::row(p), style(p)));
+    draw_rows(frame, area, text::COLUMNS, rows.collect());
+}
+
+fn draw_channels(frame: &mut Frame<'_>, area: Rect, status: &Status) {
+    let style = |channel| match channels::is_bad(channel) {
+        true => Style::new().yellow(),
+        false => Style::new(),
+    };
+    let rows = status.channels.iter().map(|c| (channels::row(c), style(c)));
+    draw_rows(frame, area, channels::COLUMNS, rows.collect());
+}
+
+/// Rows below their titles, each column as wide as it has to be.
+fn draw_rows<const N: usize>(
+    frame: &mut Frame<'_>,
+    area: Rect,
+    titles: [&'static str; N],
+    rows: Vec<([String; N], Style)>,
+) {
+    let widths = titles.iter().enumerate().map(|(column, title)| {
+        let widest = rows.iter().map(|(row, _)| row[column].len()).max().unwrap_or(0);
+        Constraint::Length(u16::try_from(widest.max(title.len())).unwrap_or(u16::MAX))
     });
-    let header = Row::new(text::COLUMNS).style(Style::new().underlined());
-    frame.render_widget(Table::new(styled, widths).header(header).column_spacing(2), area);
+    let widths: Vec<Constraint> = widths.collect();
+    let rows = rows.into_iter().map(|(row, style)| Row::new(row).style(style));
+    let header = Row::new(titles).style(Style::new().underlined());
+    frame.render_widget(Table::new(rows, widths).header(header).column_spacing(2), area);
 }
 
 fn draw_windows(frame: &mut Frame<'_>, area: Rect, status: &Status) {

@@ -11,16 +11,27 @@ mod tests;
 mod view;
 
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use clap::Parser;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use takt::control::protocol::{Answer, Request};
 
+use crate::command;
 use crate::connection::Connection;
 use crate::error::CtlError;
 use view::View;
+
+/// Shows what a running Takt does, twice a second. `q` leaves it.
+#[derive(Parser)]
+#[command(name = "takt-top", version, after_help = command::AFTER_HELP)]
+pub struct Cli {
+    /// The partition file that Takt runs, or its control socket.
+    #[arg(value_name = "FILE|SOCKET")]
+    pub place: PathBuf,
+}
 
 /// Time between two questions.
 const PERIOD: Duration = Duration::from_millis(500);
@@ -97,7 +108,8 @@ fn update(takt: &mut Connection, view: &mut View) -> Result<(), CtlError> {
             Answer::Events { events } => view.events(events),
             Answer::Event { event } => view.event(event),
             Answer::Error(refusal) => return Err(CtlError::Refused(refusal)),
-            Answer::Done { .. } => {}
+            // Not asked for.
+            _ => {}
         }
     }
 }

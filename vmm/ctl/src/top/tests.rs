@@ -1,8 +1,8 @@
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use takt::control::protocol::{
-    Event, EventKind, Mode, PartitionStatus, ReleaseStatus, ScheduleStatus, State, Status,
-    WindowStatus,
+    ChannelStatus, Contents, Event, EventKind, Mode, PartitionStatus, ReleaseStatus,
+    ScheduleStatus, State, Status, WindowStatus,
 };
 use takt::report::Summary;
 
@@ -58,6 +58,33 @@ fn status(uptime_ns: u64, happened: u64, latency_sum_ns: u64) -> Status {
             windows_left_out: 3,
         },
         partitions: vec![partition("plc", Some(releases)), partition("linux", None)],
+        channels: Vec::new(),
+    }
+}
+
+fn queue(name: &str, contents: Option<Contents>) -> ChannelStatus {
+    ChannelStatus {
+        name: name.into(),
+        kind: "queuing".into(),
+        source: "linux:out".into(),
+        destinations: vec!["plc:in".into()],
+        depth: Some(8),
+        refresh_ns: None,
+        contents,
+        lost: None,
+        problem: contents.is_none().then(|| "an end lies\x07".into()),
+    }
+}
+
+fn sampling(name: &str, age_ns: Option<u64>, valid: bool) -> ChannelStatus {
+    let contents =
+        Contents { written: 12, waiting: None, overwritten: None, age_ns, valid: Some(valid) };
+    ChannelStatus {
+        kind: "sampling".into(),
+        depth: None,
+        refresh_ns: Some(1),
+        lost: Some(3),
+        ..queue(name, Some(contents))
     }
 }
 
@@ -101,9 +128,42 @@ latest events
 }
 
 #[test]
+fn each_channel_has_its_fill_and_its_age() {
+    let mut view = View::default();
+    let contents = |waiting, overwritten| Contents {
+        written: 99,
+        waiting: Some(waiting),
+        overwritten: Some(overwritten),
+        age_ns: Some(2_500_000),
+        valid: None,
+    };
+    let channels = vec![
+        queue("orders", Some(contents(3, 0))),
+        queue("log", Some(contents(8, 5))),
+        queue("lies", None),
+        sampling("level", Some(1_234_000_000), true),
+        sampling("old", Some(700), false),
+        sampling("none", None, false),
+    ];
+    view.status(Status { channels, ..status(1_000_000_000, 1_000, 5_000) });
+    let expected = "\
+channel  from       to      fill   newest  written  lost
+orders   linux:out  plc:in  3/8    2.5 ms  99       -
+log      linux:out  plc:in  8/8    2.5 ms  99       >=5
+lies     linux:out  plc:in  ?      -       ?        -
+level    linux:out  plc:in  valid  1.2 s   12       3
+old      linux:out  plc:in  old    0.7 us  12       3
+none     linux:out  plc:in  -      -       12       3
+";
+    let shown = shown(&view, 80, 24);
+    assert_eq!(shown[10..17].join("\n") + "\n", expected, "{shown:#?}");
+}
+
+#[test]
 fn no_size_of_a_terminal_is_too_small() {
     let mut view = View::default();
-    view.status(status(500_000_000, 500, 1_000));
+    let channels = vec![sampling("level", Some(1), true); 40];
+    view.status(Status { channels, ..status(500_000_000, 500, 1_000) });
     (0..300).for_each(|n| view.event(event(n, "x")));
     for width in [0, 1, 2, 7, 79, 300] {
         for height in [0, 1, 3, 9, 12, 100] {
@@ -122,6 +182,15 @@ fn numbers_that_cannot_be_are_drawn_all_the_same() {
     wild.schedule.windows[0].offset_ns = u64::MAX;
     wild.schedule.windows[0].duration_ns = u64::MAX;
     wild.partitions[0].cpu_share = f64::NAN;
+    wild.partitions[0].releases.as_mut().unwrap().lost = u64::MAX;
+    let contents = Contents {
+        written: u64::MAX,
+        waiting: Some(u64::MAX),
+        overwritten: Some(u64::MAX),
+        age_ns: Some(u64::MAX),
+        valid: Some(true),
+    };
+    wild.channels = vec![ChannelStatus { lost: Some(u64::MAX), ..queue("\r\n", Some(contents)) }];
     wild.partitions[1].name = "\u{1f600}\r\n".repeat(50);
     view.status(wild.clone());
     view.status(wild);
@@ -144,8 +213,8 @@ fn a_sample_is_the_mean_of_what_came_since_the_last() {
 fn an_old_picture_is_said_to_be_old() {
     let mut view = View::default();
     view.status(status(1, 0, 0));
-    view.lost("takt-ctl: Takt does not answer".into());
-    assert!(shown(&view, 80, 5)[0].starts_with("old: takt-ctl: Takt does not answer"));
+    view.lost("Takt does not answer".into());
+    assert!(shown(&view, 80, 5)[0].starts_with("old: Takt does not answer"));
     view.status(status(2, 0, 0));
     assert!(shown(&view, 80, 5)[0].starts_with("demo: up"));
 }

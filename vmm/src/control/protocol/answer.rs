@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Status, VERSION, line};
+use super::{Status, TraceStart, TracedWindow, VERSION, line};
 
 /// Why a request was not granted.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -79,11 +79,46 @@ pub enum Answer {
         /// What happened.
         event: Event,
     },
+    /// To `trace`.
+    Trace {
+        /// What is needed to understand what comes.
+        trace: TraceStart,
+    },
+    /// Unasked, to who traces: a window is over.
+    Window {
+        /// Which.
+        window: TracedWindow,
+    },
+    /// Unasked, to who traces: another schedule holds.
+    Switch {
+        /// From when on.
+        at_tsc: u64,
+        /// Which.
+        schedule: String,
+    },
+    /// Unasked, to who traces: the time is over.
+    Traced {
+        /// Windows that the client was told of.
+        windows: u64,
+        /// Windows that it was not told of, because it did not read fast enough.
+        dropped: u64,
+    },
     /// The request changes nothing.
     Error(Refusal),
 }
 
 impl Answer {
+    /// The same, if it grants the request.
+    ///
+    /// # Errors
+    /// The refusal, if it is one.
+    pub fn granted(self) -> Result<Answer, Refusal> {
+        match self {
+            Answer::Error(refusal) => Err(refusal),
+            other => Ok(other),
+        }
+    }
+
     /// The line of this answer, with its newline.
     #[must_use]
     pub fn line(self) -> Vec<u8> {

@@ -5,17 +5,25 @@
 mod answer;
 mod request;
 mod status;
+mod trace;
 
 use serde::Serialize;
+use takt_scheduler::time::Nanos;
 
 pub use answer::{Answer, ErrorKind, Event, EventKind, Message, Refusal};
 pub use request::{Mode, Request};
-pub use status::{PartitionStatus, ReleaseStatus, ScheduleStatus, State, Status, WindowStatus};
+pub use status::{
+    ChannelStatus, Contents, PartitionStatus, ReleaseStatus, ScheduleStatus, State, Status,
+    WindowStatus,
+};
+pub use trace::{ClaimedScan, ExitKind, TraceStart, TracedDetour, TracedPartition, TracedWindow};
 
 /// Version of the protocol: the only value of `version` that is understood.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Longest line of a request in bytes, its newline included.
 pub const LINE_MAX: usize = 64 * 1024;
+/// Longest time for which a client can ask for a trace.
+pub const TRACE_MAX: Nanos = Nanos::from_millis(60_000);
 
 /// None of these types has a map with keys that are no text, which is all that could fail.
 fn line(value: &impl Serialize) -> Vec<u8> {

@@ -5,8 +5,9 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use takt_scheduler::time::Nanos;
 
-use super::{ErrorKind, Refusal, VERSION, line};
+use super::{ErrorKind, Refusal, TRACE_MAX, VERSION, line};
 use crate::boot::StartMode;
 
 /// What a client asks for.
@@ -27,6 +28,8 @@ pub enum Request {
         /// True if the client wants every event that comes.
         follow: bool,
     },
+    /// Every window from now on, for this long: more than nothing, at most [`TRACE_MAX`].
+    Trace(Nanos),
 }
 
 /// How a partition is started.
@@ -71,6 +74,8 @@ struct Raw {
     schedule: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     follow: Option<bool>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    duration_ns: Option<u64>,
 }
 
 impl Request {
@@ -113,48 +118,54 @@ impl Request {
             }
             Request::Schedule(name) => Raw { schedule: Some(name.clone()), ..raw("schedule") },
             Request::Events { follow } => Raw { follow: Some(*follow), ..raw("events") },
+            Request::Trace(duration) => Raw { duration_ns: Some(duration.0), ..raw("trace") },
         })
     }
 }
 
 impl Raw {
     fn check(self) -> Result<Request, Refusal> {
-        let Raw { version: _, request, partition, mode, schedule, follow } = self;
-        let given = [partition.is_some(), mode.is_some(), schedule.is_some(), follow.is_some()];
-        let missing = |key: &str| {
-            Refusal::new(ErrorKind::Malformed, format!("\"{request}\" needs the key `{key}`"))
-        };
+        let Raw { version: _, request, partition, mode, schedule, follow, duration_ns } = self;
+        let given = [
+            ("partition", partition.is_some()),
+            ("mode", mode.is_some()),
+            ("schedule", schedule.is_some()),
+            ("follow", follow.is_some()),
+            ("duration_ns", duration_ns.is_some()),
+        ];
+        let malformed = |text| Refusal::new(ErrorKind::Malformed, text);
+        let missing = |key: &str| malformed(format!("\"{request}\" needs the key `{key}`"));
         let named = |name: Option<String>, key: &str| name.ok_or_else(|| missing(key));
-        let (checked, allowed) = match request.as_str() {
-            "status" => (Request::Status, [false; 4]),
-            "stop" => (Request::Stop(named(partition, "partition")?), [true, false, false, false]),
+        let (checked, allowed): (Request, &[&str]) = match request.as_str() {
+            "status" => (Request::Status, &[]),
+            "stop" => (Request::Stop(named(partition, "partition")?), &["partition"]),
             "start" => {
                 let mode = mode.unwrap_or(Mode::Cold);
-                (Request::Start(named(partition, "partition")?, mode), [true, true, false, false])
+                (Request::Start(named(partition, "partition")?, mode), &["partition", "mode"])
             }
             "restart" => {
                 let mode = mode.ok_or_else(|| missing("mode"))?;
-                (Request::Restart(named(partition, "partition")?, mode), [true, true, false, false])
+                (Request::Restart(named(partition, "partition")?, mode), &["partition", "mode"])
             }
-            "schedule" => {
-                (Request::Schedule(named(schedule, "schedule")?), [false, false, true, false])
-            }
-            "events" => {
-                (Request::Events { follow: follow == Some(true) }, [false, false, false, true])
+            "schedule" => (Request::Schedule(named(schedule, "schedule")?), &["schedule"]),
+            "events" => (Request::Events { follow: follow == Some(true) }, &["follow"]),
+            "trace" => {
+                let duration = Nanos(duration_ns.ok_or_else(|| missing("duration_ns"))?);
+                if duration == Nanos::ZERO || duration > TRACE_MAX {
+                    return Err(malformed(format!("`duration_ns` must be 1 to {}", TRACE_MAX.0)));
+                }
+                (Request::Trace(duration), &["duration_ns"])
             }
             _ => {
                 let text = "`request` must be \"status\", \"stop\", \"start\", \"restart\", \
-                            \"schedule\" or \"events\"";
+                            \"schedule\", \"events\" or \"trace\"";
                 return Err(Refusal::new(ErrorKind::UnknownRequest, text));
             }
         };
-        let keys = ["partition", "mode", "schedule", "follow"];
-        let excess = keys.iter().zip(given).zip(allowed).find(|((_, given), ok)| *given && !ok);
-        match excess {
+        match given.iter().find(|(key, given)| *given && !allowed.contains(key)) {
             None => Ok(checked),
-            Some(((key, _), _)) => {
-                let text = format!("\"{request}\" does not take the key `{key}`");
-                Err(Refusal::new(ErrorKind::Malformed, text))
+            Some((key, _)) => {
+                Err(malformed(format!("\"{request}\" does not take the key `{key}`")))
             }
         }
     }

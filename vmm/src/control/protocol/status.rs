@@ -24,6 +24,8 @@ pub struct Status {
     pub schedule: ScheduleStatus,
     /// In the order of the partition file.
     pub partitions: Vec<PartitionStatus>,
+    /// In the order of the partition file.
+    pub channels: Vec<ChannelStatus>,
 }
 
 /// Where the schedule stands.
@@ -123,4 +125,43 @@ pub struct ReleaseStatus {
     pub execution_ns: Option<Summary>,
     /// From when the thread was to wake up to when it did.
     pub wake_up_latency_ns: Option<Summary>,
+}
+
+/// How a channel stands at this moment, by what its ends claim.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ChannelStatus {
+    /// Its name.
+    pub name: String,
+    /// `sampling` or `queuing`.
+    pub kind: String,
+    /// Who sends, as `OWNER:PORT`.
+    pub source: String,
+    /// Who receives, in the same form.
+    pub destinations: Vec<String>,
+    /// Most messages that can wait; only of a queue.
+    pub depth: Option<u64>,
+    /// How long a message is valid; only of a sampling channel.
+    pub refresh_ns: Option<u64>,
+    /// What is in it; `null` if that cannot be told, for which `problem` has the reason.
+    pub contents: Option<Contents>,
+    /// Messages that were overwritten before they were taken; only where Takt itself takes them,
+    /// since other destinations keep that to themselves.
+    pub lost: Option<u64>,
+    /// Why `contents` is `null`.
+    pub problem: Option<String>,
+}
+
+/// What is in a channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Contents {
+    /// Messages since the source was opened last.
+    pub written: u64,
+    /// Messages that wait; only of a queue.
+    pub waiting: Option<u64>,
+    /// Messages that were overwritten, which the destination has yet to notice; only of a queue.
+    pub overwritten: Option<u64>,
+    /// Age of the newest message, if there is one; 0 for a stamp in the future.
+    pub age_ns: Option<u64>,
+    /// Whether that is at most the refresh period; only of a sampling channel.
+    pub valid: Option<bool>,
 }

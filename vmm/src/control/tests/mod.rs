@@ -1,10 +1,12 @@
 //! The control socket, with real sockets and a run that only remembers what it was asked.
 
+mod channels;
 mod documentation;
 mod hostile;
 mod orders;
 mod protocol;
 mod server;
+mod tracing;
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
@@ -12,9 +14,12 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
+use takt_scheduler::time::Nanos;
+
 use super::protocol::{
-    Answer, ErrorKind, Message, Mode, PartitionStatus, Refusal, ReleaseStatus, ScheduleStatus,
-    State, Status, VERSION, WindowStatus,
+    Answer, ChannelStatus, Contents, ErrorKind, Message, Mode, PartitionStatus, Refusal,
+    ReleaseStatus, ScheduleStatus, State, Status, TraceStart, TracedPartition, VERSION,
+    WindowStatus,
 };
 use super::{Operator, Server};
 use crate::report::Summary;
@@ -48,6 +53,7 @@ impl Drop for Folder {
 #[derive(Default)]
 struct FakeRun {
     asked: Vec<String>,
+    now: Nanos,
 }
 
 impl FakeRun {
@@ -61,6 +67,10 @@ impl FakeRun {
 }
 
 impl Operator for FakeRun {
+    fn now(&self) -> Nanos {
+        self.now
+    }
+
     fn status(&mut self) -> Status {
         status()
     }
@@ -79,6 +89,10 @@ impl Operator for FakeRun {
 
     fn switch_schedule(&mut self, name: &str) -> Result<String, Refusal> {
         self.order(format!("schedule {name}"), "")
+    }
+
+    fn trace(&self) -> TraceStart {
+        trace_start()
     }
 }
 
@@ -205,5 +219,65 @@ fn status() -> Status {
                 releases: None,
             },
         ],
+        channels: vec![
+            ChannelStatus {
+                name: "level".into(),
+                kind: "sampling".into(),
+                source: "plc:level".into(),
+                destinations: vec!["linux:level".into(), "host:level".into()],
+                depth: None,
+                refresh_ns: Some(20_000_000),
+                contents: Some(Contents {
+                    written: 9990,
+                    waiting: None,
+                    overwritten: None,
+                    age_ns: Some(700_000),
+                    valid: Some(true),
+                }),
+                lost: Some(0),
+                problem: None,
+            },
+            ChannelStatus {
+                name: "orders".into(),
+                kind: "queuing".into(),
+                source: "linux:orders".into(),
+                destinations: vec!["plc:orders".into()],
+                depth: Some(8),
+                refresh_ns: None,
+                contents: Some(Contents {
+                    written: 12,
+                    waiting: Some(2),
+                    overwritten: Some(0),
+                    age_ns: Some(3_100_000_000),
+                    valid: None,
+                }),
+                lost: None,
+                problem: None,
+            },
+            ChannelStatus {
+                name: "log".into(),
+                kind: "queuing".into(),
+                source: "linux:log".into(),
+                destinations: vec!["plc:log".into()],
+                depth: Some(64),
+                refresh_ns: None,
+                contents: None,
+                lost: None,
+                problem: Some("an end makes an impossible claim: Counter".into()),
+            },
+        ],
+    }
+}
+
+/// What a trace begins with there.
+fn trace_start() -> TraceStart {
+    let partition = |name: &str| TracedPartition { name: name.into(), cpu: 0 };
+    TraceStart {
+        tsc_khz: 1_000_000,
+        epoch_tsc: 50_000_000_000,
+        since_tsc: 60_000_000_000,
+        schedule: "normal".into(),
+        schedules: vec!["normal".into()],
+        partitions: vec![partition("plc"), partition("linux")],
     }
 }

@@ -1,31 +1,25 @@
-//! `takt-ctl`: asks a running Takt, tells it what to do, and shows what it does.
-//!
-//! It is a program of its own so that what it needs (a terminal library and sixty crates below it)
-//! is no part of `takt`, which runs as root and keeps partitions apart. All that it can do goes
-//! through the control socket, as for everybody else.
+//! The command line of `takt-ctl`.
 
-mod connection;
-mod error;
-mod place;
-mod text;
-mod top;
-
+use std::io::{self, Write};
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use takt::config;
 use takt::control::protocol::{Answer, Mode, Request};
+use takt_scheduler::time::Nanos;
 
-use connection::Connection;
-use error::CtlError;
+use crate::connection::Connection;
+use crate::error::CtlError;
+use crate::{place, text, trace};
 
-const AFTER_HELP: &str = "\
+/// What the exit status means.
+pub const AFTER_HELP: &str = "\
 Exit status: 0 done; 1 Takt refuses; 2 wrong usage or partition file; 3 no Takt answers there.";
 
 /// Asks a running Takt, and tells it what to do.
 #[derive(Parser)]
 #[command(name = "takt-ctl", version, after_help = AFTER_HELP)]
-struct Cli {
+pub struct Cli {
     /// Print Takt's answers as they come, one JSON object on each line.
     #[arg(long)]
     json: bool,
@@ -70,8 +64,16 @@ enum Command {
         #[arg(long)]
         follow: bool,
     },
-    /// A screen that shows all of it, twice a second. `q` leaves it.
-    Top,
+    /// Write every window from now on to standard output, for ui.perfetto.dev or chrome://tracing.
+    Trace {
+        /// How long, such as 500ms; at most 60s.
+        #[arg(long = "for", value_name = "DURATION", default_value = "1s", value_parser = duration)]
+        length: Nanos,
+    },
+}
+
+fn duration(text: &str) -> Result<Nanos, String> {
+    config::parse_duration(text).map_err(|error| error.to_string())
 }
 
 #[derive(clap::Args)]
@@ -100,62 +102,52 @@ fn mode(warm: bool) -> Mode {
     if warm { Mode::Warm } else { Mode::Cold }
 }
 
-impl Command {
-    /// The request; `None` for the screen, which makes several.
-    fn request(self) -> Option<Request> {
-        Some(match self {
+impl From<Command> for Request {
+    fn from(command: Command) -> Request {
+        match command {
             Command::Status => Request::Status,
             Command::Stop { partition } => Request::Stop(partition),
             Command::Start { partition, mode: m } => Request::Start(partition, mode(m.warm)),
             Command::Restart { partition, mode: m } => Request::Restart(partition, mode(m.warm)),
             Command::Schedule { name } => Request::Schedule(name),
             Command::Events { follow } => Request::Events { follow },
-            Command::Top => return None,
-        })
-    }
-}
-
-fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
-        Ok(cli) => cli,
-        Err(answer) => {
-            let status = if answer.use_stderr() { error::USAGE } else { 0 };
-            let _ = answer.print();
-            return ExitCode::from(status);
-        }
-    };
-    match run(cli) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("{error}");
-            ExitCode::from(error.status())
+            Command::Trace { length } => Request::Trace(length),
         }
     }
 }
 
-fn run(Cli { json, place, command }: Cli) -> Result<(), CtlError> {
-    let socket = place::socket(&place)?;
-    let Some(request) = command.request() else { return top::run(&socket) };
-    let mut takt = Connection::open(&socket)?;
-    takt.send(&request)?;
-    print(&takt.receive()?, json)?;
-    if request == (Request::Events { follow: true }) {
-        takt.wait_for_ever()?;
-        loop {
-            print(&takt.receive()?, json)?;
+/// Does what the command line says.
+///
+/// # Errors
+/// See [`CtlError`].
+pub fn run(Cli { json, place, command }: Cli) -> Result<(), CtlError> {
+    let mut takt = Connection::open(&place::socket(&place)?)?;
+    match command.into() {
+        Request::Trace(length) => {
+            let extent = trace::record(&mut takt, length, json, io::stdout().lock())?;
+            eprintln!("takt-ctl: {}", text::extent(extent));
+        }
+        Request::Events { follow: true } => {
+            takt.send(&Request::Events { follow: true })?;
+            print(takt.receive()?, json)?;
+            takt.wait_for_ever()?;
+            loop {
+                print(takt.receive()?, json)?;
+            }
+        }
+        request => {
+            takt.send(&request)?;
+            print(takt.receive()?, json)?;
         }
     }
     Ok(())
 }
 
-fn print((line, answer): &(String, Answer), json: bool) -> Result<(), CtlError> {
-    use std::io::Write;
-    let shown = if json { line.clone() } else { text::of(answer) };
-    let mut out = std::io::stdout().lock();
+fn print((line, answer): (String, Answer), json: bool) -> Result<(), CtlError> {
+    let shown = if json { line } else { text::of(&answer) };
+    let mut out = io::stdout().lock();
     // A reader that has had enough ends it, as with any filter.
     out.write_all(shown.as_bytes()).and_then(|()| out.flush()).map_err(CtlError::Output)?;
-    match answer {
-        Answer::Error(refusal) => Err(CtlError::Refused(refusal.clone())),
-        _ => Ok(()),
-    }
+    answer.granted()?;
+    Ok(())
 }

@@ -1,0 +1,53 @@
+//! Clients of Takt's control socket: `takt-ctl`, which asks and orders, and `takt-top`, a screen.
+//!
+//! They are programs of their own so that what they need (a terminal library and sixty crates below
+//! it) is no part of `takt`, which runs as root and keeps partitions apart. All that they can do goes
+//! through the control socket, as for everybody else. `takt ctl` and `takt top` run them.
+
+mod channels;
+mod command;
+mod connection;
+mod error;
+mod place;
+mod text;
+mod top;
+mod trace;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use error::CtlError;
+
+/// All of `takt-ctl`.
+#[must_use]
+pub fn takt_ctl() -> ExitCode {
+    run_with("takt-ctl", command::run)
+}
+
+/// All of `takt-top`.
+#[must_use]
+pub fn takt_top() -> ExitCode {
+    run_with("takt-top", |top::Cli { place }| top::run(&place::socket(&place)?))
+}
+
+fn run_with<C: Parser>(name: &str, run: impl FnOnce(C) -> Result<(), CtlError>) -> ExitCode {
+    let cli = match C::try_parse() {
+        Ok(cli) => cli,
+        Err(answer) => {
+            let status = if answer.use_stderr() { error::USAGE } else { 0 };
+            let _ = answer.print();
+            return ExitCode::from(status);
+        }
+    };
+    match run(cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            match &error {
+                // It begins with the file's name, and has several lines.
+                CtlError::File(error) => eprintln!("{error}"),
+                error => eprintln!("{name}: {error}"),
+            }
+            ExitCode::from(error.status())
+        }
+    }
+}

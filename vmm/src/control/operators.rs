@@ -1,0 +1,73 @@
+//! The event thread's side of the control socket: everything that it has to do with operators.
+
+use takt_scheduler::schedules::ScheduleId;
+use takt_scheduler::time::{Nanos, Tsc};
+
+use super::channels::{ViewError, Views};
+use super::facts::Facts;
+use super::operated::Operated;
+use super::orders::Outcome;
+use super::protocol::{EventKind, TracedWindow};
+use super::server::Server;
+use crate::account::Account;
+use crate::channels::Channels;
+use crate::config::PartitionFile;
+use crate::host_ports::HostPorts;
+use crate::schedule_desk::ScheduleDesk;
+use crate::unix_socket::Listener;
+use crate::vcpu::record::{Detour, WindowRecord};
+
+/// The clients, and what they can be told of.
+pub struct Operators {
+    server: Server,
+    facts: Facts,
+    channels: Views,
+}
+
+impl Operators {
+    /// Those who will connect to `listener`.
+    ///
+    /// # Errors
+    /// See [`ViewError`].
+    pub fn new(
+        listener: Listener,
+        file: &PartitionFile,
+        channels: &Channels<'_>,
+    ) -> Result<Operators, ViewError> {
+        let channels = Views::new(file, channels)?;
+        Ok(Operators { server: Server::new(listener), facts: Facts::new(file), channels })
+    }
+
+    /// Answers them; returns what has come of orders, with the partition of each, of which they
+    /// have not been told yet.
+    pub fn serve(
+        &mut self,
+        accounts: &mut [Account],
+        host_ports: Option<&mut HostPorts>,
+        desk: &ScheduleDesk,
+    ) -> Vec<(String, Outcome)> {
+        let Operators { server, facts, channels } = self;
+        let mut run =
+            Operated { facts, accounts, channels, host_ports, desk, outcomes: Vec::new() };
+        server.serve(&mut run);
+        run.outcomes
+    }
+
+    /// Tells them of an event, which became known at this time since the epoch.
+    pub fn tell(&mut self, at: Nanos, kind: EventKind, partition: Option<&str>, text: &str) {
+        self.server.tell(at, kind, partition, text);
+    }
+
+    /// Tells who traces of a window that is over.
+    pub fn window(&mut self, partition: &str, window: &WindowRecord, detours: &[Detour]) {
+        let Operators { server, facts, .. } = self;
+        let schedule = facts.schedules.get(window.schedule.0).map_or("", |s| s.name.as_str());
+        server.window(|| TracedWindow::new(partition, schedule, window, detours));
+    }
+
+    /// Tells who traces that another schedule holds since `at`.
+    pub fn switch(&mut self, at: Tsc, schedule: ScheduleId) {
+        let name = self.facts.schedules.get(schedule.0).map_or("", |s| s.name.as_str());
+        self.server.switch(at, name);
+    }
+}
