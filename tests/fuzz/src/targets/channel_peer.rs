@@ -6,7 +6,7 @@
 use std::ptr::NonNull;
 
 use takt_channel::{
-    Geometry, OpenError, OwnPages, PeerPages, Policy, QueuingDestination, QueuingSource,
+    Bystander, Geometry, OpenError, OwnPages, PeerPages, Policy, QueuingDestination, QueuingSource,
     SamplingDestination, Ticks, Tsc, offset,
 };
 
@@ -68,6 +68,7 @@ pub fn run(data: &[u8]) {
     let destination = || Region::new(bytes, |r| queuing.format_destination(r), acknowledged);
     receive(&queuing, depth, &mut source(), &mut destination(), &mut buffer);
     send(&queuing, depth, &mut source(), &mut destination(), &buffer);
+    look(&queuing, depth, &mut source(), &mut destination());
 }
 
 fn sample(geometry: &Geometry, data: &[u8], buffer: &mut [u8]) {
@@ -107,4 +108,12 @@ fn send(geometry: &Geometry, depth: u32, own: &mut Region, peer: &mut Region, me
     }
     let status = end.status();
     assert!(status.waiting <= status.depth && status.depth == depth);
+}
+
+/// Both regions are a stranger's here.
+fn look(geometry: &Geometry, depth: u32, source: &mut Region, destination: &mut Region) {
+    let bystander = Bystander::queuing(source.peer(), destination.peer(), geometry);
+    if let Ok(sight) = bystander.expect("the regions are long enough").look() {
+        assert!(sight.waiting <= depth && u64::from(sight.waiting) + sight.overwritten < 1 << 62);
+    }
 }
