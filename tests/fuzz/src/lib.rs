@@ -23,6 +23,7 @@ pub const TARGETS: &[Target] = &[
     Target { name: "linux_image", run: targets::images::linux },
     Target { name: "plc_exits", run: targets::plc_exits::run },
     Target { name: "linux_ports", run: targets::linux_ports::run },
+    Target { name: "disk", run: targets::disk::run },
     Target { name: "channel_peer", run: targets::channel_peer::run },
     Target { name: "control_line", run: targets::control_line::run },
 ];

@@ -4,6 +4,7 @@
 use std::cell::LazyCell;
 use std::thread_local;
 
+use takt::boot::acpi::Fittings;
 use takt::boot::plc::PlcImage;
 use takt::boot::{StartMode, linux};
 use takt::memory::GuestMemory;
@@ -41,6 +42,6 @@ pub fn linux(data: &[u8]) {
     let kernel = scratch::file("kernel", data);
     let initrd = scratch::file("initrd", &[0x55; 5000]);
     LINUX.with(|memory| {
-        let _ = linux::load(memory, &kernel, Some(&initrd), "console=ttyS0", None);
+        let _ = linux::load(memory, &kernel, Some(&initrd), "console=ttyS0", Fittings::default());
     });
 }

@@ -2,6 +2,7 @@
 
 pub mod channel_peer;
 pub mod control_line;
+pub mod disk;
 pub mod images;
 pub mod linux_ports;
 pub mod partition_file;
