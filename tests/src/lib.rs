@@ -7,6 +7,7 @@
 
 mod file;
 mod initrd;
+mod kernel;
 pub mod random;
 pub mod record;
 
@@ -19,6 +20,7 @@ use std::thread;
 
 pub use file::{BUSY, File, System};
 pub use initrd::{archive, initrd_with};
+pub use kernel::restarting_kernel;
 pub use serde_json::Value;
 
 /// Real time after which a run is given up. It is never what a test waits for.

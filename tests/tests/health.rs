@@ -1,6 +1,6 @@
 //! What the health monitor makes of errors.
 
-use takt_tests::{File, long, plc_image};
+use takt_tests::{File, long, plc_image, restarting_kernel};
 
 #[test]
 fn a_plc_starts_again_as_its_table_says_until_it_does_so_too_often() {
@@ -77,30 +77,42 @@ fn a_plc_starts_again_as_its_table_says_until_it_does_so_too_often() {
 
 #[test]
 fn restarts_cost_a_neighbour_nothing_and_takt_does_not_grow() {
-    // Two guests that live for a fifth of a second each.
+    // Two PLCs that live for a fifth of a second each, one of them started cold and warm in turns,
+    // and a kernel that asks for a restart after some milliseconds.
     let (starts, duration) = if long() { (100, "40s") } else { (5, "1800ms") };
-    let failing = || Some(plc_image("failing-starts"));
     let limit = format!("restarts = {{ at_most = {starts}, within = \"86400s\" }}");
     let mut file = File::new("8ms")
         .plc("good", None, "")
-        .plc("warm", failing(), &limit)
-        .plc("cold", failing(), &limit)
+        .plc("warm", Some(plc_image("failing-starts")), &limit)
+        .plc("turns", Some(plc_image("alternating-starts")), &limit)
+        .lines(&format!(
+            "[[partition]]\nname = \"linux\"\nkind = \"linux\"\ncpu = 0\nbackground = true\n\
+             memory = \"64MiB\"\nkernel = {:?}\n{limit}",
+            restarting_kernel()
+        ))
         .health("warm", "numeric-error", "warm-start")
-        .health("cold", "numeric-error", "cold-start")
+        .health("turns", "numeric-error", "warm-start")
+        .health("turns", "illegal-request", "cold-start")
         .schedule("normal");
     for quarter in [0, 2_000, 4_000, 6_000] {
         file = file.window("good", quarter, 200).window("warm", quarter + 500, 200).window(
-            "cold",
+            "turns",
             quarter + 1_000,
             200,
         );
     }
     let outcome = file.run("restarts").lasting(duration).run();
     assert_eq!(outcome.status, 4, "{}", outcome.output);
-    for name in ["warm", "cold"] {
+    for name in ["warm", "turns", "linux"] {
         assert_eq!(outcome.number(name, "restarts"), starts, "{}", outcome.output);
+    }
+    for name in ["warm", "turns"] {
         outcome.assert_kept_its_time(name, 100 * starts);
     }
+    let failures = |error: &str| outcome.number("turns", &format!("events.totals.{error}"));
+    assert!(failures("numeric-error").abs_diff(failures("illegal-request")) <= 1);
+    assert_eq!(failures("numeric-error") + failures("illegal-request"), starts + 1);
+    assert_eq!(outcome.number("linux", "events.totals.partition-reset"), starts + 1);
     outcome.assert_kept_its_time("good", 100 * starts);
     outcome.assert_punctual("good");
     let of = |when: &str, what: &str| outcome.report["process"][when][what].as_u64();

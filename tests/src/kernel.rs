@@ -1,0 +1,69 @@
+//! The smallest kernel that a Linux partition can be given: it asks for a restart.
+//!
+//! A Linux needs seconds of the lab's time to boot. What is measured when a partition is started
+//! again and again is Takt, which does the same for any kernel.
+
+use std::fs;
+use std::path::PathBuf;
+
+use crate::scratch;
+
+/// Where the ELF file's only segment lies, in memory and in the file.
+const ADDRESS: u64 = 1 << 20;
+const OFFSET: usize = 0x400;
+
+/// Machine code, which begins in 64-bit mode: some milliseconds of counting, and then the value 1
+/// to the reset register of the partition's ACPI tables.
+const CODE: [u8; 19] = [
+    0xb9, 0x40, 0x4b, 0x4c, 0x00, // mov ecx, 5000000
+    0xff, 0xc9, // 1: dec ecx
+    0x75, 0xfc, // jnz 1b
+    0x66, 0xba, 0x02, 0x06, // mov dx, 0x602
+    0xb0, 0x01, // mov al, 1
+    0xee, // out dx, al
+    0xf4, // 2: hlt
+    0xeb, 0xfd, // jmp 2b
+];
+
+/// Writes the kernel, and returns its path.
+#[must_use]
+pub fn restarting_kernel() -> PathBuf {
+    let path = scratch().join("restarting-kernel");
+    // A run that packs the file at this moment must see the old or the new one.
+    let new = path.with_extension("new");
+    fs::write(&new, image()).expect("the kernel can be written");
+    fs::rename(&new, &path).expect("the kernel can be renamed");
+    path
+}
+
+/// An ELF file (System V ABI, "Object Files") with one segment, its code.
+fn image() -> Vec<u8> {
+    const HEADER: u64 = 64;
+    const SEGMENT: u16 = 56;
+    let mut image = vec![0; OFFSET];
+    let mut put = |at: usize, bytes: &[u8]| image[at..at + bytes.len()].copy_from_slice(bytes);
+    // 64 bits, little-endian, version 1.
+    put(0, b"\x7fELF\x02\x01\x01");
+    // An executable for x86-64, version 1.
+    put(16, &2_u16.to_le_bytes());
+    put(18, &62_u16.to_le_bytes());
+    put(20, &1_u32.to_le_bytes());
+    put(24, &ADDRESS.to_le_bytes());
+    put(32, &HEADER.to_le_bytes());
+    put(52, &(HEADER as u16).to_le_bytes());
+    put(54, &SEGMENT.to_le_bytes());
+    put(56, &1_u16.to_le_bytes());
+    // To be loaded, readable and executable; offset, addresses, and lengths in file and memory.
+    let lengths = CODE.len() as u64;
+    put(64, &1_u32.to_le_bytes());
+    put(68, &5_u32.to_le_bytes());
+    for (at, value) in
+        [(72, OFFSET as u64), (80, ADDRESS), (88, ADDRESS), (96, lengths), (104, lengths)]
+    {
+        put(at, &value.to_le_bytes());
+    }
+    image.extend(CODE);
+    // Takt looks for a bzImage's mark, which is further back than this kernel is long.
+    image.resize(2 * OFFSET, 0);
+    image
+}
