@@ -83,12 +83,15 @@ struct Run {
     /// For tests: do not end windows by kicks, so that only SCHED_DEADLINE is left.
     #[arg(long, hide = true)]
     without_kick: bool,
+    /// For tests: panic after this time.
+    #[arg(long, hide = true, value_name = "DURATION", value_parser = duration)]
+    panic_after: Option<Duration>,
 }
 
 impl Run {
     fn run(self, then: impl FnOnce(&Report)) -> u8 {
-        let Run { file, duration, report, trace, control, lane, without_kick } = self;
-        let options = Options { duration, report, trace, control, lane, without_kick };
+        let Run { file, duration, report, trace, control, lane, without_kick, panic_after } = self;
+        let options = Options { duration, report, trace, control, lane, without_kick, panic_after };
         with_file(&file, Some(host_cpus()), |file| run_partitions(file, &options, then))
     }
 }

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
+use std::thread;
 use std::time::Duration;
 
 use takt_scheduler::schedules::ScheduleId;
@@ -59,6 +60,8 @@ pub struct Options {
     pub lane: String,
     /// For tests: windows are not ended by kicks, so that only SCHED_DEADLINE is left.
     pub without_kick: bool,
+    /// For tests: a thread panics after this time.
+    pub panic_after: Option<Duration>,
 }
 
 /// Runs all partitions of `file` until the run is over.
@@ -116,7 +119,10 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let Preparation { closing, board, console, .. } = preparation;
     let mut run = Run { file, options, frequency, closing, board, host_ports, operators };
     let screen = Screen::new(io::stdout(), raw);
-    let guard = devices.guard();
+    let guard = devices.guard(prepared.iter().map(|p| p.account.control.clone()).collect());
+    if let Some(after) = options.panic_after {
+        panic_after(after)?;
+    }
     let result = run.start(prepared, kickers, console, screen, signals, Endings { bell, ends });
     drop(guard);
     terminal::restore();
@@ -306,6 +312,18 @@ impl Run<'_> {
             boot_to_init_ns: init.map(|i| i.instant().map(|at| base.offset(at).0)),
         }
     }
+}
+
+/// Starts a thread that panics, as any other might.
+fn panic_after(time: Duration) -> Result<(), RunError> {
+    let body = move || {
+        thread::sleep(time);
+        panic!("asked for, as a test");
+    };
+    thread::Builder::new()
+        .spawn(body)
+        .map(drop)
+        .map_err(|source| RunError::Host { what: "start a thread that panics", source })
 }
 
 /// Locks all memory, now and later: no page of a guest or of Takt is ever missing.

@@ -31,6 +31,7 @@ use crate::config::{
     Bar, DeviceMemory, MemorySource, Partition, PartitionFile, Passthrough, PortIo, SafePlace,
 };
 use crate::memory::MemoryError;
+use crate::vcpu::Control;
 use crate::vcpu::port_access::Width;
 use error::DeviceError;
 use mapping::Mapping;
@@ -93,10 +94,15 @@ impl Devices {
         self.granted.get(partition.0)
     }
 
-    /// Makes a panic write the safe values of all partitions, for as long as the guard lives.
+    /// Makes a panic end all guests, which run on these threads, and write the safe values of all
+    /// partitions, for as long as the guard lives.
     #[must_use]
-    pub fn guard(&self) -> PanicGuard {
-        PanicGuard::new(self.granted.iter().map(|granted| granted.safe_values.clone()).collect())
+    pub fn guard(&self, threads: Vec<Arc<Control>>) -> PanicGuard {
+        PanicGuard::new(self.safe_values(), threads)
+    }
+
+    fn safe_values(&self) -> Vec<SafeValues> {
+        self.granted.iter().map(|granted| granted.safe_values.clone()).collect()
     }
 }
 

@@ -6,11 +6,11 @@
 //! whenever Linux lets it.
 //!
 //! All ends of a run come through there, since every thread is let go and joined at its end,
-//! whatever went wrong. What does not is a panic: it ends the process at once. A hook that runs
-//! before that writes all values of all partitions. It cannot stop the other threads, so a guest
-//! that runs on another CPU can write after it until the process is gone, some microseconds later.
-//! What takes the process away without asking (SIGKILL, a fault of the host) leaves the outputs as
-//! they were; `docs/safe-values.md` says what to do about that.
+//! whatever went wrong. What does not is a panic: it ends the process, but not before its message is
+//! on the screen, which takes long enough for many a scan. So a hook that runs first takes all guests
+//! off their processors and writes all values of all partitions. A guest that was in the middle of
+//! an access on another CPU can be later than that; its own thread then writes once more. What takes
+//! the process away without asking is the [guardian](super::guardian)'s business.
 //!
 //! Writing allocates nothing, waits for nobody, and may be repeated.
 
@@ -21,6 +21,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::mapping::Mapping;
 use super::ports::Ports;
 use super::real_ports::{RealPorts, grant};
+use crate::vcpu::Control;
 use crate::vcpu::port_access::Width;
 
 /// One value.
@@ -90,15 +91,16 @@ impl SafeValues {
 pub struct PanicGuard(Arc<AtomicBool>);
 
 impl PanicGuard {
-    /// Those of all partitions.
+    /// Those of all partitions, whose threads these are.
     #[must_use]
-    pub fn new(all: Vec<SafeValues>) -> Self {
+    pub fn new(all: Vec<SafeValues>, threads: Vec<Arc<Control>>) -> Self {
         let live = Arc::new(AtomicBool::new(true));
         let guard = Self(live.clone());
         if all.iter().any(|values| !values.is_empty()) {
             let next = panic::take_hook();
             panic::set_hook(Box::new(move |panic| {
                 if live.load(Ordering::SeqCst) {
+                    Control::stop_all(&threads);
                     all.iter().for_each(SafeValues::write_from_anywhere);
                 }
                 next(panic);
