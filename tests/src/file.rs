@@ -1,9 +1,10 @@
 //! Partition files for tests.
 
 use std::fmt::Write;
+use std::fs;
 use std::path::PathBuf;
 
-use crate::{Outcome, Run, target};
+use crate::{Outcome, Run, scratch, target};
 
 /// What Linux executes where a test wants it busy: it never idles, in kernel and user mode.
 pub const BUSY: &str = "while :; do cat /proc/kallsyms > /dev/null; done";
@@ -109,6 +110,14 @@ impl File {
             "[[schedule.window]]\npartition = {partition:?}\noffset = \"{offset}us\"\nduration = \"{duration}us\""
         );
         self
+    }
+
+    /// Writes it, under the name of the test, and returns its path.
+    #[must_use]
+    pub fn save(&self, name: &str) -> PathBuf {
+        let path = scratch().join(format!("{name}.toml"));
+        fs::write(&path, &self.text).expect("the partition file can be written");
+        path
     }
 
     /// A run of it, under the name of the test.

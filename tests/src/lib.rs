@@ -6,6 +6,7 @@
 //! or how busy the machine below is, so figures may be asserted.
 
 mod file;
+mod host;
 mod initrd;
 mod kernel;
 pub mod random;
@@ -19,6 +20,7 @@ use std::sync::OnceLock;
 use std::thread;
 
 pub use file::{BUSY, File, System};
+pub use host::Host;
 pub use initrd::{archive, initrd_with};
 pub use kernel::restarting_kernel;
 pub use serde_json::Value;

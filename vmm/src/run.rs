@@ -82,6 +82,9 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         .transpose()?;
     // Given back after all threads have been let go.
     let devices = Devices::take(file)?;
+    // While there is no guest and no thread that it would be a copy of. Dropped after all threads
+    // have written their values.
+    let _guardian = devices.guardian()?;
     let channels = Channels::new(file.channels())?;
     let operators =
         control.map(|listener| Operators::new(listener, file, &channels)).transpose()?;

@@ -11,6 +11,9 @@ use crate::memory::MemoryError;
 /// has another device, or none, or needs it.
 #[derive(Debug, Error)]
 pub enum DeviceError {
+    /// There is no second process.
+    #[error("cannot start the process that writes safe values if this one dies: {0}")]
+    Guardian(io::Error),
     /// There is no such device.
     #[error("there is no device {device}: {}: {source}", path.display())]
     Missing {

@@ -14,6 +14,7 @@
 //! guest's thread are loads, stores, `in` and `out`.
 
 pub mod error;
+pub mod guardian;
 pub mod mapping;
 pub mod pci;
 pub mod ports;
@@ -34,6 +35,7 @@ use crate::memory::MemoryError;
 use crate::vcpu::Control;
 use crate::vcpu::port_access::Width;
 use error::DeviceError;
+use guardian::Guardian;
 use mapping::Mapping;
 use pci::{Function, Terms};
 use ports::{PortMap, PortRange};
@@ -99,6 +101,15 @@ impl Devices {
     #[must_use]
     pub fn guard(&self, threads: Vec<Arc<Control>>) -> PanicGuard {
         PanicGuard::new(self.safe_values(), threads)
+    }
+
+    /// Makes the end of this process write the safe values of all partitions, whatever it dies of,
+    /// until the guardian is dropped. `None` if there are no values.
+    ///
+    /// # Errors
+    /// [`DeviceError::Guardian`].
+    pub fn guardian(&self) -> Result<Option<Guardian>, DeviceError> {
+        Guardian::start(&self.safe_values()).map_err(DeviceError::Guardian)
     }
 
     fn safe_values(&self) -> Vec<SafeValues> {

@@ -67,7 +67,7 @@ impl SafeValues {
     }
 
     /// Writes all of them, from any thread.
-    fn write_from_anywhere(&self) {
+    pub(super) fn write_from_anywhere(&self) {
         let may = |first, last| grant(first, last).is_ok();
         self.write_with(&mut RealPorts, may);
     }

@@ -1,0 +1,52 @@
+//! Shell scripts on the appliance's kernel, beside takt: for what has to be done to takt, or without
+//! it.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use crate::{Outcome, TIMEOUT_S, Value, converse, root};
+
+/// A script of `tests/host`, and what it needs.
+#[derive(Debug)]
+pub struct Host(Command);
+
+impl Host {
+    /// A machine for a script. What it is to have is told by [`with`](Self::with).
+    #[must_use]
+    pub fn new() -> Self {
+        let mut command = Command::new(root().join("scripts/host"));
+        command.env("TAKT_TIMEOUT", TIMEOUT_S);
+        Self(command)
+    }
+
+    /// With an option of `scripts/host`.
+    #[must_use]
+    pub fn with(mut self, option: &str, value: &str) -> Self {
+        self.0.args([option, value]);
+        self
+    }
+
+    /// With a file at the path that it has here.
+    #[must_use]
+    pub fn with_file(mut self, path: &Path) -> Self {
+        self.0.arg("--file").arg(path);
+        self
+    }
+
+    /// Runs a script of `tests/host`.
+    #[must_use]
+    pub fn run(mut self, script: &str, arguments: &[&str]) -> Outcome {
+        self.0.arg(root().join("tests/host").join(script)).args(arguments);
+        self.0.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = self.0.spawn().expect("scripts/host starts");
+        let output = converse(&mut child, &[]);
+        let status = child.wait().expect("scripts/host ends").code().unwrap_or(-1);
+        Outcome { status, output, report: Value::Null, trace: Value::Null }
+    }
+}
+
+impl Default for Host {
+    fn default() -> Self {
+        Self::new()
+    }
+}
