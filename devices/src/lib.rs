@@ -13,3 +13,4 @@ pub mod pci;
 pub mod ports;
 pub mod power;
 pub mod serial;
+pub mod watchdog;

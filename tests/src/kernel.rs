@@ -1,4 +1,5 @@
-//! The smallest kernel that a Linux partition can be given: it asks for a restart.
+//! The smallest kernel that a Linux partition can be given: it is silent, or asks for a restart, in
+//! turns.
 //!
 //! A Linux needs seconds of the lab's time to boot. What is measured when a partition is started
 //! again and again is Takt, which does the same for any kernel.
@@ -12,20 +13,30 @@ use crate::scratch;
 const ADDRESS: u64 = 1 << 20;
 const OFFSET: usize = 0x400;
 
-/// Machine code, which begins in 64-bit mode: some milliseconds of counting, and then the value 1
-/// to the reset register of the partition's ACPI tables.
-const CODE: [u8; 19] = [
-    0xb9, 0x40, 0x4b, 0x4c, 0x00, // mov ecx, 5000000
-    0xff, 0xc9, // 1: dec ecx
-    0x75, 0xfc, // jnz 1b
+/// Machine code, which begins in 64-bit mode. If the machine was not restarted for its silence, the
+/// watchdog gets 100 ms, and nothing more is heard of this kernel. Otherwise it counts for some
+/// milliseconds, and writes the value 1 to the reset register of the partition's ACPI tables.
+const CODE: [u8; 41] = [
+    0x66, 0xba, 0x1c, 0x06, // mov dx, 0x61c
+    0xed, // in eax, dx
+    0x85, 0xc0, // test eax, eax
+    0x75, 0x0d, // jnz 2f
+    0x66, 0xba, 0x10, 0x06, // mov dx, 0x610
+    0xb8, 0x0a, 0x00, 0x00, 0x00, // mov eax, 10
+    0xef, // out dx, eax
+    0xf4, // 1: hlt
+    0xeb, 0xfd, // jmp 1b
+    0xb9, 0x40, 0x4b, 0x4c, 0x00, // 2: mov ecx, 5000000
+    0xff, 0xc9, // 3: dec ecx
+    0x75, 0xfc, // jnz 3b
     0x66, 0xba, 0x02, 0x06, // mov dx, 0x602
     0xb0, 0x01, // mov al, 1
     0xee, // out dx, al
-    0xf4, // 2: hlt
-    0xeb, 0xfd, // jmp 2b
+    0xf4, // 4: hlt
+    0xeb, 0xfd, // jmp 4b
 ];
 
-/// Writes the kernel, and returns its path.
+/// Writes the kernel, and returns its path. It is for a partition with a watchdog.
 #[must_use]
 pub fn restarting_kernel() -> PathBuf {
     let path = scratch().join("restarting-kernel");

@@ -78,7 +78,7 @@ fn a_plc_starts_again_as_its_table_says_until_it_does_so_too_often() {
 #[test]
 fn restarts_cost_a_neighbour_nothing_and_takt_does_not_grow() {
     // Two PLCs that live for a fifth of a second each, one of them started cold and warm in turns,
-    // and a kernel that asks for a restart after some milliseconds.
+    // and a kernel that is silent for 100 ms and asks for a restart after some milliseconds in turns.
     let (starts, duration) = if long() { (100, "40s") } else { (5, "1800ms") };
     let limit = format!("restarts = {{ at_most = {starts}, within = \"86400s\" }}");
     let mut file = File::new("8ms")
@@ -87,7 +87,7 @@ fn restarts_cost_a_neighbour_nothing_and_takt_does_not_grow() {
         .plc("turns", Some(plc_image("alternating-starts")), &limit)
         .lines(&format!(
             "[[partition]]\nname = \"linux\"\nkind = \"linux\"\ncpu = 0\nbackground = true\n\
-             memory = \"64MiB\"\nkernel = {:?}\n{limit}",
+             memory = \"64MiB\"\nkernel = {:?}\nwatchdog = \"1s\"\n{limit}",
             restarting_kernel()
         ))
         .health("warm", "numeric-error", "warm-start")
@@ -112,7 +112,10 @@ fn restarts_cost_a_neighbour_nothing_and_takt_does_not_grow() {
     let failures = |error: &str| outcome.number("turns", &format!("events.totals.{error}"));
     assert!(failures("numeric-error").abs_diff(failures("illegal-request")) <= 1);
     assert_eq!(failures("numeric-error") + failures("illegal-request"), starts + 1);
-    assert_eq!(outcome.number("linux", "events.totals.partition-reset"), starts + 1);
+    let ends = |error: &str| outcome.number("linux", &format!("events.totals.{error}"));
+    assert!(ends("partition-silent").abs_diff(ends("partition-reset")) <= 1);
+    assert_eq!(ends("partition-silent") + ends("partition-reset"), starts + 1);
+    outcome.assert_shows("linux: partition-silent: no sign of life for 100ms -> cold-start");
     outcome.assert_kept_its_time("good", 100 * starts);
     outcome.assert_punctual("good");
     let of = |when: &str, what: &str| outcome.report["process"][when][what].as_u64();
@@ -122,4 +125,36 @@ fn restarts_cost_a_neighbour_nothing_and_takt_does_not_grow() {
     let grown = of("end", "anonymous_bytes").zip(of("start", "anonymous_bytes"));
     let grown = grown.map(|(end, start)| end.saturating_sub(start));
     assert!(grown.is_some_and(|bytes| bytes < 1 << 20), "{grown:?}");
+}
+
+#[test]
+fn a_linux_that_panics_or_whose_programs_hang_is_noticed_by_its_watchdog() {
+    if !long() {
+        return;
+    }
+    // It runs for longer than the watchdog waits, and then its kernel panics and stays where it is;
+    // after that its feeder is stopped.
+    let status = "/sys/class/watchdog/watchdog0/bootstatus";
+    let exec = format!(
+        "was=$(cat {status}); echo status $was; sleep 6; if [ $was = 0 ]; \
+         then echo c > /proc/sysrq-trigger; else killall -STOP watchdog; sleep 60; fi"
+    );
+    let outcome = File::new("1ms")
+        .plc("plc", None, "release_guard = \"10us\"")
+        .linux(&exec)
+        .lines("watchdog = \"4s\"\nrestarts = { at_most = 1, within = \"60s\" }")
+        .schedule("normal")
+        .window("plc", 0, 300)
+        .run("watchdog")
+        .lasting("34s")
+        .run();
+    assert_eq!(outcome.status, 4, "{}", outcome.output);
+    outcome.assert_shows("status 0");
+    outcome.assert_shows("Kernel panic - not syncing: sysrq triggered crash");
+    outcome.assert_shows("linux: partition-silent: no sign of life for 4s -> cold-start");
+    // WDIOF_CARDRESET, in the kernel's include/uapi/linux/watchdog.h.
+    outcome.assert_shows("status 32");
+    outcome.assert_shows("no sign of life for 4s -> idle: started again 1 time within 60s");
+    assert_eq!(outcome.number("linux", "events.totals.partition-silent"), 2);
+    outcome.assert_kept_its_time("plc", 30_000);
 }

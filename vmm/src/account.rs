@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use rtrb::Consumer;
 use takt_devices::output::OutputEnd;
+use takt_devices::watchdog::Timer;
 use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 
 use crate::boot::StartMode;
@@ -56,6 +57,8 @@ pub struct Account {
     pub releases: Option<statistics::Releases>,
     /// Time from its wake-ups to its leaving its windows, which was nobody else's.
     pub occupied: Nanos,
+    /// What notices that its guest is silent.
+    pub watchdog: Option<Timer>,
     /// For starting its guest anew; `None` if it cannot be.
     pub restart: Option<Restart>,
     /// How often its guest was started anew.
@@ -87,6 +90,14 @@ impl Account {
         self.orders = Orders::default();
         if let Some(releases) = &mut self.releases {
             releases.restarted();
+        }
+    }
+
+    /// Ends its guest if that has been silent for too long.
+    pub fn look_for_silence(&self, now: u64) {
+        // The thread finds the reason in the timer.
+        if self.watchdog.as_ref().is_some_and(|timer| timer.expires(now)) {
+            self.control.kick();
         }
     }
 

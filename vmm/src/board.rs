@@ -5,17 +5,20 @@
 //! first, since its interrupts hang on the same event descriptors.
 
 use std::path::PathBuf;
+use std::sync::LazyLock;
+use std::time::Instant;
 
 use kvm_ioctls::{Kvm, VcpuFd, VmFd};
 use takt_devices::ports::PortBus;
 use takt_devices::power::{AcpiPower, KeyboardController, PowerLine};
 use takt_devices::serial;
-use takt_scheduler::time::TscFrequency;
+use takt_devices::watchdog::{self, Timer, Watchdog};
+use takt_scheduler::time::{Nanos, TscFrequency};
 use vm_memory::{Bytes, GuestAddress};
 use vmm_sys_util::eventfd::EventFd;
 
 use crate::boot;
-use crate::boot::acpi::{Fittings, POWER_PORT, SERIAL_IRQ, SERIAL_PORT};
+use crate::boot::acpi::{Fittings, POWER_PORT, SERIAL_IRQ, SERIAL_PORT, WATCHDOG_PORT};
 use crate::boot::long_mode::{self, StartError};
 use crate::disk::Drive;
 use crate::init_watch::Console;
@@ -25,6 +28,20 @@ use crate::pci::{self, Card};
 use crate::run_error::RunError;
 use crate::vcpu::kick;
 use crate::vcpu::linux::LinuxGuest;
+
+/// A watchdog that waits so long for a sign of life.
+#[must_use]
+pub fn timer(time: Nanos) -> Timer {
+    let counts = time.0 / (u64::from(watchdog::PERIOD_MS) * 1_000_000);
+    Timer::new(u32::try_from(counts).unwrap_or(u32::MAX))
+}
+
+/// The clock of watchdogs, in ns.
+#[must_use]
+pub fn clock() -> u64 {
+    static START: LazyLock<Instant> = LazyLock::new(Instant::now);
+    u64::try_from(START.elapsed().as_nanos()).unwrap_or(u64::MAX)
+}
 
 /// What outlives a start.
 pub struct Board {
@@ -52,6 +69,8 @@ pub struct Board {
     pub drives: Vec<Drive>,
     /// Speed of the TSC, from the first start on.
     pub frequency: Option<TscFrequency>,
+    /// What notices that the guest is silent.
+    pub watchdog: Option<Timer>,
     /// The machine of the last start. Its processor keeps it alive, but its interrupts go with this.
     pub vm: Option<VmFd>,
 }
@@ -67,6 +86,7 @@ impl Board {
         let fittings = Fittings {
             pci: self.card.as_ref().map(|_| pci::WINDOW),
             disks: self.drives.len() as u32,
+            watchdog: self.watchdog.as_ref().map(Timer::most),
         };
         let entry = boot::linux::load(
             &self.memory,
@@ -94,7 +114,14 @@ impl Board {
         }
         let disks = self.drives.iter().map(|drive| drive.attach(&vm)).collect::<Result<_, _>>()?;
         self.vm = Some(vm);
-        Ok((vcpu, LinuxGuest::new(ports, power).with_disks(disks)))
+        if let Some(timer) = &self.watchdog {
+            let registers = Watchdog::new(timer.clone(), clock);
+            let last = WATCHDOG_PORT + watchdog::PORTS - 1;
+            ports.attach(WATCHDOG_PORT..=last, Box::new(registers))?;
+            timer.start(clock());
+        }
+        let guest = LinuxGuest::new(ports, power).with_disks(disks);
+        Ok((vcpu, guest.watched_by(self.watchdog.clone())))
     }
 
     /// As [`start`](Self::start), after a guest has run there. The guest must not run any more.

@@ -21,7 +21,7 @@ use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 use vmm_sys_util::eventfd::{EFD_CLOEXEC, EFD_NONBLOCK, EventFd};
 
 use crate::account::{Account, Finished};
-use crate::board::Board;
+use crate::board::{self, Board};
 use crate::boot::StartMode;
 use crate::boot::long_mode;
 use crate::boot::plc::PlcImage;
@@ -184,6 +184,7 @@ impl Preparation<'_> {
         let views = pci.as_ref().map(Pci::views).unwrap_or_default();
         let memory = GuestMemory::for_linux(partition.memory_bytes(), &views)?;
         let irq = eventfd()?;
+        let watchdog = partition.watchdog().map(board::timer);
         let (writer, output) = output::waiting(self.closing.clone());
         let init = InitSeen::default();
         let watch = InitWatch::new(writer, init.clone());
@@ -214,6 +215,7 @@ impl Preparation<'_> {
             bell: clone(&self.doorbell)?,
             drives,
             frequency: self.frequency,
+            watchdog: watchdog.clone(),
             vm: None,
         };
         let (vcpu, guest) = board.start()?;
@@ -222,6 +224,7 @@ impl Preparation<'_> {
         let mut prepared = self.spawn(partition, vcpu, memory, guest, output, revivals)?;
         prepared.account.restart = Some(Restart::Linux(restart));
         prepared.account.is_terminal = true;
+        prepared.account.watchdog = watchdog;
         prepared.init = Some(init);
         prepared.disks = disks;
         Ok(prepared)
@@ -293,6 +296,7 @@ impl Preparation<'_> {
             health,
             releases: None,
             occupied: Nanos::ZERO,
+            watchdog: None,
             restart: None,
             restarts: 0,
             finished: None,
@@ -371,6 +375,7 @@ impl Body {
     ) {
         loop {
             let end = background::run(kickable, &mut guest, &self.own, &mut self.health);
+            guest.left();
             self.tell(end, false, 0);
             let Ok(revival) = revivals.recv() else { return };
             if !self.revive(kickable, &mut guest, revival) {

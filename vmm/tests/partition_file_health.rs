@@ -34,6 +34,7 @@ fn rows_and_limits_change_the_table_of_their_partition_only() {
         (Fault::PartitionEnded, Action::ColdStart),
         (Fault::PartitionReset, Action::Idle),
         (Fault::IllegalRequest, Action::Log),
+        (Fault::PartitionSilent, Action::Idle),
     ];
     for (table, default, rows) in
         [(plc, Table::PLC, &plc_rows[..]), (linux, Table::LINUX, &linux_rows[..])]
@@ -66,6 +67,7 @@ health monitor, where it is not the default
     illegal-request -> log
     partition-reset -> idle
     partition-ended -> cold-start
+    watchdog: no sign of life for 5s -> idle
     at most 0 starts within 86400s
 ";
     let report_of_changes = report("good-health.toml");

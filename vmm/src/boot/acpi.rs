@@ -25,6 +25,7 @@ use takt_devices::disk::registers;
 use takt_devices::pci::config_ports;
 use takt_devices::power::AcpiPower;
 use takt_devices::serial;
+use takt_devices::watchdog;
 use vm_memory::{Bytes, GuestAddress, GuestMemoryError, GuestMemoryMmap};
 
 use crate::disk;
@@ -33,6 +34,8 @@ use crate::disk;
 pub const TABLES: u64 = 0xe_0000;
 /// First port of the ACPI power registers.
 pub const POWER_PORT: u16 = 0x600;
+/// First port of the watchdog, if there is one.
+pub const WATCHDOG_PORT: u16 = 0x610;
 /// First port of the serial console, a PC's COM1.
 pub const SERIAL_PORT: u16 = 0x3f8;
 /// Its interrupt.
@@ -63,6 +66,8 @@ pub struct Fittings {
     pub pci: Option<RangeInclusive<u32>>,
     /// How many disks there are.
     pub disks: u32,
+    /// The longest time of the watchdog, in counts, if there is one.
+    pub watchdog: Option<u32>,
 }
 
 /// Writes the tables to guest memory; returns the address of the first, for the boot parameters.
@@ -79,12 +84,16 @@ pub fn write(memory: &GuestMemoryMmap, fittings: Fittings) -> Result<u64, GuestM
         next = (at + bytes.len() as u64).next_multiple_of(64);
         Ok::<u64, GuestMemoryError>(at)
     };
+    let watchdog = fittings.watchdog;
     let dsdt = put(&dsdt(fittings))?;
     let fadt = put(&fadt(dsdt))?;
     let madt = put(&madt())?;
     let mut xsdt = XSDT::new(OEM, MACHINE, REVISION);
     xsdt.add_entry(fadt);
     xsdt.add_entry(madt);
+    if let Some(counts) = watchdog {
+        xsdt.add_entry(put(&watchdog_table(counts))?);
+    }
     let xsdt = put(&xsdt)?;
     let mut rsdp = Vec::new();
     Rsdp::new(OEM, xsdt).to_aml_bytes(&mut rsdp);
@@ -118,9 +127,60 @@ fn madt() -> impl Aml {
     madt
 }
 
+/// The watchdog, for the driver `wdat_wdt`: which registers do what ("Hardware Watchdog Timers
+/// Design Specification", Microsoft 2006; numbers as in the kernel's `include/acpi/actbl3.h`).
+fn watchdog_table(counts: u32) -> Sdt {
+    const ENABLED: u32 = 1;
+    /// In the place of a PCI function, segment first: the watchdog is none.
+    const NO_FUNCTION: [u8; 8] = [0xff, 0, 0xff, 0xff, 0xff, 0, 0, 0];
+    const READ: u8 = 0;
+    const READ_COUNT: u8 = 1;
+    const WRITE: u8 = 2;
+    const WRITE_COUNT: u8 = 3;
+    // Action, instruction, register, value.
+    let entries = [
+        // A sign of life.
+        (1, WRITE, watchdog::CONTROL, watchdog::SET),
+        // What is left, what the time is, and another time.
+        (4, READ_COUNT, watchdog::LEFT, 0),
+        (5, READ_COUNT, watchdog::COUNT, 0),
+        (6, WRITE_COUNT, watchdog::COUNT, 0),
+        // Whether it runs, and to start it.
+        (8, READ, watchdog::CONTROL, watchdog::SET),
+        (9, WRITE, watchdog::CONTROL, watchdog::SET),
+        // To stop it. It cannot be stopped, and a driver that fails to would keep others from
+        // hearing of a restart; so what it gets is all the time once more.
+        (11, WRITE, watchdog::CONTROL, watchdog::SET),
+        // Whether the machine was restarted for its silence, and to forget it.
+        (32, READ, watchdog::STATUS, watchdog::SET),
+        (33, WRITE, watchdog::STATUS, 0),
+    ];
+    let header = 32_u32;
+    let count = entries.len() as u32;
+    let shortest = 1_u32;
+    let mut table = Sdt::new(*b"WDAT", 36, 1, OEM, MACHINE, REVISION);
+    table.append_slice(&header.to_le_bytes());
+    table.append_slice(&NO_FUNCTION);
+    for field in [watchdog::PERIOD_MS, counts, shortest, ENABLED, count] {
+        table.append_slice(&field.to_le_bytes());
+    }
+    for (action, instruction, offset, value) in entries {
+        let port = u64::from(WATCHDOG_PORT + offset);
+        let register = GAS::new(AddressSpace::SystemIo, 32, 0, AccessSize::DwordAccess, port);
+        let mut place = Vec::new();
+        register.to_aml_bytes(&mut place);
+        let mask = u32::MAX;
+        table.append_slice(&[action, instruction, 0, 0]);
+        table.append_slice(&place);
+        table.append_slice(&value.to_le_bytes());
+        table.append_slice(&mask.to_le_bytes());
+    }
+    table
+}
+
 /// The machine's description in ACPI's own byte code: how to switch off, the serial port, and the
 /// PCI bus and the disks, if there are any.
-fn dsdt(Fittings { pci, disks }: Fittings) -> Sdt {
+fn dsdt(Fittings { pci, disks, .. }: Fittings) -> Sdt {
     let mut body = Vec::new();
     let off = AcpiPower::SOFT_OFF;
     Name::new(Path::new("_S5_"), &Package::new(vec![&off, &aml::ZERO, &aml::ZERO, &aml::ZERO]))
@@ -220,7 +280,7 @@ mod tests {
 
     fn dsdt_bytes(pci: Option<RangeInclusive<u32>>, disks: u32) -> Vec<u8> {
         let mut bytes = Vec::new();
-        dsdt(Fittings { pci, disks }).to_aml_bytes(&mut bytes);
+        dsdt(Fittings { pci, disks, watchdog: None }).to_aml_bytes(&mut bytes);
         bytes
     }
 
@@ -263,9 +323,24 @@ mod tests {
     }
 
     #[test]
+    fn the_watchdog_is_described_as_its_driver_reads_it() {
+        let mut bytes = Vec::new();
+        watchdog_table(500).to_aml_bytes(&mut bytes);
+        let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+        // Length of the header, no PCI function; period, most, least, flags, entries.
+        assert_eq!((word(36), &bytes[40..45]), (32, &[0xff, 0, 0xff, 0xff, 0xff][..]));
+        assert_eq!([48, 52, 56, 60, 64].map(word), [10, 500, 1, 1, 9]);
+        assert_eq!(bytes.len(), 68 + 9 * 24);
+        // The first: reset; by a write of a value to 32 bits of ports.
+        assert_eq!(bytes[68..76], [1, 2, 0, 0, 1, 32, 0, 3]);
+        assert_eq!([76, 80, 84, 88].map(word), [0x618, 0, 1, u32::MAX]);
+    }
+
+    #[test]
     fn every_table_has_its_signature_and_a_good_checksum() {
         let memory = GuestMemoryMmap::from_ranges(&[(GuestAddress(0), 1 << 20)]).unwrap();
-        let rsdp = write(&memory, Fittings { pci: Some(WINDOW), disks: 4 }).unwrap();
+        let fittings = Fittings { pci: Some(WINDOW), disks: 4, watchdog: Some(500) };
+        let rsdp = write(&memory, fittings).unwrap();
         let word = |at| memory.read_obj::<u32>(GuestAddress(at)).unwrap();
         let long = |at| memory.read_obj::<u64>(GuestAddress(at)).unwrap();
         let check = |at: u64| {
@@ -280,5 +355,6 @@ mod tests {
         assert_eq!(check(fadt), b"FACP");
         assert_eq!(check(madt), b"APIC");
         assert_eq!(check(long(fadt + 140)), b"DSDT");
+        assert_eq!(check(long(xsdt + 52)), b"WDAT");
     }
 }

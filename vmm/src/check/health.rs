@@ -1,11 +1,11 @@
 //! What follows from a partition's errors, where the file has changed it.
 //!
 //! The default tables are the same for every file and are in `docs/health.md`. What a reader of this
-//! one must not overlook is where it departs from them.
+//! one must not overlook is where it departs from them, and whether anybody looks for a sign of life.
 
 use super::line;
 use crate::config::{Kind, Partition, PartitionFile};
-use crate::health::{FAULTS, Table};
+use crate::health::{FAULTS, Fault, Table};
 
 /// Rows and limits that differ from the default of their partition's kind; nothing if none does.
 pub fn list(out: &mut String, file: &PartitionFile) {
@@ -32,9 +32,14 @@ fn changes(partition: &Partition) -> Vec<String> {
         Kind::Plc { .. } => Table::PLC,
         Kind::Linux { .. } => Table::LINUX,
     };
-    let rows = FAULTS.iter().filter(|fault| table.action(**fault) != default.action(**fault));
+    let rows = FAULTS.iter().filter(|fault| **fault != Fault::PartitionSilent);
+    let rows = rows.filter(|fault| table.action(**fault) != default.action(**fault));
     let mut changes: Vec<String> =
         rows.map(|fault| format!("{fault} -> {}", table.action(*fault))).collect();
+    if let Some(time) = partition.watchdog() {
+        let action = table.action(Fault::PartitionSilent);
+        changes.push(format!("watchdog: no sign of life for {time} -> {action}"));
+    }
     let limit = table.limit();
     if limit != default.limit() {
         let s = if limit.at_most == 1 { "" } else { "s" };

@@ -29,6 +29,13 @@ pub fn check(
         let owner = partition::find(partitions, raw.partition.get_ref(), raw.partition.span())?;
         let (id, kind) = (owner.partition.id.0, &owner.partition.kind);
         let fault = check_fault(&raw.error, kind)?;
+        if fault == Fault::PartitionSilent && owner.partition.watchdog.is_none() {
+            let found =
+                format!("nobody looks for a sign of life of {}", quote(&owner.partition.name));
+            let allowed = "this error for a partition with a `watchdog`";
+            return Err(Diagnostic::new(raw.error.span(), found, allowed)
+                .and(owner.header.clone(), "the partition"));
+        }
         let action = check_action(&raw.action, kind)?;
         if let Some((.., other)) = seen.iter().find(|(p, f, _)| (*p, *f) == (id, fault)) {
             let name = quote(&owner.partition.name);

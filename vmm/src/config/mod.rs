@@ -40,6 +40,7 @@ use std::path::{Path, PathBuf};
 
 use takt_scheduler::schedules::{ScheduleId, Schedules};
 use takt_scheduler::table::{Cpu, PartitionId};
+use takt_scheduler::time::Nanos;
 use thiserror::Error;
 
 use crate::health::Table;
@@ -133,6 +134,7 @@ pub struct Partition {
     kind: Kind,
     on_schedule_change: ScheduleChange,
     health: Table,
+    watchdog: Option<Nanos>,
     tasks: Vec<NamedTask>,
     met: Vec<Met>,
     passthrough: Passthrough,
@@ -181,6 +183,12 @@ impl Partition {
     #[must_use]
     pub fn health(&self) -> Table {
         self.health
+    }
+
+    /// How long a Linux may give no sign of life; `None` if nobody looks for one.
+    #[must_use]
+    pub fn watchdog(&self) -> Option<Nanos> {
+        self.watchdog
     }
 
     /// Its tasks, in the order of the file. They meet their deadlines in every schedule in which

@@ -26,6 +26,8 @@ const CPUS: usize = 1024;
 const PLC_MEMORY: [Bytes; 2] = [Bytes(IMAGE_BASE + PAGE), Bytes(RAM_MAX)];
 /// A Linux's memory: below, a distribution's kernel does not unpack; above, it is a typing mistake.
 const LINUX_MEMORY: [Bytes; 2] = [Bytes(64 << 20), Bytes(64 << 30)];
+/// What a watchdog may wait for. Linux counts in seconds, and needs some to start; above, it is none.
+const WATCHDOG: [Nanos; 2] = [Nanos::from_millis(1_000), Nanos::from_millis(86_400_000)];
 /// Guard where the file gives none: well above the wake-up latency of a PREEMPT_RT host under
 /// load, which was 7 us in the latency lab.
 const GUARD_DEFAULT: Nanos = Nanos::from_micros(20);
@@ -137,6 +139,7 @@ fn check(
     let memory = check_memory(&raw.memory, &kind)?;
     let on_schedule_change = check_change(raw.on_schedule_change.as_ref())?;
     let health = health::default_table(&kind, raw.restarts.as_ref())?;
+    let watchdog = raw.watchdog.as_ref().map(check_watchdog).transpose()?;
     let tasks = tasks::check(&raw.task.0, around.frame)?;
     let disks = disks::check(&raw.disk.0, around.folder)?;
     let partition = Partition {
@@ -147,6 +150,7 @@ fn check(
         kind,
         on_schedule_change,
         health,
+        watchdog,
         tasks: tasks.tasks.clone(),
         met: Vec::new(),
         passthrough: Passthrough::default(),
@@ -179,6 +183,7 @@ fn check_plc(
         ("initrd", raw.initrd.as_ref().map(Spanned::span)),
         ("cmdline", raw.cmdline.as_ref().map(Spanned::span)),
         ("disk", raw.disk.0.first().map(Spanned::span)),
+        ("watchdog", raw.watchdog.as_ref().map(Spanned::span)),
     ];
     for (key, span) in of_linux {
         if let Some(span) = span {
@@ -227,7 +232,7 @@ fn check_linux(
         if let Some(span) = span {
             let found = misplaced(key, "plc", name, "linux");
             let allowed = "for a \"linux\": name, kind, cpu, memory, background, restarts, \
-                           kernel, initrd, cmdline and [[partition.disk]]";
+                           kernel, initrd, cmdline, watchdog and [[partition.disk]]";
             return Err(Diagnostic::new(span, found, allowed));
         }
     }
@@ -288,6 +293,16 @@ fn check_change(change: Option<&Spanned<String>>) -> Result<ScheduleChange, Diag
             Err(Diagnostic::new(change.span(), found, "\"ignore\", \"warm\" or \"cold\""))
         }
     }
+}
+
+fn check_watchdog(watchdog: &Spanned<Duration>) -> Result<Nanos, Diagnostic> {
+    let time = watchdog.get_ref().0;
+    if time < WATCHDOG[0] || time > WATCHDOG[1] {
+        let found = format!("a watchdog that waits {time} for a sign of life");
+        let allowed = format!("{} to {}", WATCHDOG[0], WATCHDOG[1]);
+        return Err(Diagnostic::new(watchdog.span(), found, allowed));
+    }
+    Ok(time)
 }
 
 fn check_memory(memory: &Spanned<Bytes>, kind: &Kind) -> Result<Bytes, Diagnostic> {

@@ -68,6 +68,7 @@ pub struct Partition {
     pub kernel: Option<Spanned<String>>,
     pub initrd: Option<Spanned<String>>,
     pub cmdline: Option<Spanned<String>>,
+    pub watchdog: Option<Spanned<Duration>>,
     #[serde(default)]
     pub disk: Tables<Disk>,
 }

@@ -6,7 +6,7 @@ use std::fmt;
 /// does; in Rust that word is taken.
 ///
 /// The first seven are those of ARINC 653 Part 1, without the power failure, of which Takt learns
-/// nothing. The other three are ends that a machine has and a process does not.
+/// nothing. The other four are ends that a machine has and a process does not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// A window ended before the guest was done, or a release passed without a scan.
@@ -27,12 +27,14 @@ pub enum Fault {
     ProcessorShutdown,
     /// The guest asked for a restart.
     PartitionReset,
+    /// The guest has given its watchdog no sign of life.
+    PartitionSilent,
     /// The guest ended itself in order.
     PartitionEnded,
 }
 
 /// All errors, in the order of their declaration.
-pub const FAULTS: [Fault; 10] = [
+pub const FAULTS: [Fault; 11] = [
     Fault::DeadlineMissed,
     Fault::ApplicationError,
     Fault::NumericError,
@@ -42,6 +44,7 @@ pub const FAULTS: [Fault; 10] = [
     Fault::HardwareFault,
     Fault::ProcessorShutdown,
     Fault::PartitionReset,
+    Fault::PartitionSilent,
     Fault::PartitionEnded,
 ];
 
@@ -59,6 +62,7 @@ impl Fault {
             Fault::HardwareFault => "hardware-fault",
             Fault::ProcessorShutdown => "processor-shutdown",
             Fault::PartitionReset => "partition-reset",
+            Fault::PartitionSilent => "partition-silent",
             Fault::PartitionEnded => "partition-ended",
         }
     }
@@ -79,14 +83,16 @@ impl Fault {
                 | Fault::HardwareFault
                 | Fault::ProcessorShutdown
                 | Fault::PartitionReset
+                | Fault::PartitionSilent
                 | Fault::PartitionEnded
         )
     }
 
-    /// True if a PLC guest can have this error. It has no reset line.
+    /// True if a PLC guest can have this error. It has no reset line, and one that is silent misses
+    /// its deadline.
     #[must_use]
     pub const fn of_plc(self) -> bool {
-        !matches!(self, Fault::PartitionReset)
+        !matches!(self, Fault::PartitionReset | Fault::PartitionSilent)
     }
 }
 

@@ -18,6 +18,7 @@ impl End {
             // It asks for an interrupt that there is not.
             End::Halted => Fault::IllegalRequest,
             End::Reset => Fault::PartitionReset,
+            End::Silent(_) => Fault::PartitionSilent,
             End::TripleFault => Fault::ProcessorShutdown,
             End::Kvm(_) | End::NotLoaded => Fault::HardwareFault,
         })
@@ -49,6 +50,8 @@ fn hits_the_stack(exception: &Exception) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use takt_scheduler::time::Nanos;
+
     use crate::boot::StartMode;
     use crate::vcpu::guest::KvmFailure;
 
@@ -65,6 +68,7 @@ mod tests {
             (End::Exited(1), Fault::ApplicationError),
             (End::Halted, Fault::IllegalRequest),
             (End::Reset, Fault::PartitionReset),
+            (End::Silent(Nanos(7)), Fault::PartitionSilent),
             (End::TripleFault, Fault::ProcessorShutdown),
             (End::Kvm(KvmFailure::Internal), Fault::HardwareFault),
             (End::Kvm(KvmFailure::Entry(7)), Fault::HardwareFault),

@@ -103,15 +103,18 @@ impl Table {
             Action::Idle,
             Action::Idle,
             Action::Idle,
+            Action::Idle,
         ],
         limit: Limit::DEFAULT,
     };
 
     /// For a Linux of which the file says nothing. It looks for devices that are not there, as on
-    /// any machine, and a restart that it asks for is what its user wants.
+    /// any machine. A restart that it asks for is what its user wants, and so is one for its silence if
+    /// he has given it a watchdog.
     pub const LINUX: Table = Table::PLC
         .with(Fault::IllegalRequest, Action::Ignore)
-        .with(Fault::PartitionReset, Action::ColdStart);
+        .with(Fault::PartitionReset, Action::ColdStart)
+        .with(Fault::PartitionSilent, Action::ColdStart);
 
     /// The same table with another action for one error.
     #[must_use]
@@ -157,7 +160,7 @@ mod tests {
         for fault in FAULTS {
             assert_ne!(Table::PLC.action(fault), Action::ShutDown);
             let restarts = Table::LINUX.action(fault) == Action::ColdStart;
-            assert_eq!(restarts, fault == Fault::PartitionReset);
+            assert_eq!(restarts, [Fault::PartitionReset, Fault::PartitionSilent].contains(&fault));
         }
         for survived in [Fault::DeadlineMissed, Fault::ApplicationError, Fault::IllegalRequest] {
             assert_eq!(Table::PLC.action(survived), Action::Log);

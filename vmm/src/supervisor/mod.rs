@@ -20,6 +20,7 @@ use vmm_sys_util::eventfd::EventFd;
 use vmm_sys_util::timerfd::TimerFd;
 
 use crate::account::{Account, Finished};
+use crate::board;
 use crate::boot::{Start, StartMode, StartReason};
 use crate::control::protocol::EventKind;
 use crate::control::{Operators, Outcome};
@@ -362,6 +363,7 @@ impl MutEventSubscriber for Supervisor {
         } else if fd == self.tick.as_raw_fd() {
             let _ = self.tick.wait();
             self.drain();
+            self.accounts.iter().for_each(|a| a.look_for_silence(board::clock()));
             self.watch_schedule();
             self.deliver_typed();
             self.serve_host_ports(HostPorts::on_tick);

@@ -18,6 +18,9 @@ pub fn run(
         if control.stopping() {
             return End::Stopped;
         }
+        if let Some(end) = guest.ended_from_outside() {
+            return end;
+        }
         match kickable.vcpu().run() {
             Ok(exit) => {
                 let answer = Answer::to(exit, guest);

@@ -4,7 +4,7 @@ use std::fmt;
 
 use kvm_ioctls::VcpuExit;
 use takt_abi::{Exception, exception_name};
-use takt_scheduler::time::{Timebase, Tsc};
+use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use takt_scheduler::timetable::{Release, Slot};
 
 use super::port_access::PortAccess;
@@ -29,6 +29,8 @@ pub enum End {
     Raised(Detail),
     /// The guest asked to be restarted.
     Reset,
+    /// The guest has given its watchdog no sign of life for this long.
+    Silent(Nanos),
     /// The processor shut down: an exception while handling a double fault.
     TripleFault,
     /// A guest without interrupts halted: it would never wake up.
@@ -78,6 +80,7 @@ impl fmt::Display for End {
             }
             End::Raised(detail) => detail.fmt(f),
             End::Reset => f.write_str("asked for a restart"),
+            End::Silent(time) => write!(f, "no sign of life for {time}"),
             End::TripleFault => f.write_str("triple fault"),
             End::Halted => f.write_str("halted with no interrupt that could wake it"),
             End::Kvm(KvmFailure::Entry(reason)) => {
@@ -128,6 +131,11 @@ pub trait Guest {
     /// Ranges of the host's ports that the guest's thread needs for that, both ends included.
     fn io_ranges(&self) -> Vec<[u16; 2]> {
         Vec::new()
+    }
+
+    /// How the guest is to end, if something else than an exit of its own says so.
+    fn ended_from_outside(&self) -> Option<End> {
+        None
     }
 
     /// The guest does not run any more, unless it is loaded anew. To be told on its own thread.

@@ -7,7 +7,8 @@ use kvm_ioctls::VcpuExit;
 use takt_devices::disk::registers::{BYTES, Registers};
 use takt_devices::ports::PortBus;
 use takt_devices::power::{PowerLine, PowerRequest};
-use takt_scheduler::time::{Timebase, Tsc};
+use takt_devices::watchdog::Timer;
+use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use takt_scheduler::timetable::{Release, Slot};
 
 use super::guest::{End, Guest, Step, handle_common};
@@ -20,13 +21,14 @@ pub struct LinuxGuest {
     power: PowerLine,
     disks: Vec<Registers>,
     stray_memory: u64,
+    watchdog: Option<Timer>,
 }
 
 impl LinuxGuest {
     /// A guest with these devices; `power` is the line that some of them pull.
     #[must_use]
     pub fn new(ports: PortBus, power: PowerLine) -> Self {
-        Self { ports, power, disks: Vec::new(), stray_memory: 0 }
+        Self { ports, power, disks: Vec::new(), stray_memory: 0, watchdog: None }
     }
 
     /// The same guest with disks, by their numbers.
@@ -41,6 +43,12 @@ impl LinuxGuest {
         let offset = address.checked_sub(disk::registers(0).into())?;
         let disk = self.disks.get_mut(usize::try_from(offset / BYTES).ok()?)?;
         Some((disk, offset % BYTES))
+    }
+
+    /// The same guest with a watchdog, whose registers are among the devices.
+    #[must_use]
+    pub fn watched_by(self, watchdog: Option<Timer>) -> Self {
+        Self { watchdog, ..self }
     }
 }
 
@@ -87,6 +95,17 @@ impl Guest for LinuxGuest {
                 Step::Resume
             }
             other => handle_common(&other),
+        }
+    }
+
+    fn ended_from_outside(&self) -> Option<End> {
+        let timer = self.watchdog.as_ref().filter(|timer| timer.has_expired())?;
+        Some(End::Silent(Nanos(timer.time())))
+    }
+
+    fn left(&mut self) {
+        if let Some(timer) = &self.watchdog {
+            timer.stop();
         }
     }
 

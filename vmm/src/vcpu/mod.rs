@@ -104,7 +104,8 @@ impl Control {
         }
     }
 
-    fn kick(&self) {
+    /// Takes the thread out of its guest, to look for a reason to end.
+    pub fn kick(&self) {
         kick::send(self.thread.load(Ordering::SeqCst));
     }
 

@@ -277,6 +277,9 @@ impl Windowed {
             if control.stopping() {
                 return ran(Outcome::Ended(End::Stopped));
             }
+            if let Some(end) = guest.ended_from_outside() {
+                return ran(Outcome::Ended(end));
+            }
             if now >= end {
                 return ran(Outcome::Expired);
             }

@@ -36,6 +36,7 @@ fn account() -> (Account, Receiver<Revival<PlcGuest>>) {
         health: Watch::new(Table::PLC).0,
         releases: None,
         occupied: Nanos::ZERO,
+        watchdog: None,
         restart: Some(Restart::Plc(restart)),
         restarts: 0,
         finished: None,
