@@ -1,10 +1,11 @@
 //! Shell scripts on the appliance's kernel, beside takt: for what has to be done to takt, or without
 //! it.
 
+use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use crate::{Outcome, TIMEOUT_S, Value, converse, root};
+use crate::{Outcome, TIMEOUT_S, Value, converse, read_json, root, scratch};
 
 /// A script of `tests/host`, and what it needs.
 #[derive(Debug)]
@@ -33,15 +34,19 @@ impl Host {
         self
     }
 
-    /// Runs a script of `tests/host`.
+    /// Runs a script of `tests/host`. What it leaves as `/out/report.json` is the report.
     #[must_use]
     pub fn run(mut self, script: &str, arguments: &[&str]) -> Outcome {
+        let out = scratch().join(format!("{script}.out"));
+        let report = out.join("report.json");
+        let _ = fs::remove_file(&report);
+        self.0.arg("--out").arg(out);
         self.0.arg(root().join("tests/host").join(script)).args(arguments);
         self.0.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = self.0.spawn().expect("scripts/host starts");
         let output = converse(&mut child, &[]);
         let status = child.wait().expect("scripts/host ends").code().unwrap_or(-1);
-        Outcome { status, output, report: Value::Null, trace: Value::Null }
+        Outcome { status, output, report: read_json(&report), trace: Value::Null }
     }
 }
 

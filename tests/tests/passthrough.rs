@@ -3,7 +3,7 @@
 
 use std::fs;
 
-use takt_tests::{File, Outcome, Run, long, plc_image, target};
+use takt_tests::{File, Host, Outcome, Run, long, plc_image, target};
 
 /// A parallel port, the registers of QEMU's `edu`, and what is printed at the end: the byte 0xa5. The
 /// guest may be stopped with the strobe on, so that goes off first.
@@ -124,4 +124,42 @@ fn every_can_frame_is_accounted_for() {
         assert_eq!(count(&outcome, what), 0, "{what}\n{}", outcome.output);
     }
     outcome.assert_shows("Active and Active");
+}
+
+#[test]
+fn a_plc_and_a_driver_of_the_hosts_exchange_every_can_frame() {
+    if !long() {
+        return;
+    }
+    const CARD: &str = r#"
+[[partition.port_io]]
+ports = "0x2400-0x247f"
+pci = "0000:00:11.0"
+bar = 0
+"#;
+    let image = plc_image("can-echo");
+    let file = File::new("1ms")
+        .plc("plc", Some(image.clone()), CARD)
+        .schedule("normal")
+        .window("plc", 0, 500)
+        .save("can-echo");
+    let outcome = Host::new()
+        .with("--device", "can")
+        .with("--module", "can-raw")
+        .with("--module", "kvaser_pci")
+        .with("--program", env!("CARGO_BIN_EXE_can-echo"))
+        .with_file(&file)
+        .with_file(&image)
+        .run("can-echo", &[&file.to_string_lossy(), "60s"]);
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_kept_its_time("plc", 59_000);
+    let sent = count(&outcome, "sent");
+    assert!(sent >= 58_000, "{sent}\n{}", outcome.output);
+    // One or two are on their way when the line is printed.
+    let received = count(&outcome, "received");
+    assert!(sent - received <= 2, "{received} of {sent}\n{}", outcome.output);
+    for what in ["lost", "disordered", "refused", "foreign", "overruns"] {
+        assert_eq!(count(&outcome, what), 0, "{what}\n{}", outcome.output);
+    }
+    outcome.assert_shows(", lost 0, disordered 0, last ");
 }
