@@ -124,6 +124,7 @@ device_options() {
             -device "kvaser_pci,canbus=can,addr=0x10"
             -device "mioe3680_pci,canbus0=can,canbus1=idle,addr=0x11")
         ;;
+    watchdog) options+=(-device "i6300esb,addr=0x7" -action "watchdog=reset") ;;
     edu) options+=(-device "edu,addr=0x6") ;;
     *) fail "unknown device $1; see scripts/run --help" ;;
     esac

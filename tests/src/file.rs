@@ -24,6 +24,12 @@ impl File {
         Self { text }
     }
 
+    /// Lets takt serve the host's watchdog. Before the first partition.
+    #[must_use]
+    pub fn watchdog(self, time: &str) -> Self {
+        self.lines(&format!("watchdog = {time:?}"))
+    }
+
     /// Adds a PLC; `None` for the built-in image. `more` are further lines of its table.
     #[must_use]
     pub fn plc(mut self, name: &str, image: Option<PathBuf>, more: &str) -> Self {

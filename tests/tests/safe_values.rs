@@ -1,4 +1,4 @@
-//! What is on the outputs when takt dies.
+//! What is on the outputs when takt dies, and what becomes of the machine.
 
 use takt_tests::{File, Host, long, plc_image};
 
@@ -30,4 +30,49 @@ fn outputs_are_safe_after_takt_was_killed_or_has_panicked() {
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     assert!(!outcome.output.contains("wrong: "), "{}", outcome.output);
     outcome.assert_shows(&format!("killed {kills} times"));
+}
+
+#[test]
+fn the_hosts_watchdog_restarts_the_machine_when_takt_hangs_or_is_killed() {
+    if !long() {
+        return;
+    }
+    let file = File::new("1ms")
+        .watchdog("2s")
+        .plc("plc", None, "")
+        .schedule("normal")
+        .window("plc", 0, 300)
+        .save("stopped");
+    for signal in ["STOP", "KILL"] {
+        let outcome = Host::new()
+            .with("--device", "watchdog")
+            .with("--module", "i6300esb")
+            .with_file(&file)
+            .run("stop-takt", &[&file.to_string_lossy(), signal]);
+        outcome.assert_shows("the machine has survived an orderly end");
+        assert!(!outcome.output.contains("wrong: "), "{}", outcome.output);
+        // There is no result of a machine that was restarted.
+        outcome.assert_shows("the appliance ended without a result");
+        assert_eq!(outcome.status, 3, "{}", outcome.output);
+    }
+}
+
+#[test]
+fn the_appliance_finds_its_watchdog_by_itself() {
+    if !long() {
+        return;
+    }
+    let run = File::new("1ms")
+        .watchdog("2s")
+        .plc("plc", None, "")
+        .schedule("normal")
+        .window("plc", 0, 300)
+        .run("served");
+    let outcome = run.clone().with("--device").with("watchdog").lasting("5s").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_kept_its_time("plc", 4_900);
+    // A machine without one is told so before anything starts.
+    let outcome = run.lasting("5s").run();
+    assert_eq!(outcome.status, 3, "{}", outcome.output);
+    outcome.assert_shows("cannot serve the host's watchdog, /dev/watchdog: ");
 }

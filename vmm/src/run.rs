@@ -28,6 +28,7 @@ use crate::disk::DiskThread;
 use crate::footprint::Footprint;
 use crate::health::Fault;
 use crate::host_ports::{self, HostPorts};
+use crate::host_watchdog::HostWatchdog;
 use crate::init_watch::{Console, InitSeen};
 use crate::machine::{self, MachineError};
 use crate::passthrough::Devices;
@@ -178,6 +179,14 @@ impl Run<'_> {
             Supervisor::new(accounts, desk, trace, screen, console, signals, endings)?;
         supervisor.host_ports = self.host_ports.take();
         supervisor.operators = self.operators.take();
+        if let Some(time) = self.file.watchdog() {
+            let windowed = supervisor.accounts.iter().filter(|account| account.records.is_some());
+            let threads = windowed.map(|account| account.control.clone());
+            let threads = threads.chain(kickers.iter().map(|kicker| kicker.control.clone()));
+            let frame = self.file.schedules().frame();
+            let watchdog = HostWatchdog::start(time, frame, threads.collect());
+            supervisor.watchdog = Some(watchdog.map_err(RunError::Watchdog)?);
+        }
         let names: Vec<&str> = self.file.partitions().iter().map(Partition::name).collect();
         supervisor.screen.line(
             "takt",

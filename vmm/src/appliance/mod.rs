@@ -29,6 +29,10 @@ use result_port::ResultPort;
 /// Names the modules to load, in order. A line with several names is a choice: the first that the
 /// machine accepts is enough. That this file exists tells the appliance from a container.
 const MODULE_LIST: &str = "/modules/order";
+/// Where they are.
+const MODULES: &str = "/modules";
+/// Names the drivers of hardware watchdogs, in the order in which they load.
+const WATCHDOGS: &str = "/modules/watchdogs";
 /// Whatever a run leaves in this folder is carried out of the machine.
 const OUT: &str = "/out";
 /// The first word of the command line proper; see [`arguments`].
@@ -158,6 +162,16 @@ fn take_console() -> io::Result<()> {
         check(unsafe { libc::dup2(console.as_raw_fd(), stream) })?;
     }
     Ok(())
+}
+
+/// Loads the drivers of hardware watchdogs, if this is the appliance. Which of them finds its
+/// hardware shows when the watchdog is opened.
+pub fn load_watchdog_drivers() {
+    if is_pid_one() {
+        for name in fs::read_to_string(WATCHDOGS).unwrap_or_default().lines() {
+            let _ = load_module(&Path::new(MODULES).join(name));
+        }
+    }
 }
 
 fn load_modules(list: &Path) -> Result<(), Error> {

@@ -43,6 +43,14 @@ pub fn report(file: &PartitionFile) -> String {
     channels::list(&mut out, file);
     passthrough::list(&mut out, file);
     health::list(&mut out, file);
+    if let Some(time) = file.watchdog() {
+        line(
+            &mut out,
+            &format!(
+                "\nthe host's watchdog restarts this machine {time} after Takt's last sign of life"
+            ),
+        );
+    }
     out
 }
 

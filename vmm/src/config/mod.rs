@@ -78,6 +78,7 @@ pub struct PartitionFile {
     partitions: Vec<Partition>,
     channels: Vec<Channel>,
     control: Option<PathBuf>,
+    watchdog: Option<Nanos>,
 }
 
 impl PartitionFile {
@@ -109,6 +110,13 @@ impl PartitionFile {
     #[must_use]
     pub fn control(&self) -> Option<&Path> {
         self.control.as_deref()
+    }
+
+    /// After how long without a sign of life from Takt the host's watchdog restarts the machine; `None`
+    /// if it is not served.
+    #[must_use]
+    pub fn watchdog(&self) -> Option<Nanos> {
+        self.watchdog
     }
 
     /// All partitions; [`PartitionId`] is the position in here.
@@ -333,6 +341,7 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     let folder = path.parent().unwrap_or(Path::new("/"));
     let socket = system.control.as_ref();
     let control = socket.map(|path| images::resolve_socket(folder, path)).transpose()?;
+    let watchdog = system.watchdog.as_ref().map(partition::check_watchdog).transpose()?;
     let around = Surroundings { folder, host_cpus, frame: &system.major_frame };
     let header = file.system.span();
     let mut partitions = partition::check_all(&file.partition.0, &header, around)?;
@@ -353,5 +362,14 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     partitions.iter().flat_map(|p| &p.disks).try_for_each(disks::check_file)?;
     host_ports::check_files(&file.channel.0, &channels)?;
     let partitions = partitions.into_iter().map(|p| p.partition).collect();
-    Ok(PartitionFile { path, name, schedule_names, schedules, partitions, channels, control })
+    Ok(PartitionFile {
+        path,
+        name,
+        schedule_names,
+        schedules,
+        partitions,
+        channels,
+        control,
+        watchdog,
+    })
 }

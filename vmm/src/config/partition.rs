@@ -295,7 +295,8 @@ fn check_change(change: Option<&Spanned<String>>) -> Result<ScheduleChange, Diag
     }
 }
 
-fn check_watchdog(watchdog: &Spanned<Duration>) -> Result<Nanos, Diagnostic> {
+/// Checks how long a watchdog waits, that of a partition or the host's.
+pub fn check_watchdog(watchdog: &Spanned<Duration>) -> Result<Nanos, Diagnostic> {
     let time = watchdog.get_ref().0;
     if time < WATCHDOG[0] || time > WATCHDOG[1] {
         let found = format!("a watchdog that waits {time} for a sign of life");

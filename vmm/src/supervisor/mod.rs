@@ -26,6 +26,7 @@ use crate::control::protocol::EventKind;
 use crate::control::{Operators, Outcome};
 use crate::health::{Action, Verdict};
 use crate::host_ports::HostPorts;
+use crate::host_watchdog::HostWatchdog;
 use crate::init_watch::Console;
 use crate::restart::Restart;
 use crate::schedule_desk::ScheduleDesk;
@@ -56,6 +57,8 @@ pub struct Supervisor {
     pub trace: Option<Trace>,
     /// The ends of channels that are Takt's own.
     pub host_ports: Option<HostPorts>,
+    /// The host's watchdog, if it is served.
+    pub watchdog: Option<HostWatchdog>,
     /// The control socket, if there is one.
     pub operators: Option<Operators>,
     desk: ScheduleDesk,
@@ -94,6 +97,7 @@ impl Supervisor {
             screen,
             trace,
             host_ports: None,
+            watchdog: None,
             operators: None,
             desk,
             keyboard: Keyboard::default(),
@@ -363,6 +367,9 @@ impl MutEventSubscriber for Supervisor {
         } else if fd == self.tick.as_raw_fd() {
             let _ = self.tick.wait();
             self.drain();
+            if let Some(watchdog) = &mut self.watchdog {
+                watchdog.serve(self.desk.now());
+            }
             self.accounts.iter().for_each(|a| a.look_for_silence(board::clock()));
             self.watch_schedule();
             self.deliver_typed();

@@ -1,0 +1,155 @@
+//! The host's own watchdog, which Takt serves if the file says so.
+//!
+//! Takt supervises partitions, and somebody has to supervise Takt: if it is killed, hangs, or its
+//! kernel stands still, no software is left that could notice. A hardware watchdog restarts the
+//! machine then. It is served by the event thread, and only as long as all threads with windows, and
+//! those that end windows, get to run: a host whose deadline scheduling has come to a halt is as
+//! good as dead, even if the event thread is not.
+//!
+//! That a thread gets to run is seen in its CPU time, which grows each time it wakes, whatever its
+//! guest does. So nothing is added to what the threads do.
+//!
+//! The interface is the kernel's `Documentation/watchdog/watchdog-api.rst`.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write};
+use std::os::fd::AsRawFd;
+use std::sync::Arc;
+
+use takt_scheduler::time::Nanos;
+
+use crate::appliance;
+use crate::vcpu::Control;
+
+const DEVICE: &str = "/dev/watchdog";
+/// `WDIOC_SETTIMEOUT`: `_IOWR('W', 6, int)`, in seconds.
+const SET_TIMEOUT: libc::c_ulong = 0xc004_5706;
+/// What is written before the device is closed in order; the driver then stops the watchdog.
+const STOP: &[u8] = b"V";
+/// Anything else is a sign of life.
+const ALIVE: &[u8] = b"\0";
+/// How often one is given.
+const INTERVAL: Nanos = Nanos::from_millis(200);
+/// A thread that has its turn once in a major frame may be this much later.
+const PATIENCE: Nanos = Nanos::from_millis(1_000);
+
+/// The watchdog, which runs from its making to its end.
+pub struct HostWatchdog {
+    device: File,
+    threads: Vec<Thread>,
+    patience: Nanos,
+    served: Nanos,
+}
+
+/// A thread that has to get on.
+struct Thread {
+    control: Arc<Control>,
+    cpu_time: Option<Nanos>,
+    /// When it was last seen to have got on.
+    seen: Nanos,
+}
+
+impl HostWatchdog {
+    /// Starts the watchdog of this host, so that it restarts the machine after `time` without a sign
+    /// of life. The threads are those that wake in each `frame`.
+    ///
+    /// # Errors
+    /// If there is none, somebody else serves it, or it cannot wait for so long.
+    pub fn start(time: Nanos, frame: Nanos, threads: Vec<Arc<Control>>) -> io::Result<Self> {
+        appliance::load_watchdog_drivers();
+        let mut device = OpenOptions::new().write(true).open(DEVICE)?;
+        let mut seconds = i32::try_from(time.0 / 1_000_000_000).unwrap_or(i32::MAX);
+        // SAFETY: the request reads and writes one int, which is live.
+        if unsafe { libc::ioctl(device.as_raw_fd(), SET_TIMEOUT as _, &raw mut seconds) } != 0 {
+            let error = io::Error::last_os_error();
+            // It runs since it was opened.
+            let _ = device.write_all(STOP);
+            return Err(error);
+        }
+        let thread = |control| Thread { control, cpu_time: None, seen: Nanos::ZERO };
+        Ok(Self {
+            device,
+            threads: threads.into_iter().map(thread).collect(),
+            patience: frame.plus(frame).plus(PATIENCE),
+            served: Nanos::ZERO,
+        })
+    }
+
+    /// Gives a sign of life if there is one, and it is time. `now` counts from the epoch.
+    pub fn serve(&mut self, now: Nanos) {
+        if now.less(self.served) < INTERVAL {
+            return;
+        }
+        let patience = self.patience;
+        let stuck = |thread: &mut Thread| {
+            let cpu_time = thread.control.cpu_time();
+            thread.is_stuck(cpu_time, now, patience)
+        };
+        // Each has to be looked at.
+        let stuck = self.threads.iter_mut().map(stuck).fold(false, |any, stuck| any | stuck);
+        if !stuck {
+            self.served = now;
+            // If this fails, the watchdog will have the last word.
+            let _ = self.device.write_all(ALIVE);
+        }
+    }
+}
+
+impl Thread {
+    /// True if it has not got on for too long. One that is gone has ended, and told of that.
+    fn is_stuck(&mut self, cpu_time: Option<Nanos>, now: Nanos, patience: Nanos) -> bool {
+        if cpu_time.is_none() || cpu_time != self.cpu_time {
+            (self.cpu_time, self.seen) = (cpu_time, now);
+        }
+        now.less(self.seen) > patience
+    }
+}
+
+impl Drop for HostWatchdog {
+    fn drop(&mut self) {
+        // A driver without the magic close goes on, and restarts the machine: it was told not to let
+        // anybody stop it.
+        let _ = self.device.write_all(STOP);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thread_whose_time_stands_still_is_stuck_and_one_that_has_ended_is_not() {
+        let mut thread = Thread { control: Arc::default(), cpu_time: None, seen: Nanos::ZERO };
+        let patience = Nanos(100);
+        let mut at = |cpu, now| thread.is_stuck(cpu, Nanos(now), patience);
+        assert!(!at(Some(Nanos(5)), 10));
+        assert!(!at(Some(Nanos(5)), 110));
+        assert!(at(Some(Nanos(5)), 111));
+        assert!(at(Some(Nanos(5)), 1_000));
+        assert!(!at(Some(Nanos(6)), 1_001));
+        assert!(!at(None, 2_000));
+        assert!(!at(None, 3_000));
+    }
+
+    /// A pipe in the place of the device.
+    fn served() -> (HostWatchdog, std::io::PipeReader) {
+        let (reader, writer) = io::pipe().unwrap();
+        let device = File::from(std::os::fd::OwnedFd::from(writer));
+        let thread = Thread { control: Arc::default(), cpu_time: None, seen: Nanos::ZERO };
+        let threads = vec![thread];
+        (HostWatchdog { device, threads, patience: PATIENCE, served: Nanos::ZERO }, reader)
+    }
+
+    #[test]
+    fn signs_of_life_come_at_intervals_and_the_end_stops_the_watchdog() {
+        use std::io::Read;
+        let (mut watchdog, mut reader) = served();
+        for ms in (0..1_000).step_by(20) {
+            watchdog.serve(Nanos::from_millis(ms));
+        }
+        drop(watchdog);
+        let mut written = Vec::new();
+        reader.read_to_end(&mut written).unwrap();
+        assert_eq!(written, b"\0\0\0\0V");
+    }
+}
