@@ -59,7 +59,9 @@ pub enum RunError {
     Pci(#[from] WindowFull),
     #[error("two devices of the Linux machine collide: {0}")]
     Ports(#[from] Overlap),
-    #[error("cannot serve the host's watchdog, /dev/watchdog: {0}; is its driver loaded, and does nobody else serve it?")]
+    #[error(
+        "cannot serve the host's watchdog, /dev/watchdog: {0}; is its driver loaded, and does nobody else serve it?"
+    )]
     Watchdog(std::io::Error),
     #[error("control: {0}")]
     Control(#[from] SocketError),
