@@ -123,7 +123,8 @@ impl File {
     pub fn save(&self, name: &str) -> PathBuf {
         let path = scratch().join(format!("{name}.toml"));
         fs::write(&path, &self.text).expect("the partition file can be written");
-        path
+        // Not every folder of a path with dots exists where only the file is taken along.
+        path.canonicalize().expect("the file is there")
     }
 
     /// A run of it, under the name of the test.
