@@ -25,6 +25,10 @@ use crate::vcpu::kick::Kickable;
 use crate::vcpu::linux::LinuxGuest;
 use crate::vcpu::plc::PlcGuest;
 
+/// Stack of a thread that loads a Linux. All memory is locked, so it costs what it may grow to, and
+/// the C library keeps it for the next one.
+const STACK: usize = 256 * 1024;
+
 /// The word to a partition's thread that its guest has been loaded: what it has to do itself, which
 /// is false if it failed.
 pub type Revival<G> = Box<dyn FnOnce(&mut Kickable, &mut G) -> bool + Send>;
@@ -149,6 +153,7 @@ impl LinuxRestart {
         };
         thread::Builder::new()
             .name("loader".to_owned())
+            .stack_size(STACK)
             .spawn(load)
             .map(drop)
             .map_err(|source| RunError::Host { what: "start a thread that loads Linux", source })
