@@ -63,6 +63,15 @@ fn cannot(what: &'static str) -> impl FnOnce(kvm_ioctls::Error) -> MachineError 
 /// [`MachineError::Open`] or [`MachineError::Missing`].
 pub fn open_kvm() -> Result<Kvm, MachineError> {
     let kvm = Kvm::new().map_err(MachineError::Open)?;
+    match missing(&kvm).first() {
+        Some(name) => Err(MachineError::Missing(name)),
+        None => Ok(kvm),
+    }
+}
+
+/// What the rest relies on and this KVM does not have.
+#[must_use]
+pub fn missing(kvm: &Kvm) -> Vec<&'static str> {
     let needed = [
         (Cap::Irqchip, "an in-kernel interrupt controller (KVM_CAP_IRQCHIP)"),
         (Cap::Irqfd, "interrupts by eventfd (KVM_CAP_IRQFD)"),
@@ -71,10 +80,7 @@ pub fn open_kvm() -> Result<Kvm, MachineError> {
         (Cap::ReadonlyMem, "read-only memory slots (KVM_CAP_READONLY_MEM)"),
         (Cap::GetTscKhz, "the TSC's frequency (KVM_CAP_GET_TSC_KHZ)"),
     ];
-    match needed.into_iter().find(|(cap, _)| !kvm.check_extension(*cap)) {
-        Some((_, name)) => Err(MachineError::Missing(name)),
-        None => Ok(kvm),
-    }
+    needed.into_iter().filter(|(cap, _)| !kvm.check_extension(*cap)).map(|(_, name)| name).collect()
 }
 
 /// A virtual machine with one virtual processor and all of its memory.

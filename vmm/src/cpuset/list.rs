@@ -7,6 +7,7 @@ use takt_scheduler::table::Cpu;
 const MANY: usize = 1 << 16;
 
 /// The CPUs of a list; `None` if it is none.
+#[must_use]
 pub fn parse(text: &str) -> Option<Vec<Cpu>> {
     let mut cpus = Vec::new();
     for range in text.trim().split(',').filter(|range| !range.is_empty()) {

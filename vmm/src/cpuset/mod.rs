@@ -36,8 +36,8 @@
 //! other processes have set for themselves (`taskset`).
 
 mod kernel;
-mod list;
-mod mounts;
+pub mod list;
+pub mod mounts;
 mod setup;
 
 use std::io::{self, Write};

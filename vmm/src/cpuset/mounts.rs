@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-const MOUNTS: &str = "/proc/self/mountinfo";
+const MOUNTS: &str = "proc/self/mountinfo";
 
 /// There is no place for a cpuset.
 #[derive(Debug, Error)]
@@ -60,13 +60,22 @@ pub enum HierarchyError {
 /// # Errors
 /// See [`HierarchyError`].
 pub fn find() -> Result<PathBuf, HierarchyError> {
-    let mounts = read(Path::new(MOUNTS))?;
+    find_below(Path::new("/"))
+}
+
+/// As [`find`], of a host whose files lie below `top`, as those of a record do.
+///
+/// # Errors
+/// See [`HierarchyError`].
+pub fn find_below(top: &Path) -> Result<PathBuf, HierarchyError> {
+    let mounts = read(&top.join(MOUNTS))?;
     let version_1 = has_version_1_cpuset(&mounts);
     let root = cgroup2(&mounts).ok_or(if version_1 {
         HierarchyError::Version1
     } else {
         HierarchyError::NotMounted
     })?;
+    let root = top.join(root.strip_prefix("/").unwrap_or(&root));
     // Every cgroup has this file, except the real root (cgroup-v2.rst, "cgroup.type").
     if root.join("cgroup.type").exists() {
         return Err(HierarchyError::NotTheRoot { path: root });
