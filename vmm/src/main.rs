@@ -29,6 +29,7 @@ Ctrl-] Ctrl-] types Ctrl-].";
 const BESIDE_HELP: &str = "\
 Programs of their own, in the folder of takt:
   ctl     Ask a running takt how it stands, and tell it what to do
+  doctor  Say whether this host can keep the promises of a partition file
   top     Show what a running takt does";
 
 /// A PLC and an unmodified Linux side by side on one machine, neither trusting the other.

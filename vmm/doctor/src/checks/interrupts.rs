@@ -1,0 +1,65 @@
+//! Where the host's devices interrupt.
+
+use takt_scheduler::table::Cpu;
+
+use crate::demand::Demand;
+use crate::finding::Finding;
+use crate::host::{Host, written};
+
+/// Most interrupts that are named one by one.
+const NAMED: usize = 6;
+
+/// Whether devices interrupt CPUs with windows.
+pub fn affinity(host: &Host, demand: &Demand) -> Finding {
+    const CHECK: &str = "interrupts";
+    let rest: Vec<Cpu> =
+        host.online().into_iter().filter(|cpu| !demand.has_windows_on(*cpu)).collect();
+    let mut there: Vec<(String, String)> = Vec::new();
+    for (number, name) in devices(&host.text("proc/interrupts").unwrap_or_default()) {
+        let of = |file: &str| host.cpus(&format!("proc/irq/{number}/{file}"));
+        // What is allowed is not always what the controller does.
+        let cpus = of("effective_affinity_list").filter(|cpus| !cpus.is_empty());
+        let cpus = cpus.or_else(|| of("smp_affinity_list")).unwrap_or_default();
+        if cpus.into_iter().any(|cpu| demand.has_windows_on(cpu)) {
+            there.push((number, name));
+        }
+    }
+    if there.is_empty() {
+        return Finding::good(CHECK, "no device interrupts a CPU with windows");
+    }
+    let named: Vec<String> =
+        there.iter().take(NAMED).map(|(number, name)| format!("{number} {name}")).collect();
+    let more = there
+        .len()
+        .checked_sub(NAMED + 1)
+        .map_or(String::new(), |n| format!(" and {} more", n + 1));
+    let found = format!("CPU {} takes {}{more}", written(&demand.cpus()), named.join(", "));
+    if rest.is_empty() {
+        return Finding::good(CHECK, format!("{found}: no CPU without windows could"));
+    }
+    let numbers: Vec<&str> = there.iter().map(|(number, _)| number.as_str()).collect();
+    Finding::warning(
+        CHECK,
+        found,
+        "each interrupt that falls into a window makes a scan longer, or a release later, by some microseconds",
+        format!(
+            "for i in {}; do echo {} > /proc/irq/$i/smp_affinity_list; done (and end irqbalance; what refuses is spread by its driver: kernel parameter irqaffinity={1})",
+            numbers.join(" "),
+            written(&rest)
+        ),
+    )
+}
+
+/// Numbers and names of devices' interrupts, from `/proc/interrupts`: a number, a count for each
+/// CPU, the controller, the line, the names. The old timer is none of them: it cannot be moved, and is silent
+/// once the machine has started.
+pub fn devices(text: &str) -> Vec<(String, String)> {
+    let cpus = text.lines().next().map_or(0, |header| header.split_whitespace().count());
+    let devices = text.lines().skip(1).filter_map(|line| {
+        let (number, rest) = line.trim().split_once(':')?;
+        number.parse::<u32>().ok()?;
+        let names: Vec<&str> = rest.split_whitespace().skip(cpus + 2).collect();
+        Some((number.to_owned(), names.join(" ")))
+    });
+    devices.filter(|(_, name)| !name.is_empty() && name != "timer").collect()
+}

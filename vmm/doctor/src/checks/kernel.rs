@@ -1,0 +1,111 @@
+//! How the host's kernel schedules.
+
+use takt::cpuset::mounts;
+use takt_scheduler::table::Cpu;
+
+use crate::finding::Finding;
+use crate::host::{Capability, Host};
+
+/// Whether the kernel can always be preempted.
+///
+/// Since 5.12 a kernel may let the command line choose (`PREEMPT_DYNAMIC`); which model holds is
+/// then told by debugfs, by the command line, by the log of the boot, or by the configuration.
+pub fn preemption(host: &Host) -> Finding {
+    const CHECK: &str = "preemption";
+    let version = host.text("proc/version").unwrap_or_default();
+    if host.number("sys/kernel/realtime") == Some(1) || version.contains("PREEMPT_RT") {
+        return Finding::good(CHECK, format!("PREEMPT_RT ({})", host.kernel()));
+    }
+    let model = model(host);
+    let found =
+        format!("{} without PREEMPT_RT ({})", model.as_deref().unwrap_or("unknown"), host.kernel());
+    let remedy =
+        "install and start a PREEMPT_RT kernel; in Debian: apt install linux-image-rt-amd64";
+    if model.as_deref() == Some("full") {
+        let cost = "wake-ups wait for interrupt handlers and for whoever holds a spin lock; most are early enough, and nobody bounds the rest";
+        return Finding::warning(CHECK, found, cost, remedy);
+    }
+    Finding::cannot(
+        CHECK,
+        found,
+        "a wake-up waits until the kernel is done with whatever it is doing, and nobody bounds that",
+        format!("{remedy}; better than nothing: the kernel parameter preempt=full"),
+    )
+}
+
+fn model(host: &Host) -> Option<String> {
+    const MODELS: [(&str, &str); 4] = [
+        ("CONFIG_PREEMPT=y", "full"),
+        ("CONFIG_PREEMPT_LAZY=y", "lazy"),
+        ("CONFIG_PREEMPT_VOLUNTARY=y", "voluntary"),
+        ("CONFIG_PREEMPT_NONE=y", "none"),
+    ];
+    let running = host.text("sys/kernel/debug/sched/preempt").and_then(|text| {
+        let (_, rest) = text.split_once('(')?;
+        Some(rest.split_once(')')?.0.to_owned())
+    });
+    let asked = || host.parameter("preempt");
+    let logged = || host.logged("Dynamic Preempt: ").map(str::to_owned);
+    let built = || {
+        let config = host.text(&format!("boot/config-{}", host.kernel()))?;
+        let found = MODELS.iter().find(|(line, _)| config.lines().any(|l| l == *line))?;
+        Some(found.1.to_owned())
+    };
+    running.or_else(asked).or_else(logged).or_else(built)
+}
+
+/// Whether a reservation ends when it is used up, and not at the next tick.
+pub fn budget(host: &Host) -> Finding {
+    const CHECK: &str = "budget";
+    const FILE: &str = "sys/kernel/debug/sched/features";
+    let cost = "if a kick failed, a PLC that overruns its window would be stopped by the host's tick only, up to some milliseconds late";
+    match host.text(FILE) {
+        None => Finding::unseen(
+            CHECK,
+            format!("/{FILE} cannot be read"),
+            cost,
+            "mount -t debugfs none /sys/kernel/debug, and ask again as root",
+        ),
+        Some(features) if features.split_whitespace().any(|feature| feature == "HRTICK_DL") => {
+            Finding::good(CHECK, "ends on time (HRTICK_DL)")
+        }
+        Some(_) => Finding::warning(
+            CHECK,
+            "SCHED_DEADLINE looks at budgets at the host's tick only",
+            cost,
+            format!("echo HRTICK_DL > /{FILE}"),
+        ),
+    }
+}
+
+/// Whether Takt could give a CPU a scheduling domain of its own, where a pinned deadline thread is
+/// refused without one. Nothing is tried: making one changes the host.
+pub fn domain(host: &Host, Cpu(cpu): Cpu, refused: &str) -> Finding {
+    const CHECK: &str = "domain";
+    const COST: &str = "the PLC's thread gets no reservation, and takt run does not start";
+    match mounts::find_below(host.root()) {
+        Ok(_) if !host.may(Capability::Administer) => Finding::unseen(
+            CHECK,
+            format!(
+                "a deadline thread on CPU {cpu} alone is refused ({refused}); takt run as root could make a cpuset for it"
+            ),
+            COST,
+            "sudo takt doctor",
+        ),
+        Ok(root) => Finding::good(
+            CHECK,
+            format!(
+                "takt run will make a cpuset of CPU {cpu} below {}, and take it back",
+                root.display()
+            ),
+        ),
+        Err(error) => Finding::cannot(
+            CHECK,
+            format!(
+                "a deadline thread on CPU {cpu} alone is refused ({refused}), and takt run cannot make a cpuset for it"
+            ),
+            COST,
+            error.to_string(),
+        ),
+    }
+}

@@ -1,0 +1,190 @@
+use takt_scheduler::table::Cpu;
+
+use super::*;
+use crate::finding::Severity::{self, Cannot, Good, Unseen, Warning};
+use crate::recorded::Recorded;
+
+fn findings(host: &Recorded) -> Vec<Finding> {
+    let tree = host.unpack();
+    all(&tree.host, &Demand::usual(&tree.host))
+}
+
+fn finding(host: &Recorded, check: &str) -> Finding {
+    findings(host).into_iter().find(|finding| finding.check == check).unwrap()
+}
+
+/// Checks that are not good.
+fn bad(host: &Recorded) -> Vec<(&'static str, Severity)> {
+    let all = findings(host).into_iter().filter(|finding| finding.severity != Good);
+    all.map(|finding| (finding.check, finding.severity)).collect()
+}
+
+#[test]
+fn the_appliance_has_what_its_kernel_can_give() {
+    let host = Recorded::named("appliance-rt");
+    let expected = [("tsc", Warning), ("budget", Unseen), ("watchdogs", Warning)];
+    assert_eq!(bad(&host), expected);
+    assert_eq!(finding(&host, "preemption").found, "PREEMPT_RT (6.1.0-56-rt-amd64)");
+    let tick = finding(&host, "tick").found;
+    assert_eq!(tick, "the host has one CPU, which keeps the time");
+}
+
+#[test]
+fn a_kernel_without_preempt_rt_cannot() {
+    let host = Recorded::named("appliance-cloud");
+    let preemption = finding(&host, "preemption");
+    assert_eq!(preemption.severity, Cannot);
+    assert_eq!(preemption.found, "voluntary without PREEMPT_RT (6.1.0-56-cloud-amd64)");
+    assert!(bad(&host).contains(&("moved-pages", Warning)));
+    assert!(findings(&host).iter().all(|f| f.check == "preemption" || f.severity != Cannot));
+}
+
+#[test]
+fn how_a_kernel_is_preempted_is_told_by_whoever_knows_best() {
+    let host = Recorded::named("appliance-cloud");
+    let word = |host: &Recorded| {
+        let finding = finding(host, "preemption");
+        (finding.found.split(' ').next().unwrap().to_owned(), finding.severity)
+    };
+    let silent = host.with("log", "").with("proc/cmdline", "quiet");
+    assert_eq!(word(&silent), ("unknown".into(), Cannot));
+    let built = silent.clone().with("boot/config-6.1.0-56-cloud-amd64", "CONFIG_PREEMPT_NONE=y");
+    assert_eq!(word(&built), ("none".into(), Cannot));
+    let logged = built.with("log", "[    0.0] Dynamic Preempt: voluntary");
+    assert_eq!(word(&logged), ("voluntary".into(), Cannot));
+    let asked = logged.with("proc/cmdline", "preempt=none preempt=full -- preempt=lazy");
+    assert_eq!(word(&asked), ("full".into(), Warning));
+    let running = asked.with("sys/kernel/debug/sched/preempt", "none (voluntary) full");
+    assert_eq!(word(&running), ("voluntary".into(), Cannot));
+}
+
+#[test]
+fn a_virtual_machine_is_known_as_one() {
+    let host = Recorded::named("virtual-machine");
+    let expected = [
+        ("bare-metal", Warning),
+        ("tick", Warning),
+        ("preemption", Cannot),
+        ("budget", Unseen),
+        ("interrupts", Warning),
+        ("watchdogs", Warning),
+        ("moved-pages", Warning),
+    ];
+    assert_eq!(bad(&host), expected);
+    let remedy = finding(&host, "watchdogs").remedy.unwrap();
+    assert_eq!(remedy, "sysctl kernel.watchdog_cpumask=0");
+    let domain = domain(&host.unpack().host, Cpu(1), "not permitted");
+    assert_eq!(domain.severity, Cannot);
+    assert!(domain.remedy.unwrap().contains("cgroup_no_v1=cpuset"));
+}
+
+#[test]
+fn each_setting_of_a_workstation_is_found_and_its_remedy_named() {
+    let host = Recorded::named("workstation");
+    let expected = [
+        ("c-states", Cannot, "echo 1 | tee /sys/devices/system/cpu/cpu7/cpuidle/state2/disable"),
+        (
+            "governor",
+            Warning,
+            "echo performance | tee /sys/devices/system/cpu/cpu7/cpufreq/scaling_governor",
+        ),
+        ("smt", Warning, "echo 0 > /sys/devices/system/cpu/cpu3/online"),
+        ("tick", Warning, "nohz_full=7 rcu_nocbs=7 irqaffinity=0-6"),
+        ("budget", Warning, "echo HRTICK_DL > /sys/kernel/debug/sched/features"),
+        ("interrupts", Warning, "for i in 128; do echo 0-6 > /proc/irq/$i/smp_affinity_list; done"),
+        ("watchdogs", Warning, "sysctl kernel.watchdog_cpumask=0-6"),
+        ("huge-pages", Warning, "echo madvise > /sys/kernel/mm/transparent_hugepage/enabled"),
+    ];
+    let found: Vec<_> = findings(&host).into_iter().filter(|f| f.severity != Good).collect();
+    assert_eq!(found.len(), expected.len(), "{found:?}");
+    for (finding, (check, severity, remedy)) in found.iter().zip(expected) {
+        assert_eq!((finding.check, finding.severity), (check, severity));
+        let told = finding.remedy.as_deref().unwrap();
+        assert!(told.contains(remedy), "{told}");
+        assert!(finding.cost.is_some());
+    }
+    assert_eq!(domain(&host.unpack().host, Cpu(7), "").severity, Good);
+}
+
+#[test]
+fn a_workstation_that_was_mended_is_good() {
+    let cpu = "sys/devices/system/cpu";
+    let host = Recorded::named("workstation")
+        .with(&format!("{cpu}/cpu7/cpuidle/state2/disable"), "1")
+        .with(&format!("{cpu}/cpu7/cpufreq/scaling_governor"), "performance")
+        .with(&format!("{cpu}/cpu7/topology/thread_siblings_list"), "7")
+        .with(&format!("{cpu}/online"), "0-2,4-7")
+        .with(&format!("{cpu}/nohz_full"), "7")
+        .with("sys/kernel/debug/sched/features", "NO_HRTICK HRTICK_DL")
+        .with("proc/irq/128/effective_affinity_list", "2")
+        .with("proc/sys/kernel/watchdog_cpumask", "0-2,4-6")
+        .with("sys/kernel/mm/transparent_hugepage/enabled", "always [madvise] never");
+    assert_eq!(bad(&host), []);
+}
+
+#[test]
+fn a_clock_that_the_kernel_gave_up_is_told_with_its_reason() {
+    let host = Recorded::named("workstation")
+        .with("sys/devices/system/clocksource/clocksource0/current_clocksource", "hpet")
+        .with("log", "[ 9.1] tsc: Marking TSC unstable due to clocksource watchdog\n[ 9.2] x");
+    let tsc = finding(&host, "tsc");
+    assert_eq!(tsc.severity, Cannot);
+    assert!(tsc.found.ends_with("found it unstable: clocksource watchdog"), "{}", tsc.found);
+}
+
+#[test]
+fn memory_moves_between_nodes_only_where_there_are_several() {
+    let host = Recorded::named("workstation").with("proc/sys/kernel/numa_balancing", "1");
+    assert_eq!(finding(&host, "moved-pages").severity, Good);
+    let two = host.with("sys/devices/system/node/online", "0-1");
+    let remedy = finding(&two, "moved-pages").remedy.unwrap();
+    assert_eq!(remedy, "sysctl kernel.numa_balancing=0");
+}
+
+#[test]
+fn without_privileges_it_says_what_it_could_not_see() {
+    let host = Recorded::named("workstation")
+        .with("proc/self/status", "CapEff:\t0000000000000000")
+        .without("sys/kernel/debug/sched/features");
+    let found = bad(&host);
+    assert!(found.contains(&("privileges", Unseen)) && found.contains(&("budget", Unseen)));
+    assert!(found.contains(&("memlock", Cannot)));
+    let unlimited = host.with("proc/self/limits", "Max locked memory    unlimited   unlimited");
+    assert_eq!(finding(&unlimited, "memlock").severity, Good);
+    assert_eq!(domain(&unlimited.unpack().host, Cpu(7), "").severity, Unseen);
+}
+
+#[test]
+fn a_cpu_and_memory_that_are_not_there_are_missed() {
+    let tree = Recorded::named("workstation").unpack();
+    let usual = Demand::usual(&tree.host);
+    let mut demand = Demand { memory: 32 << 30, ..usual };
+    demand.others.push(Cpu(8));
+    let of = |check: &str| {
+        all(&tree.host, &demand).into_iter().find(|finding| finding.check == check).unwrap()
+    };
+    assert_eq!(of("cpus").remedy.unwrap(), "echo 1 > /sys/devices/system/cpu/cpu8/online");
+    assert_eq!(of("memory").severity, Cannot);
+    demand.trusted_dma.push("0000:00:06.0".into());
+    let iommu = platform::iommu(&tree.host, &demand);
+    assert_eq!(iommu.severity, Warning);
+    assert!(iommu.found.contains("2 groups") && iommu.found.contains("0000:00:06.0"));
+}
+
+#[test]
+fn a_host_that_talks_nonsense_is_survived() {
+    let odd =
+        ["", "\u{fffd}", "[", "]x[", "0-99999999999", "99999999999999999999999", ":\n:::\n 1:"];
+    let host = Recorded::named("workstation");
+    let tree = host.unpack();
+    for path in host.paths() {
+        for content in odd {
+            let before = tree.change(&path, content);
+            let found = all(&tree.host, &Demand::usual(&tree.host));
+            assert_eq!(found.len(), 17, "{path}: {content:?}");
+            tree.change(&path, &before);
+        }
+    }
+    let nothing = Host::recorded(std::path::Path::new("/no/such/folder"), String::new());
+    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 17);
+}

@@ -1,0 +1,86 @@
+//! What is measured, because nobody's word is good enough for it.
+//!
+//! Each part measures into a value of its own and judges it in a function of that value, which is
+//! what the tests test. Nothing stays behind: threads end, and the kernel takes back what they had.
+
+mod admission;
+mod interrupts;
+mod rate;
+mod smi;
+mod virtualisation;
+mod wake_up;
+mod warp;
+
+use std::thread;
+use std::time::{Duration, Instant};
+
+use crate::checks;
+use crate::demand::Demand;
+use crate::finding::Finding;
+use crate::host::Host;
+use crate::progress::Progress;
+
+use interrupts::Counts;
+use rate::Rate;
+
+/// Time between two looks at the clocks, and between two signs of life.
+const STEP: Duration = Duration::from_millis(100);
+
+/// Measures everything; takes `duration` and a little more.
+#[must_use]
+pub fn all(host: &Host, demand: &Demand, duration: Duration, progress: &Progress) -> Vec<Finding> {
+    progress.say("running kernel-mode code in a guest");
+    let mut findings = virtualisation::findings(host, demand.linux);
+    progress.say("asking for reservations");
+    for cpu in &demand.windowed {
+        let admission = admission::try_on(cpu);
+        let refused = admission.needs_a_domain(host);
+        let domain = refused.map(|refused| checks::domain(host, cpu.cpu, &refused));
+        findings.push(admission::judge(host, cpu, &admission, domain.as_ref()));
+        findings.extend(domain);
+    }
+    progress.say("comparing the counters of the CPUs");
+    findings.push(warp::finding(&host.online()));
+    findings.extend(while_windows_run(host, demand, duration, progress));
+    findings
+}
+
+/// What needs time: wake-ups and gaps on each CPU with windows, and meanwhile the counter's rate,
+/// interrupts, and system management interrupts.
+fn while_windows_run(
+    host: &Host,
+    demand: &Demand,
+    duration: Duration,
+    progress: &Progress,
+) -> Vec<Finding> {
+    let frequency = rate::estimate();
+    let (before, smi_before) = (Counts::read(host), smi::count(host, demand));
+    let end = Instant::now() + duration;
+    let threads: Vec<_> = demand
+        .windowed
+        .iter()
+        .cloned()
+        .map(|cpu| (cpu.clone(), thread::spawn(move || wake_up::measure(&cpu, frequency, end))))
+        .collect();
+    let mut rate = Rate::start();
+    while let Some(left) = end.checked_duration_since(Instant::now()) {
+        let gone = duration.saturating_sub(left);
+        progress.say(&format!(
+            "being a PLC: {:.1} s of {:.1} s",
+            gone.as_secs_f32(),
+            duration.as_secs_f32()
+        ));
+        thread::sleep(STEP.min(left));
+        rate.look();
+    }
+    progress.done();
+    let mut findings = vec![rate.finding(host)];
+    let measured: Vec<_> = threads.into_iter().map(|(cpu, it)| (cpu, it.join().ok())).collect();
+    let after = Counts::read(host);
+    findings.push(smi::finding(host, smi_before, smi::count(host, demand)));
+    for (cpu, measured) in measured {
+        let interrupts = after.since(&before, cpu.cpu);
+        findings.extend(wake_up::findings(&cpu, measured, &interrupts));
+    }
+    findings
+}

@@ -1,0 +1,149 @@
+//! Does the time-stamp counter keep its rate?
+//!
+//! It is compared with CLOCK_MONOTONIC, by which the kernel sleeps. Where the kernel's own clock
+//! source is the counter, this shows the steering of that clock (NTP) and no more: the two have
+//! then no way to differ in rate otherwise, and `tsc` has the kernel's word for it.
+
+use takt_scheduler::time::{Tsc, TscFrequency};
+
+use crate::finding::Finding;
+use crate::host::Host;
+
+/// Readings of which the best is taken: the one with the least time around it.
+const TRIES: usize = 16;
+/// What steering may do, in parts per million (`MAXFREQ` in `include/linux/timex.h`).
+const STEERING_PPM: f64 = 500.0;
+
+/// Both clocks at one moment.
+#[derive(Clone, Copy, Debug)]
+struct Moment {
+    tsc: u64,
+    ns: u64,
+}
+
+impl Moment {
+    fn now() -> Self {
+        let mut best = (u64::MAX, Moment { tsc: 0, ns: 0 });
+        for _ in 0..TRIES {
+            let before = Tsc::now().0;
+            let ns = monotonic();
+            let around = Tsc::now().0.saturating_sub(before);
+            if around < best.0 {
+                best = (around, Moment { tsc: before + around / 2, ns });
+            }
+        }
+        best.1
+    }
+
+    /// Ticks in a second, since another moment.
+    fn rate_since(self, earlier: Moment) -> f64 {
+        let ns = self.ns.saturating_sub(earlier.ns).max(1);
+        self.tsc.saturating_sub(earlier.tsc) as f64 * 1e9 / ns as f64
+    }
+}
+
+fn monotonic() -> u64 {
+    let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    // SAFETY: fills in a live timespec; cannot fail for this clock.
+    unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut time) };
+    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+}
+
+/// The counter's frequency, from 20 ms.
+#[must_use]
+pub fn estimate() -> TscFrequency {
+    let first = Moment::now();
+    std::thread::sleep(std::time::Duration::from_millis(20));
+    let khz = Moment::now().rate_since(first) / 1e3;
+    TscFrequency::from_khz(khz.round() as u32).unwrap_or(ONE_GIGAHERTZ)
+}
+
+/// For a counter that stands still, which is found and told.
+const ONE_GIGAHERTZ: TscFrequency = match TscFrequency::from_khz(1_000_000) {
+    Some(frequency) => frequency,
+    None => unreachable!(),
+};
+
+/// The moments of a measurement.
+#[derive(Debug)]
+pub struct Rate {
+    moments: Vec<Moment>,
+}
+
+impl Rate {
+    /// Looks for the first time.
+    #[must_use]
+    pub fn start() -> Self {
+        Self { moments: vec![Moment::now()] }
+    }
+
+    /// Looks once more.
+    pub fn look(&mut self) {
+        self.moments.push(Moment::now());
+    }
+
+    /// Says what it means.
+    #[must_use]
+    pub fn finding(&self, host: &Host) -> Finding {
+        const CHECK: &str = "tsc-rate";
+        let source = host.text("sys/devices/system/clocksource/clocksource0/current_clocksource");
+        let same = source.is_some_and(|source| source.starts_with("tsc"));
+        let (Some(&first), Some(&last)) = (self.moments.first(), self.moments.last()) else {
+            return Finding::good(CHECK, "not measured");
+        };
+        let rate = last.rate_since(first);
+        // Thirds of the time: long enough that a reading's own error does not matter.
+        let third = (self.moments.len() / 3).max(1);
+        let parts = self.moments.windows(third + 1).filter_map(|part| {
+            let (first, last) = (part.first()?, part.last()?);
+            Some((last.rate_since(*first) / rate - 1.0).abs() * 1e6)
+        });
+        // One that stands still has no rate to compare with.
+        let worst = if rate > 0.0 { parts.fold(0.0, f64::max) } else { f64::INFINITY };
+        let beside = if same { ", from which the kernel's clock is made" } else { "" };
+        let found = format!(
+            "{:.3} MHz, steady within {worst:.1} ppm of the kernel's clock{beside}",
+            rate / 1e6
+        );
+        if worst <= STEERING_PPM {
+            return Finding::good(CHECK, found);
+        }
+        Finding::cannot(
+            CHECK,
+            found,
+            "the major frame is as long as the counter says, and wake-ups miss their guards",
+            "look for the reason: dmesg | grep -i -e tsc -e clocksource; in a virtual machine: run takt on the machine itself",
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::finding::Severity;
+
+    fn rate(moments: &[(u64, u64)]) -> Finding {
+        let moments = moments.iter().map(|&(tsc, ns)| Moment { tsc, ns }).collect();
+        Rate { moments }.finding(&Host::recorded(std::path::Path::new("/none"), String::new()))
+    }
+
+    #[test]
+    fn a_steady_counter_is_good() {
+        let moments: Vec<_> = (0..30).map(|i| (i * 250_000_000, i * 100_000_000)).collect();
+        let finding = rate(&moments);
+        assert_eq!(finding.severity, Severity::Good);
+        assert!(
+            finding.found.starts_with("2500.000 MHz, steady within 0.0 ppm"),
+            "{}",
+            finding.found
+        );
+    }
+
+    #[test]
+    fn a_counter_that_stops_for_a_while_is_not() {
+        let tick = |i: u64| if i < 15 { i } else { i - 1 };
+        let moments: Vec<_> = (0..30).map(|i| (tick(i) * 250_000_000, i * 100_000_000)).collect();
+        assert_eq!(rate(&moments).severity, Severity::Cannot);
+        assert_eq!(rate(&[(5, 0), (5, 1_000_000_000)]).severity, Severity::Cannot);
+    }
+}

@@ -1,0 +1,285 @@
+//! Being a PLC for a while: how late are wake-ups, and how long is the CPU away in a window?
+//!
+//! A thread does on each CPU with windows what a PLC's thread does there: it sleeps until the guard
+//! before a release, and then looks at the counter without a break until its window ends. When it
+//! wakes is the wake-up latency; where two readings lie far apart, something has taken the CPU: an
+//! interrupt, the firmware, a hypervisor. The kernel's `hwlat` tracer looks for the same with
+//! interrupts off, but it needs root and changes the tracer of the host.
+//!
+//! The thread is of the class that a run's would be, if the kernel admits it, else of SCHED_FIFO,
+//! which wakes up as early, else an ordinary one, and then it says so: the time of other programs
+//! counts in. It never takes more of the CPU than the partition file does.
+
+use std::io;
+use std::time::Instant;
+
+use hdrhistogram::Histogram;
+use takt_scheduler::enforce::{become_deadline, pin_to, sleep_until};
+use takt_scheduler::reservation::{KICK_MARGIN, Reservation};
+use takt_scheduler::time::{Nanos, Tsc, TscFrequency};
+
+use crate::demand::WindowedCpu;
+use crate::finding::Finding;
+
+/// A break between two readings from which on it counts, in ns: above what a reading takes.
+const GAP: u64 = 1_000;
+/// Windows before those that count: the first ones meet cold caches and pages.
+const WARM_UP: u64 = 10;
+/// Histograms hold times up to this, in ns.
+const LONGEST: u64 = 10_000_000_000;
+
+/// What kind of thread has measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Class {
+    /// As in a run.
+    Deadline,
+    /// Where a deadline thread needs a scheduling domain of its own first.
+    Fifo,
+    /// Without privileges.
+    Ordinary,
+}
+
+/// What was measured on one CPU.
+#[derive(Debug)]
+pub struct Measured {
+    /// By which kind of thread.
+    pub class: Class,
+    /// Time from when the thread should have woken until it did, in ns, for each window.
+    pub wake_ups: Histogram<u64>,
+    /// Windows that had passed when the thread woke.
+    pub lost: u64,
+    /// Breaks in windows, in ns.
+    pub gaps: Histogram<u64>,
+}
+
+/// Measures until `end`, on a thread of its own, which is this one.
+///
+/// # Errors
+/// If the thread cannot be pinned, or there is no memory for the histograms.
+pub fn measure(cpu: &WindowedCpu, frequency: TscFrequency, end: Instant) -> io::Result<Measured> {
+    let histogram = || Histogram::new_with_bounds(1, LONGEST, 3).map_err(io::Error::other);
+    pin_to(cpu.cpu)?;
+    let (wake_ups, gaps) = (histogram()?, histogram()?);
+    let class = take_class(cpu);
+    let mut measured = Measured { class, wake_ups, lost: 0, gaps };
+    let period = frequency.ticks(cpu.period);
+    let length = frequency.ticks(cpu.guard_or_usual().plus(cpu.window));
+    let mut due = Tsc::now().after(period);
+    let mut windows = 0u64;
+    while Instant::now() < end {
+        sleep_until(due, frequency);
+        let woken = Tsc::now();
+        let counts = windows >= WARM_UP;
+        if counts {
+            let late = frequency.nanos(woken.since(due)).0;
+            measured.wake_ups.saturating_record(late.max(1));
+        }
+        let last = watch(woken, due.after(length), |gap| {
+            let ns = frequency.nanos(gap).0;
+            if counts && ns >= GAP {
+                measured.gaps.saturating_record(ns);
+            }
+        });
+        windows += 1;
+        due = due.after(period);
+        // A window that is over before the thread has come to it is lost, as a PLC's would be.
+        while due.after(length) <= last {
+            due = due.after(period);
+            measured.lost += u64::from(counts);
+        }
+    }
+    Ok(measured)
+}
+
+/// Reads the counter until `end`, tells each break, and returns the last reading.
+fn watch(start: Tsc, end: Tsc, mut tell: impl FnMut(takt_scheduler::time::Ticks)) -> Tsc {
+    let mut last = start;
+    while last < end {
+        let now = Tsc::now();
+        tell(now.since(last));
+        last = now;
+    }
+    last
+}
+
+/// Becomes what a run's thread would be, or as near to it as the kernel allows.
+fn take_class(cpu: &WindowedCpu) -> Class {
+    let runtime = cpu.guard_or_usual().plus(cpu.window).plus(KICK_MARGIN).min(cpu.period);
+    if become_deadline(Reservation { runtime, period: cpu.period }).is_ok() {
+        return Class::Deadline;
+    }
+    // SAFETY: the pointer is to a live structure, which the kernel reads; 0 is this thread.
+    let result = unsafe {
+        let highest =
+            libc::sched_param { sched_priority: libc::sched_get_priority_max(libc::SCHED_FIFO) };
+        libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const highest)
+    };
+    if result == 0 { Class::Fifo } else { Class::Ordinary }
+}
+
+/// Says what it means: the wake-ups, and the gaps.
+pub fn findings(
+    cpu: &WindowedCpu,
+    measured: Option<io::Result<Measured>>,
+    interrupts: &str,
+) -> Vec<Finding> {
+    match measured {
+        Some(Ok(measured)) => vec![wake_ups(cpu, &measured), gaps(cpu, &measured, interrupts)],
+        Some(Err(error)) => vec![unmeasured(cpu, &error.to_string())],
+        None => vec![unmeasured(cpu, "the thread died")],
+    }
+}
+
+fn unmeasured(cpu: &WindowedCpu, why: &str) -> Finding {
+    Finding::unseen(
+        "wake-up",
+        format!("CPU {}: not measured: {why}", cpu.cpu.0),
+        "how late a PLC would be woken is not known",
+        "ask again with that CPU online and in this process's cpuset",
+    )
+}
+
+/// One late wake-up in a thousand makes a release late every second; a single one may be chance.
+fn wake_ups(cpu: &WindowedCpu, measured: &Measured) -> Finding {
+    const CHECK: &str = "wake-up";
+    let (times, guard) = (&measured.wake_ups, cpu.guard_or_usual());
+    let found = format!(
+        "CPU {}, {} windows: {} at p50, {} at p99.9, {} at most; the guard is {guard}{}",
+        cpu.cpu.0,
+        times.len(),
+        us(times.value_at_quantile(0.5)),
+        us(times.value_at_quantile(0.999)),
+        us(times.max()),
+        beside(measured.class)
+    );
+    let found = match measured.lost {
+        0 => found,
+        n => format!("{found}; {n} windows more were slept through"),
+    };
+    // What was seen and half as much, in whole steps of 10 us.
+    let guard_for =
+        |ns: u64| format!("release_guard = \"{}us\"", (ns * 3 / 2).div_ceil(10_000) * 10);
+    let cost = "a release whose wake-up comes later than the guard is late; one that is slept through is lost";
+    let remedy =
+        format!("mend what stands above, or in the partition file: {}", guard_for(times.max()));
+    if measured.class == Class::Ordinary {
+        Finding::unseen(CHECK, found, cost, "sudo takt doctor")
+    } else if measured.lost > 0 || times.value_at_quantile(0.999) > guard.0 {
+        Finding::cannot(CHECK, found, cost, remedy)
+    } else if times.max() > guard.0 {
+        Finding::warning(CHECK, found, cost, remedy)
+    } else {
+        Finding::good(CHECK, found)
+    }
+}
+
+/// A break no longer than the guard can make a release late by as much; one that is as long as a
+/// window takes the window.
+fn gaps(cpu: &WindowedCpu, measured: &Measured, interrupts: &str) -> Finding {
+    const CHECK: &str = "latency";
+    let (gaps, guard) = (&measured.gaps, cpu.guard_or_usual());
+    let meanwhile = if interrupts.is_empty() {
+        String::new()
+    } else {
+        format!("; interrupts there meanwhile: {interrupts}")
+    };
+    let found = match gaps.len() {
+        0 => format!("CPU {}: never away for {} in a window{meanwhile}", cpu.cpu.0, us(GAP)),
+        n => format!(
+            "CPU {}: {n} times away for {} or more in a window, {} at most{meanwhile}",
+            cpu.cpu.0,
+            us(GAP),
+            us(gaps.max())
+        ),
+    };
+    let cost = "the scan that it falls into is longer by as much, and the release that it falls onto later";
+    let remedy = "what is counted here and not above (interrupts, watchdogs) is the firmware's or a hypervisor's: its settings, or another machine";
+    if measured.class == Class::Ordinary {
+        return Finding::unseen(CHECK, found, cost, "sudo takt doctor");
+    }
+    match gaps.max() {
+        max if max >= cpu.window.0 => Finding::cannot(CHECK, found, cost, remedy),
+        max if max > guard.0 => Finding::warning(CHECK, found, cost, remedy),
+        _ => Finding::good(CHECK, found),
+    }
+}
+
+fn beside(class: Class) -> &'static str {
+    match class {
+        Class::Deadline => "",
+        Class::Fifo => " (measured with SCHED_FIFO)",
+        Class::Ordinary => " (an ordinary thread: other programs' time counts in)",
+    }
+}
+
+/// A time in us, with the digits that matter.
+fn us(ns: u64) -> String {
+    let ns = Nanos(ns).0;
+    format!("{}.{} us", ns / 1000, ns % 1000 / 100)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::demand::Demand;
+    use crate::finding::Severity::{self, Cannot, Good, Unseen, Warning};
+    use crate::host::Host;
+
+    /// A guard of 20 us, a window of 300 us.
+    fn usual() -> WindowedCpu {
+        Demand::usual(&Host::recorded("/none".as_ref(), String::new())).windowed.remove(0)
+    }
+
+    fn measured(class: Class, wake_ups: &[(u64, u64)], lost: u64, away: &[u64]) -> Measured {
+        let histogram = || Histogram::new_with_bounds(1, LONGEST, 3).unwrap();
+        let mut it = Measured { class, wake_ups: histogram(), lost, gaps: histogram() };
+        wake_ups.iter().for_each(|&(ns, times)| it.wake_ups.record_n(ns, times).unwrap());
+        away.iter().for_each(|&ns| it.gaps.record(ns).unwrap());
+        it
+    }
+
+    fn severities(measured: Measured) -> [Severity; 2] {
+        let findings = findings(&usual(), Some(Ok(measured)), "");
+        [findings[0].severity, findings[1].severity]
+    }
+
+    #[test]
+    fn wake_ups_are_held_against_the_guard() {
+        let class = Class::Deadline;
+        assert_eq!(severities(measured(class, &[(5_000, 3000)], 0, &[])), [Good, Good]);
+        let rarely = measured(class, &[(5_000, 2999), (25_000, 1)], 0, &[]);
+        let found = findings(&usual(), Some(Ok(rarely)), "");
+        assert_eq!(found[0].severity, Warning);
+        assert!(found[0].remedy.as_ref().unwrap().ends_with("release_guard = \"40us\""));
+        let often = measured(class, &[(5_000, 2990), (25_000, 10)], 0, &[]);
+        assert_eq!(severities(often), [Cannot, Good]);
+        assert_eq!(severities(measured(class, &[(5_000, 3000)], 1, &[])), [Cannot, Good]);
+    }
+
+    #[test]
+    fn gaps_are_held_against_guard_and_window() {
+        let of = |away: &[u64]| severities(measured(Class::Fifo, &[(5_000, 9)], 0, away))[1];
+        assert_eq!(
+            [of(&[4_000; 50]), of(&[4_000, 40_000]), of(&[310_000])],
+            [Good, Warning, Cannot]
+        );
+    }
+
+    #[test]
+    fn an_ordinary_thread_proves_nothing() {
+        let slow = measured(Class::Ordinary, &[(50_000, 9)], 3, &[900_000]);
+        assert_eq!(severities(slow), [Unseen, Unseen]);
+        assert_eq!(severities(measured(Class::Ordinary, &[(1, 9)], 0, &[])), [Unseen, Unseen]);
+        assert_eq!(findings(&usual(), None, "")[0].severity, Unseen);
+    }
+
+    #[test]
+    fn a_measurement_watches_windows_and_ends() {
+        let frequency = super::super::rate::estimate();
+        let end = Instant::now() + std::time::Duration::from_millis(100);
+        let cpu = WindowedCpu { cpu: takt_scheduler::table::Cpu(0), ..usual() };
+        let measured = measure(&cpu, frequency, end).unwrap();
+        let windows = measured.wake_ups.len() + measured.lost;
+        assert!((50..=101).contains(&windows), "{windows}");
+    }
+}

@@ -1,0 +1,70 @@
+//! `takt-doctor` as it is called, on whatever host runs this.
+
+use std::process::{Command, Output};
+
+use serde_json::Value;
+use takt::probe;
+
+fn doctor(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_takt-doctor")).args(arguments).output().unwrap()
+}
+
+fn shipped(file: &str) -> String {
+    format!("{}/../../configs/{file}", env!("CARGO_MANIFEST_DIR"))
+}
+
+#[test]
+fn what_this_host_can_is_told_as_it_is() {
+    let output = doctor(&[&shipped("plc-alone.toml"), "--json", "--for", "300ms"]);
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let status = match report["verdict"].as_str().unwrap() {
+        "good" => 0,
+        "unseen" | "warning" => 1,
+        "cannot" => 3,
+        other => panic!("{other}"),
+    };
+    assert_eq!(output.status.code(), Some(status));
+    assert_eq!(report["windowed_cpus"], Value::from(vec![0]));
+    let findings = report["findings"].as_array().unwrap();
+    for finding in findings {
+        let bad = finding["severity"] != "good";
+        assert!(finding["cost"].is_string() == bad && finding["remedy"].is_string() == bad);
+    }
+    // A KVM that emulates kernel-mode code must not pass for one that does not.
+    let of = |check: &str| findings.iter().find(|finding| finding["check"] == check);
+    match probe::probe() {
+        Ok(speed) if speed.is_hardware() => {
+            assert_eq!(of("virtualisation").unwrap()["severity"], "good")
+        }
+        Ok(_) => {
+            let found = of("virtualisation").unwrap();
+            assert_eq!(found["severity"], "cannot");
+            let text = found["found"].as_str().unwrap();
+            assert!(text.starts_with("KVM emulates kernel-mode guest code"), "{text}");
+            assert_eq!(status, 3);
+        }
+        Err(_) => assert!(of("kvm").is_some_and(|finding| finding["severity"] != "good")),
+    }
+}
+
+#[test]
+fn people_get_a_table_without_colours_when_it_is_not_for_a_terminal() {
+    let output = doctor(&["--for", "100ms"]);
+    let (table, progress) =
+        (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
+    assert!(table.starts_with("a PLC as most are"), "{table}");
+    assert!(table.contains("\n\nThis host ") && !table.contains('\x1b'), "{table}");
+    assert!(progress.contains("takt-doctor: being a PLC\n") && !progress.contains('\x1b'));
+}
+
+#[test]
+fn wrong_usage_and_a_wrong_file_are_no_findings() {
+    for arguments in [&["--for", "3"][..], &["--for", "25000000s"], &["--no-such"], &["/no/file"]] {
+        let output = doctor(arguments);
+        assert_eq!((output.status.code(), output.stdout.len()), (Some(2), 0), "{arguments:?}");
+    }
+    let help = doctor(&["--help"]);
+    assert_eq!(help.status.code(), Some(0));
+    let text = String::from_utf8(help.stdout).unwrap();
+    assert!(text.contains("Exit status: 0 ") && text.contains("3 the host cannot"), "{text}");
+}
