@@ -26,7 +26,14 @@ fn what_this_host_can_is_told_as_it_is() {
     assert_eq!(output.status.code(), Some(status));
     assert_eq!(report["windowed_cpus"], Value::from(vec![0]));
     let findings = report["findings"].as_array().unwrap();
+    let page =
+        std::fs::read_to_string(format!("{}/../../docs/doctor.md", env!("CARGO_MANIFEST_DIR")));
+    let page = page.unwrap();
     for finding in findings {
+        let check = finding["check"].as_str().unwrap();
+        let headed =
+            page.lines().any(|l| l.starts_with("### ") && l.contains(&format!("`{check}`")));
+        assert!(headed, "{check} is not in docs/doctor.md");
         let bad = finding["severity"] != "good";
         assert!(finding["cost"].is_string() == bad && finding["remedy"].is_string() == bad);
     }
