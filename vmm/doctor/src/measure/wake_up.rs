@@ -16,6 +16,7 @@ use std::time::Instant;
 use hdrhistogram::Histogram;
 use takt_scheduler::enforce::{become_deadline, pin_to, sleep_until};
 use takt_scheduler::reservation::{KICK_MARGIN, Reservation};
+use takt_scheduler::table::GUARD_MAX;
 use takt_scheduler::time::{Nanos, Tsc, TscFrequency};
 
 use crate::demand::WindowedCpu;
@@ -156,12 +157,13 @@ fn wake_ups(cpu: &WindowedCpu, measured: &Measured) -> Finding {
         0 => found,
         n => format!("{found}; {n} windows more were slept through"),
     };
-    // What was seen and half as much, in whole steps of 10 us.
-    let guard_for =
-        |ns: u64| format!("release_guard = \"{}us\"", (ns * 3 / 2).div_ceil(10_000) * 10);
     let cost = "a release whose wake-up comes later than the guard is late; one that is slept through is lost";
-    let remedy =
-        format!("mend what stands above, or in the partition file: {}", guard_for(times.max()));
+    let remedy = match guard_for(cpu, times.max()) {
+        Some(guard) => {
+            format!("mend what stands above, or in the partition file: release_guard = \"{guard}\"")
+        }
+        None => "mend what stands above: no guard is long enough for this".into(),
+    };
     if measured.class == Class::Ordinary {
         Finding::unseen(CHECK, found, cost, "sudo takt doctor")
     } else if measured.lost > 0 || times.value_at_quantile(0.999) > guard.0 {
@@ -171,6 +173,14 @@ fn wake_ups(cpu: &WindowedCpu, measured: &Measured) -> Finding {
     } else {
         Finding::good(CHECK, found)
     }
+}
+
+/// What was seen and half as much, in whole steps of 10 us; `None` if the window leaves no time for
+/// that.
+fn guard_for(cpu: &WindowedCpu, latest: u64) -> Option<Nanos> {
+    let guard = Nanos::from_micros(latest.saturating_mul(3).div_ceil(20_000).saturating_mul(10));
+    let all = guard.plus(cpu.window).plus(KICK_MARGIN);
+    (guard <= GUARD_MAX && all < cpu.period).then_some(guard)
 }
 
 /// A break no longer than the guard can make a release late by as much; one that is as long as a
@@ -251,6 +261,9 @@ mod tests {
         let found = findings(&usual(), Some(Ok(rarely)), "");
         assert_eq!(found[0].severity, Warning);
         assert!(found[0].remedy.as_ref().unwrap().ends_with("release_guard = \"40us\""));
+        let too_late = measured(class, &[(5_000, 9), (700_000, 1)], 0, &[]);
+        let found = findings(&usual(), Some(Ok(too_late)), "");
+        assert!(found[0].remedy.as_ref().unwrap().ends_with("no guard is long enough for this"));
         let often = measured(class, &[(5_000, 2990), (25_000, 10)], 0, &[]);
         assert_eq!(severities(often), [Cannot, Good]);
         assert_eq!(severities(measured(class, &[(5_000, 3000)], 1, &[])), [Cannot, Good]);
