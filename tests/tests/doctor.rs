@@ -69,8 +69,12 @@ fn assert_machine(findings: &Findings) {
     assert_found(findings, "reservations", "good", "CPU 0: 2 reservations of 42.9 %");
     assert_found(findings, "reservations", "good", "admitted");
     assert_found(findings, "cpus", "good", "0 online");
-    // The lab's counter is its clock; the emulated processor promises nothing.
-    assert_found(findings, "tsc-rate", "good", "1000.000 MHz");
+    // The lab's counter is its clock, which the kernel knows to some millionths; the emulated
+    // processor promises nothing.
+    let rate = findings["tsc-rate"]["found"].as_str().unwrap();
+    let mhz: f64 = rate.split(' ').next().unwrap().parse().unwrap();
+    assert!((mhz - 1000.0).abs() < 0.1, "{rate}");
+    assert_found(findings, "tsc-rate", "good", "steady within");
     assert_found(findings, "tsc", "warning", "not invariant");
     assert_found(findings, "watchdogs", "warning", "soft lockup detection on CPU 0");
     assert_found(findings, "tick", "good", "one CPU");
