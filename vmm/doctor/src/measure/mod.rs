@@ -59,8 +59,11 @@ fn while_windows_run(
     let threads: Vec<_> = demand
         .windowed
         .iter()
-        .cloned()
-        .map(|cpu| (cpu.clone(), thread::spawn(move || wake_up::measure(&cpu, frequency, end))))
+        .map(|cpu| {
+            let own = cpu.clone();
+            let run = move || wake_up::measure(&own, frequency, end);
+            (cpu, thread::Builder::new().name("plc".into()).spawn(run).ok())
+        })
         .collect();
     let mut rate = Rate::start();
     while let Some(left) = end.checked_duration_since(Instant::now()) {
@@ -75,12 +78,13 @@ fn while_windows_run(
     }
     progress.done();
     let mut findings = vec![rate.finding(host)];
-    let measured: Vec<_> = threads.into_iter().map(|(cpu, it)| (cpu, it.join().ok())).collect();
+    let measured: Vec<_> =
+        threads.into_iter().map(|(cpu, it)| (cpu, it.and_then(|it| it.join().ok()))).collect();
     let after = Counts::read(host);
     findings.push(smi::finding(host, smi_before, smi::count(host, demand)));
     for (cpu, measured) in measured {
         let interrupts = after.since(&before, cpu.cpu);
-        findings.extend(wake_up::findings(&cpu, measured, &interrupts));
+        findings.extend(wake_up::findings(cpu, measured, &interrupts));
     }
     findings
 }

@@ -127,7 +127,7 @@ pub fn findings(
     match measured {
         Some(Ok(measured)) => vec![wake_ups(cpu, &measured), gaps(cpu, &measured, interrupts)],
         Some(Err(error)) => vec![unmeasured(cpu, &error.to_string())],
-        None => vec![unmeasured(cpu, "the thread died")],
+        None => vec![unmeasured(cpu, "there was no thread for it, or it died")],
     }
 }
 

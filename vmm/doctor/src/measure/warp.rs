@@ -72,7 +72,7 @@ fn between(first: Cpu, second: Cpu) -> Pair {
     let shared = Arc::new(Mutex::new(Shared { by: first.0, ..Shared::default() }));
     let threads = [first, second].map(|cpu| {
         let shared = Arc::clone(&shared);
-        thread::spawn(move || {
+        thread::Builder::new().spawn(move || {
             if pin_to(cpu).is_err() {
                 return;
             }
@@ -92,8 +92,8 @@ fn between(first: Cpu, second: Cpu) -> Pair {
             }
         })
     });
-    for thread in threads {
-        // It cannot panic; if it has, it has seen nothing.
+    for thread in threads.into_iter().flatten() {
+        // It cannot panic; if it has, or never was, it has seen nothing.
         let _ = thread.join();
     }
     shared.lock().unwrap_or_else(PoisonError::into_inner).pair
