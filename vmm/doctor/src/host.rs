@@ -114,7 +114,7 @@ impl Host {
         let line = self.text("proc/cmdline")?;
         let own = line.split(" -- ").next()?;
         let values = own.split_whitespace().filter_map(|word| word.split_once('='));
-        values.filter(|(key, _)| *key == name).last().map(|(_, value)| value.to_owned())
+        values.rev().find(|(key, _)| *key == name).map(|(_, value)| value.to_owned())
     }
 
     /// A field of `/proc/cpuinfo`, of the first processor.
