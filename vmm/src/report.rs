@@ -24,6 +24,9 @@ pub struct Report {
     pub host: Host,
     /// `name` of the partition file's system.
     pub system: String,
+    /// The time-stamp counter at the epoch, from which all times count: a stamp that somebody else on
+    /// the host took, as when he started Takt, can be compared with it.
+    pub epoch_tsc: u64,
     /// From the epoch to the end of the run.
     pub duration_ns: u64,
     /// False if a test has switched off the kick at a window's end.
@@ -349,6 +352,7 @@ mod tests {
                 tsc_khz: 1_000_000,
             },
             system: "demo".into(),
+            epoch_tsc: 1,
             duration_ns: 10_000_000_000,
             kick: true,
             schedule: Schedule {

@@ -267,6 +267,7 @@ impl Run<'_> {
             lane: self.options.lane.clone(),
             host: Host::current(self.frequency.khz()),
             system: self.file.name().to_owned(),
+            epoch_tsc: base.epoch.0,
             duration_ns: duration.0,
             kick: !self.options.without_kick,
             schedule: report::Schedule {

@@ -1,0 +1,118 @@
+//! What Takt itself takes: memory, time to start, and code to trust.
+
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use crate::{Measured, partition};
+
+/// Folders of code that runs on the host while guests do, and what each is.
+const TRUSTED: [(&str, &str); 5] = [
+    ("vmm/src", "the program `takt`"),
+    ("scheduler/src", "the schedule"),
+    ("devices/src", "devices for Linux"),
+    ("devices/channel/src", "channels"),
+    ("devices/abi/src", "what host and PLC guest share"),
+];
+
+/// Memory and start.
+pub fn table(measured: &Measured) -> Option<String> {
+    let mut text = "| | a PLC alone | beside a Linux of 128 MiB | of 384 MiB |\n\
+                    | --- | --- | --- | --- |\n"
+        .to_owned();
+    let runs = ["start-alone", "start-128", "start-384"];
+    let mut row = |label: &str, of: &dyn Fn(&str) -> Option<String>| {
+        let cells: Option<Vec<String>> = runs.iter().map(|run| of(run)).collect();
+        text += &format!("| {label} | {} |\n", cells?.join(" | "));
+        Some(())
+    };
+    let kib = |run: &str, key: &str| status(&measured.text(&format!("{run}.status"))?, key);
+    let own = |run: &str| Some(kib(run, "RssAnon")? + kib(run, "RssFile")?);
+    row("resident memory beside the guests'", &|run| Some(format!("{} KiB", own(run)?)))?;
+    row("of that, the program's file", &|run| Some(format!("{} KiB", kib(run, "RssFile")?)))?;
+    row("the guests' memory", &|run| Some(format!("{} KiB", kib(run, "RssShmem")?)))?;
+    row("from exec to the first release", &|run| {
+        Some(format!("{:.1} ms", start_ns(measured, run)? as f64 / 1e6))
+    })?;
+    let per_mebibyte =
+        (start_ns(measured, runs[2])?.saturating_sub(start_ns(measured, runs[1])?)) / 256;
+    let report = measured.json("guard-20.json")?;
+    let boot = partition(&report, "linux")?["boot_to_init_ns"].as_u64()?;
+    let takt = std::env::current_exe().ok()?.with_file_name("takt");
+    Some(format!(
+        "{text}\n\
+         Each MiB of guest memory takes {:.2} ms of that start, to be cleared. A Linux with an initrd \
+         of {} MiB reaches its first process {:.3} s after the first release. The program, statically \
+         linked, has {:.2} MiB.\n",
+        per_mebibyte as f64 / 1e6,
+        fs::metadata(measured.folder.join("initrd.img")).ok()?.len() >> 20,
+        boot as f64 / 1e9,
+        fs::metadata(takt).ok()?.len() as f64 / f64::from(1 << 20),
+    ))
+}
+
+/// A value of `/proc/PID/status` in KiB.
+fn status(text: &str, key: &str) -> Option<u64> {
+    let line = text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(':'))?;
+    line.trim().strip_suffix(" kB")?.parse().ok()
+}
+
+/// From the exec of takt to the epoch, which is the first release.
+fn start_ns(measured: &Measured, run: &str) -> Option<u64> {
+    let report = measured.json(&format!("{run}.json"))?;
+    let ticks = report["epoch_tsc"].as_u64()? - measured.paid(&format!("{run}.log"), "become")?;
+    Some(ticks * 1_000_000 / report["host"]["tsc_khz"].as_u64()?)
+}
+
+/// Lines of code by folder: without blank lines, comments and tests.
+pub fn lines(root: &Path) -> io::Result<String> {
+    let mut text = "| folder | what | lines |\n| --- | --- | --- |\n".to_owned();
+    let mut sum = 0;
+    for (folder, what) in TRUSTED {
+        let lines = lines_below(&root.join(folder))?;
+        sum += lines;
+        text += &format!("| `{folder}` | {what} | {lines} |\n");
+    }
+    Ok(text + &format!("| | together | {sum} |\n"))
+}
+
+fn lines_below(folder: &Path) -> io::Result<usize> {
+    let mut sum = 0;
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or("");
+        if path.is_dir() {
+            sum += if name == "tests" { 0 } else { lines_below(&path)? };
+        } else if name.ends_with(".rs") && name != "tests.rs" && !name.ends_with("_tests.rs") {
+            sum += code_lines(&fs::read_to_string(&path)?);
+        }
+    }
+    Ok(sum)
+}
+
+/// Lines before the tests, which are last in a file, that are neither blank nor comment.
+fn code_lines(text: &str) -> usize {
+    let before = text.split("#[cfg(test)]\nmod tests").next().unwrap_or("");
+    before.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with("//")).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn comments_blank_lines_and_tests_are_no_code_to_trust() {
+        let text =
+            "//! a\n\nuse b; // c\n    // d\nfn e() {}\n\n#[cfg(test)]\nmod tests {\n  f\n}\n";
+        assert_eq!(code_lines(text), 2);
+        assert_eq!(code_lines(""), 0);
+    }
+
+    #[test]
+    fn a_status_is_read_by_its_whole_key() {
+        let text = "RssAnonX:\t  9 kB\nRssAnon:\t     132 kB\nRssFile:\t1 MB\n";
+        assert_eq!(status(text, "RssAnon"), Some(132));
+        assert_eq!(status(text, "RssFile"), None);
+        assert_eq!(status(text, "Rss"), None);
+    }
+}

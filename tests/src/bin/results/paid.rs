@@ -1,0 +1,86 @@
+//! What Linux pays.
+
+use crate::Measured;
+
+/// The paper's factors; the microkernel's processor was a 600 MHz Celeron.
+const CALLS: [(&str, &str, &str); 5] = [
+    ("getpid", "getpid()", "20.4"),
+    ("fork+exit", "fork() + _exit()", "5.9"),
+    ("vfork+exit", "vfork() + _exit()", "2.8"),
+    ("fork+execve", "fork() + execve()", "7.12"),
+    ("vfork+execve", "vfork() + execve()", "7.16"),
+];
+
+const GUEST: &str = "pay-0.log";
+const NATIVE: &str = "native.log";
+
+/// The calls of the paper's first table.
+pub fn calls(measured: &Measured) -> Option<String> {
+    let mut text = "| | on the bare host | in the guest | factor | the paper's |\n\
+                    | --- | --- | --- | --- | --- |\n"
+        .to_owned();
+    for (key, name, paper) in CALLS {
+        let (native, guest) = (measured.paid(NATIVE, key)?, measured.paid(GUEST, key)?);
+        text += &format!("| {name} | {native} | {guest} | {} | {paper} |\n", factor(guest, native));
+    }
+    let key = "vfork+execve-bare";
+    let (native, guest) = (measured.paid(NATIVE, key)?, measured.paid(GUEST, key)?);
+    text += &format!(
+        "| the last, of a program without a C library | {native} | {guest} | {} | |\n",
+        factor(guest, native)
+    );
+    Some(text)
+}
+
+/// Where the time of a start goes.
+pub fn start(measured: &Measured) -> Option<String> {
+    let of = |key| Some((measured.paid(NATIVE, key)?, measured.paid(GUEST, key)?));
+    let (native, guest) = of("vfork+execve")?;
+    let (cpuid_native, cpuid_guest) = of("cpuid")?;
+    let (_, count) = of("cpuids-of-a-start")?;
+    let extra = guest.saturating_sub(native);
+    let explained = count * cpuid_guest.saturating_sub(cpuid_native);
+    Some(format!(
+        "| | |\n| --- | --- |\n\
+         | a start in the guest takes longer than on the host, by | {extra} |\n\
+         | CPUIDs in a start, counted by single steps | {count} |\n\
+         | one CPUID on the bare host | {cpuid_native} |\n\
+         | one CPUID in the guest | {cpuid_guest} |\n\
+         | they make together, of the difference | {explained}, {:.0} % |\n\
+         | factor without them | {} |\n",
+        explained as f64 / extra.max(1) as f64 * 100.0,
+        factor(guest.saturating_sub(explained), native),
+    ))
+}
+
+/// The paper's second table.
+pub fn compile(measured: &Measured) -> Option<String> {
+    let key = "time-2";
+    let native = measured.paid(NATIVE, key)?;
+    let mut text = format!(
+        "| | time | factor | beyond the share |\n| --- | --- | --- | --- |\n\
+         | on the bare host | {} | | |\n",
+        seconds(native)
+    );
+    for share in [0, 10, 30] {
+        let guest = measured.paid(&format!("pay-{share}.log"), key)?;
+        let left = guest * (100 - share) / 100;
+        text += &format!(
+            "| in the guest, the PLC has {share} % | {} | {} | {} |\n",
+            seconds(guest),
+            factor(guest, native),
+            factor(left, native)
+        );
+    }
+    text += "| the paper's, without a PLC | 441 s after 361 s | 1.22 | |\n";
+    Some(text)
+}
+
+fn factor(guest: u64, native: u64) -> String {
+    format!("{:.2}", guest as f64 / native.max(1) as f64)
+}
+
+/// Of ticks in the lab, where one is a nanosecond.
+fn seconds(ticks: u64) -> String {
+    format!("{:.3} s", ticks as f64 / 1e9)
+}
