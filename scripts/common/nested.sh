@@ -94,8 +94,9 @@ machine_options() {
         ;;
     lab)
         # One guest instruction is one nanosecond, whatever else this machine does.
-        options=(-accel "tcg,thread=single" -icount "shift=0,sleep=off" -rtc "clock=vm"
-            "${emulated[@]}" -smp 1)
+        # So that two runs of the same are the same, its day and its random numbers are fixed as well.
+        options=(-accel "tcg,thread=single" -icount "shift=0,sleep=off"
+            -rtc "base=2026-01-01,clock=vm" -seed 1 "${emulated[@]}" -smp 1)
         ;;
     emulated)
         # With nested paging, a Linux guest that runs beside a PLC on another CPU has died of a

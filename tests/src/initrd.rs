@@ -12,7 +12,6 @@ use crate::{scratch, target};
 /// [`System::initrd`](crate::System) and [`File::linux_with`](crate::File::linux_with) take it.
 #[must_use]
 pub fn initrd_with(name: &str, programs: &[&Path]) -> String {
-    let mut image = fs::read(target("guest/initrd.img")).expect("scripts/guest-image has run");
     let files: Vec<(String, Vec<u8>)> = programs
         .iter()
         .map(|path| {
@@ -20,8 +19,16 @@ pub fn initrd_with(name: &str, programs: &[&Path]) -> String {
             (format!("bin/{name}"), fs::read(path).expect("the program is built"))
         })
         .collect();
+    initrd_and(name, &archive(&files))
+}
+
+/// Makes an initial RAM disk that is the guest's own with another archive behind it. Returns its path
+/// as [`initrd_with`] does.
+#[must_use]
+pub fn initrd_and(name: &str, archive: &[u8]) -> String {
+    let mut image = fs::read(target("guest/initrd.img")).expect("scripts/guest-image has run");
     image.resize(image.len().next_multiple_of(4), 0);
-    image.extend(archive(&files));
+    image.extend(archive);
     let file = format!("{name}.img");
     // A run that packs the file at this moment must see the old or the new one.
     let new = scratch().join(format!("{file}.new"));

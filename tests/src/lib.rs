@@ -21,7 +21,7 @@ use std::thread;
 
 pub use file::{BUSY, File, System};
 pub use host::Host;
-pub use initrd::{archive, initrd_with};
+pub use initrd::{archive, initrd_and, initrd_with};
 pub use kernel::restarting_kernel;
 pub use serde_json::Value;
 
