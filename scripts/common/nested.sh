@@ -94,9 +94,10 @@ machine_options() {
         ;;
     lab)
         # One guest instruction is one nanosecond, whatever else this machine does.
-        # So that two runs of the same are the same, its day and its random numbers are fixed as well.
+        # So that two runs of the same are the same, its day (later than any file) and its random
+        # numbers are fixed as well.
         options=(-accel "tcg,thread=single" -icount "shift=0,sleep=off"
-            -rtc "base=2026-01-01,clock=vm" -seed 1 "${emulated[@]}" -smp 1)
+            -rtc "base=2030-01-01,clock=vm" -seed 1 "${emulated[@]}" -smp 1)
         ;;
     emulated)
         # With nested paging, a Linux guest that runs beside a PLC on another CPU has died of a
