@@ -14,12 +14,14 @@ struct Form {
     objects: Option<(u64, f64)>,
 }
 
+/// Those that have been measured; `None` if none has.
 fn forms(measured: &Measured) -> Option<Vec<Form>> {
     let mut forms = Vec::new();
     for (flavour, kernel) in [("cloud", "not real-time"), ("rt", "PREEMPT_RT")] {
         for (policy, name) in [("fifo", "SCHED_FIFO"), ("deadline", "SCHED_DEADLINE")] {
             for (guard, how) in [(0, ""), (20, ", 20 us early")] {
-                let result = measured.json(&format!("{flavour}-{policy}-{guard}.json"))?;
+                let file = format!("{flavour}-{policy}-{guard}.json");
+                let Some(result) = measured.json(&file) else { continue };
                 let label = format!("{kernel}, {name}{how}");
                 forms.push(Form { label, result, objects: None });
             }
@@ -30,7 +32,7 @@ fn forms(measured: &Measured) -> Option<Vec<Form>> {
         ("guard-20", "Takt, guard 20 us"),
         ("strict", "Takt, Linux in windows"),
     ] {
-        let report = measured.json(&format!("{name}.json"))?;
+        let Some(report) = measured.json(&format!("{name}.json")) else { continue };
         let result = partition(&report, "plc")?.clone();
         let told = |line: &str| {
             line.trim().strip_prefix("takt-load: compile ")?.split(' ').next()?.parse().ok()
@@ -43,7 +45,7 @@ fn forms(measured: &Measured) -> Option<Vec<Form>> {
             objects: Some((objects.unwrap_or(0), seconds)),
         });
     }
-    Some(forms)
+    (!forms.is_empty()).then_some(forms)
 }
 
 /// The table.
