@@ -134,7 +134,7 @@ fn scratch(name: &str) -> PathBuf {
 }
 
 /// An example, with empty files where it expects the images that `scripts/guest-image` makes, and
-/// those of the PLC guests.
+/// those of the PLC guests, and a disk of one sector for that of `scripts/load-image`.
 fn example(name: &str) -> (PathBuf, PartitionFile) {
     let folder = scratch(&format!("example-{name}"));
     let images = folder.join("target/guest");
@@ -144,6 +144,7 @@ fn example(name: &str) -> (PathBuf, PartitionFile) {
     fs::create_dir(folder.join("configs")).unwrap();
     fs::write(images.join("vmlinuz"), "").unwrap();
     fs::write(images.join("initrd.img"), "").unwrap();
+    fs::write(images.join("load.img"), [0; 512]).unwrap();
     fs::write(plc_images.join("can"), "").unwrap();
     let path = folder.join("configs").join(name);
     fs::copy(Path::new("../configs").join(name), &path).unwrap();
