@@ -79,13 +79,17 @@ fn write(measured: &Measured, root: &Path) -> io::Result<()> {
     let page = root.join("docs/results.md");
     let mut text = fs::read_to_string(&page)?;
     let tables = [
-        ("plcs", plcs::table(measured)),
+        ("plcs", plcs::table(measured).map(|t| t + "\n![Release latencies](plots/plcs.svg)\n")),
         ("calls", paid::calls(measured)),
         ("start", paid::start(measured)),
         ("compile", paid::compile(measured)),
         ("footprint", footprint::table(measured)),
         ("lines", Some(footprint::lines(root)?)),
-        ("scaling", scaling::table(measured)),
+        (
+            "scaling",
+            scaling::table(measured)
+                .map(|t| t + "\n![Release latency by number of PLCs](plots/scaling.svg)\n"),
+        ),
     ];
     for (name, table) in tables {
         match table {
