@@ -152,7 +152,7 @@ mod tests {
             schedule: 0,
             start_mode: COLD,
             start_condition: NORMAL,
-            reserved: 0,
+            interrupt_controller: 0,
         }
     }
 

@@ -7,6 +7,7 @@
 //! Formats: AMD64 Architecture Programmer's Manual, volume 2, sections 4.8 and 12.2.5.
 
 use crate::exception::{STUBS, VECTORS};
+use crate::interrupt;
 use crate::stack::{Kind, exception_tops};
 use core::arch::asm;
 
@@ -33,19 +34,24 @@ struct TaskState {
     port_map: u16,
 }
 
+/// All vectors that there are.
+const GATES: usize = 256;
+/// No entry of the interrupt stack table: the handler runs where the program was.
+const SAME_STACK: u64 = 0;
+
 const TASK_BYTES: u16 = 104;
 const _: () = assert!(size_of::<TaskState>() == TASK_BYTES as usize);
 
 #[repr(C, align(16))]
 struct Descriptors {
     segments: [u64; 5],
-    gates: [[u64; 2]; VECTORS],
+    gates: [[u64; 2]; GATES],
     task: TaskState,
 }
 
 static mut DESCRIPTORS: Descriptors = Descriptors {
     segments: [0, CODE_DESCRIPTOR, DATA_DESCRIPTOR, 0, 0],
-    gates: [[0; 2]; VECTORS],
+    gates: [[0; 2]; GATES],
     task: TaskState {
         reserved_0: 0,
         privilege_stacks: [0; 3],
@@ -90,7 +96,10 @@ pub(crate) unsafe fn install() {
     let task = task_descriptor((&raw const all.task) as u64);
     all.segments[usize::from(TASK) / 8..].copy_from_slice(&task);
     for (vector, (slot, stub)) in all.gates.iter_mut().zip(STUBS).enumerate() {
-        *slot = gate(stub as usize as u64, Kind::of(vector));
+        *slot = gate(stub as usize as u64, Kind::of(vector) as u64);
+    }
+    for (slot, vector) in all.gates.iter_mut().skip(VECTORS).zip(interrupt::FIRST..) {
+        *slot = gate(interrupt::stub(vector), SAME_STACK);
     }
     let segments = TableRegister::of(&all.segments);
     let gates = TableRegister::of(&all.gates);
@@ -122,10 +131,10 @@ pub(crate) unsafe fn install() {
     }
 }
 
-const fn gate(handler: u64, stack: Kind) -> [u64; 2] {
+const fn gate(handler: u64, stack: u64) -> [u64; 2] {
     let low = handler & 0xffff
         | (CODE as u64) << 16
-        | (stack as u64) << 32
+        | stack << 32
         | GATE_TYPE << 40
         | (handler >> 16 & 0xffff) << 48;
     [low, handler >> 32]

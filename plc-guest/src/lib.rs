@@ -6,8 +6,9 @@
 //! program ([`boot`], `exception`, [`paging`]), and it runs a [`cycle::Program`] once per release
 //! of the schedule ([`cycle`]).
 //!
-//! There is no allocator, no interrupt and no second thread: the schedule of the host is the only
-//! scheduler, so a guest has nothing to lock and its worst case is the worst case of one scan.
+//! There is no allocator and no second thread, and no interrupt but at the moment at which a program
+//! looks for one ([`interrupt`]): the schedule of the host is the only scheduler, so a guest has
+//! nothing to lock and its worst case is the worst case of one scan.
 //!
 //! A guest is a binary of a few lines that names its main function with [`entry!`].
 //!
@@ -28,6 +29,8 @@ mod descriptor;
 #[cfg(not(test))]
 mod exception;
 pub mod health;
+#[cfg(not(test))]
+pub mod interrupt;
 pub mod io;
 #[cfg(not(test))]
 mod language;

@@ -21,6 +21,7 @@ pub mod health;
 pub mod host_ports;
 pub mod host_watchdog;
 pub mod init_watch;
+pub mod interrupts;
 pub mod jitter;
 pub mod machine;
 pub mod memory;

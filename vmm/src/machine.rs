@@ -3,10 +3,10 @@
 //! What a guest can see of a processor and a board is decided here, once, before its first
 //! instruction. The two kinds differ on purpose. Linux gets what it needs to run unmodified:
 //! interrupt controllers, timer, paravirtual clock. The PLC gets a processor, memory and ports,
-//! and nothing that could interrupt it.
+//! and nothing that could interrupt it unless its file says so.
 
 use kvm_bindings::{
-    CpuId, KVM_CPUID_FLAG_SIGNIFCANT_INDEX, KVM_MAX_CPUID_ENTRIES, KVM_PIT_SPEAKER_DUMMY,
+    CpuId, KVM_CAP_SPLIT_IRQCHIP, KVM_CPUID_FLAG_SIGNIFCANT_INDEX, KVM_MAX_CPUID_ENTRIES, KVM_PIT_SPEAKER_DUMMY,
     KVM_VCPU_TSC_CTRL, KVM_VCPU_TSC_OFFSET, Msrs, kvm_device_attr, kvm_enable_cap, kvm_lapic_state,
     kvm_msr_entry, kvm_pit_config,
 };
@@ -93,13 +93,25 @@ pub struct Machine {
     pub tsc: TscFrequency,
 }
 
-/// A machine for a PLC guest: no interrupt controller, so nothing is ever injected, and a halt is
-/// an exit.
+/// A machine for a PLC guest. Without interrupts it has no interrupt controller, so nothing is ever
+/// injected, and a halt is an exit. With them it has that of the processor and nothing else: no I/O
+/// APIC, no timer of a board; see `docs/decisions/0008-interrupts-of-passed-through-devices.md`.
 ///
 /// # Errors
 /// See [`MachineError`].
-pub fn for_plc(kvm: &Kvm, memory: &GuestMemory) -> Result<Machine, MachineError> {
+pub fn for_plc(
+    kvm: &Kvm,
+    memory: &GuestMemory,
+    interrupts: bool,
+) -> Result<Machine, MachineError> {
     let vm = create(kvm, memory)?;
+    if interrupts {
+        // In this form KVM keeps the processor's controller, and the board's is left to Takt, which
+        // makes none. The argument is the number of its pins.
+        let split = kvm_enable_cap { cap: KVM_CAP_SPLIT_IRQCHIP, ..Default::default() };
+        vm.enable_cap(&split).map_err(cannot("create an interrupt controller"))?;
+        switch_polling_off(&vm)?;
+    }
     let vcpu = vm.create_vcpu(0).map_err(cannot("create a vCPU"))?;
     vcpu.set_cpuid2(&supported(kvm)?).map_err(cannot("set the CPUID"))?;
     finish(vm, vcpu)
@@ -115,15 +127,19 @@ pub fn for_linux(kvm: &Kvm, memory: &GuestMemory) -> Result<Machine, MachineErro
     vm.create_irq_chip().map_err(cannot("create the interrupt controllers"))?;
     let pit = kvm_pit_config { flags: KVM_PIT_SPEAKER_DUMMY, ..Default::default() };
     vm.create_pit2(pit).map_err(cannot("create the timer"))?;
-    // A halted Linux must give its CPU away at once, not poll on it for the next interrupt.
-    let no_polling = kvm_enable_cap { cap: KVM_CAP_HALT_POLL, ..Default::default() };
-    vm.enable_cap(&no_polling).map_err(cannot("switch halt polling off"))?;
+    switch_polling_off(&vm)?;
     let vcpu = vm.create_vcpu(0).map_err(cannot("create a vCPU"))?;
     let mut cpuid = supported(kvm)?;
     complete_for_linux(&mut cpuid);
     vcpu.set_cpuid2(&cpuid).map_err(cannot("set the CPUID"))?;
     set_firmware_state(&vcpu)?;
     finish(vm, vcpu)
+}
+
+/// A halted guest must give its CPU away at once, not poll on it for the next interrupt.
+fn switch_polling_off(vm: &VmFd) -> Result<(), MachineError> {
+    let no_polling = kvm_enable_cap { cap: KVM_CAP_HALT_POLL, ..Default::default() };
+    vm.enable_cap(&no_polling).map_err(cannot("switch halt polling off"))
 }
 
 fn create(kvm: &Kvm, memory: &GuestMemory) -> Result<VmFd, MachineError> {

@@ -23,7 +23,7 @@ use vmm_sys_util::eventfd::{EFD_CLOEXEC, EFD_NONBLOCK, EventFd};
 use crate::account::{Account, Finished};
 use crate::board::{self, Board};
 use crate::boot::StartMode;
-use crate::boot::long_mode;
+use crate::boot::long_mode::{self, StartError};
 use crate::boot::plc::PlcImage;
 use crate::boot::touch::touch;
 use crate::channels::Channels;
@@ -35,9 +35,10 @@ use crate::doorbell;
 use crate::gather::Gather;
 use crate::health::{Reporter, Watch};
 use crate::init_watch::{Console, InitSeen, InitWatch};
+use crate::interrupts::{Interrupts, apic};
 use crate::machine::{self, MachineError};
 use crate::memory::GuestMemory;
-use crate::passthrough::Devices;
+use crate::passthrough::{Devices, Granted};
 use crate::pci::Pci;
 use crate::restart::{LinuxRestart, PlcRestart, Restart, Revival};
 use crate::run_error::RunError;
@@ -114,6 +115,8 @@ pub struct Preparation<'a> {
     pub console: Option<Console>,
     /// What sources ring to wake the Linux guest.
     pub doorbell: EventFd,
+    /// What may interrupt PLC guests.
+    pub interrupts: Interrupts,
 }
 
 /// What a guest's thread keeps for as long as the guest exists.
@@ -145,9 +148,10 @@ impl Preparation<'_> {
         let image = PlcImage::read(image, bytes).map_err(unfit)?;
         let ports = self.channels.of(partition.id(), partition.kind());
         let memory = GuestMemory::for_plc(bytes, &ports.views)?;
-        let mut machine = machine::for_plc(&self.kvm, &memory)?;
-        touch(&mut machine.vcpu, &memory)?;
         let devices = self.devices.of(partition.id()).cloned();
+        let interrupts = devices.as_ref().is_some_and(Granted::interrupts);
+        let mut machine = machine::for_plc(&self.kvm, &memory, interrupts)?;
+        touch(&mut machine.vcpu, &memory)?;
         if let Some(devices) = &devices {
             devices.map_into(&machine.vm)?;
         }
@@ -162,6 +166,11 @@ impl Preparation<'_> {
         }
         doorbell::attach_sources(&machine.vm, &ports.table, &self.doorbell)?;
         long_mode::start(&machine.vcpu, memory.regions(), entry)?;
+        if interrupts {
+            apic::reset(&machine.vcpu).map_err(StartError::from)?;
+        }
+        let lines = devices.as_ref().map_or(&[][..], |devices| &devices.lines);
+        self.interrupts.attach(partition.name(), machine.vm, lines)?;
         let (console, output) = output::dropping();
         let frame = self.file.schedules().frame();
         let guest = PlcGuest::new(&memory, bytes, tsc.khz(), frame, console)

@@ -74,7 +74,7 @@ pub enum ProbeError {
 pub fn probe() -> Result<Speed, ProbeError> {
     let kvm = machine::open_kvm()?;
     let memory = GuestMemory::for_plc(MEMORY, &[])?;
-    let mut machine = machine::for_plc(&kvm, &memory)?;
+    let mut machine = machine::for_plc(&kvm, &memory, false)?;
     // mov ecx, ROUNDS; 1: dec ecx; jnz 1b; hlt
     let [a, b, c, d] = ROUNDS.to_le_bytes();
     let code = [0xb9, a, b, c, d, 0xff, 0xc9, 0x75, 0xfc, 0xf4];

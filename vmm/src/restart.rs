@@ -18,6 +18,7 @@ use crate::boot::Start;
 use crate::boot::long_mode::{self, StartError};
 use crate::boot::plc::PlcImage;
 use crate::channels::OwnRegion;
+use crate::interrupts::apic;
 use crate::memory::GuestMemory;
 use crate::run_error::RunError;
 use crate::vcpu::exit_count::ExitCount;
@@ -94,7 +95,9 @@ impl PlcRestart {
         let revival = move |kickable: &mut Kickable, guest: &mut PlcGuest| {
             guest.start_anew(start);
             // What the last exit has left to be done must not happen to the new guest.
-            kickable.prime().is_ok() && long_mode::set_registers(kickable.vcpu(), entry).is_ok()
+            kickable.prime().is_ok()
+                && long_mode::set_registers(kickable.vcpu(), entry).is_ok()
+                && (!guest.has_interrupts() || apic::reset(kickable.vcpu()).is_ok())
         };
         // A thread that is gone has told of that too.
         let _ = self.thread.send(Box::new(revival));

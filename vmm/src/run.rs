@@ -30,6 +30,7 @@ use crate::health::Fault;
 use crate::host_ports::{self, HostPorts};
 use crate::host_watchdog::HostWatchdog;
 use crate::init_watch::{Console, InitSeen};
+use crate::interrupts::Interrupts;
 use crate::machine::{self, MachineError};
 use crate::passthrough::Devices;
 use crate::prepare::{Kicker, Preparation, Prepared, clone, eventfd};
@@ -107,6 +108,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         frequency: None,
         console: None,
         doorbell: eventfd()?,
+        interrupts: Interrupts::new()?,
     };
     let mut prepared = Vec::new();
     for partition in file.partitions() {
@@ -120,8 +122,10 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let host_ports = HostPorts::open(&channels, frequency, appliance::results())?;
     let raw = terminal::make_raw()
         .map_err(|source| RunError::Host { what: "put the terminal into raw mode", source })?;
-    let Preparation { closing, board, console, .. } = preparation;
-    let mut run = Run { file, options, frequency, closing, board, host_ports, operators };
+    let Preparation { closing, board, console, interrupts, .. } = preparation;
+    let interrupts = Some(interrupts).filter(|interrupts| !interrupts.is_empty());
+    let mut run =
+        Run { file, options, frequency, closing, board, host_ports, operators, interrupts };
     let screen = Screen::new(io::stdout(), raw);
     let guard = devices.guard(prepared.iter().map(|p| p.account.control.clone()).collect());
     if let Some(after) = options.panic_after {
@@ -148,6 +152,8 @@ struct Run<'a> {
     host_ports: Option<HostPorts>,
     /// Until the supervisor has it.
     operators: Option<Operators>,
+    /// Until the supervisor has them.
+    interrupts: Option<Interrupts>,
 }
 
 impl Run<'_> {
@@ -187,6 +193,7 @@ impl Run<'_> {
             let watchdog = HostWatchdog::start(time, frame, threads.collect());
             supervisor.watchdog = Some(watchdog.map_err(RunError::Watchdog)?);
         }
+        supervisor.interrupts = self.interrupts.take();
         let names: Vec<&str> = self.file.partitions().iter().map(Partition::name).collect();
         supervisor.screen.line(
             "takt",

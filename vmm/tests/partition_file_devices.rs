@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use takt::check;
-use takt::config::{self, MemorySource, PartitionFile, SafePlace};
+use takt::config::{self, InterruptSource, MemorySource, PartitionFile, SafePlace};
 
 fn file() -> PartitionFile {
     load("good-passthrough.toml")
@@ -30,6 +30,10 @@ fn a_good_file_says_what_each_partition_gets() {
     assert_eq!(timer.source, MemorySource::Physical { address: 0xfed0_0000 });
     assert_eq!((coupler.address, coupler.bytes), (0xd000_2000, 0x2000));
     assert_eq!(coupler.source, MemorySource::Uio { device: "uio0".into(), map: 1 });
+    let [first, last] = &it.interrupts[..] else { panic!() };
+    assert_eq!((first.vector, last.vector), (32, 254));
+    assert!(matches!(&first.source, InterruptSource::Pci(pci) if pci.name() == "0000:00:06.0"));
+    assert_eq!(last.source, InterruptSource::Uio("uio0".into()));
     let values: Vec<_> =
         it.safe_values.iter().map(|s| (s.place.clone(), s.width, s.value)).collect();
     assert_eq!(
@@ -53,6 +57,8 @@ fn the_report_lists_the_devices_last() {
     card at 0xd0000000 to 0xd0000fff: register 0 of 0000:00:06.0, trusted with DMA
     timer at 0xd0001000 to 0xd0001fff: physical 0xfed00000
     coupler at 0xd0002000 to 0xd0003fff: map 1 of uio0
+    interrupt 32: of 0000:00:06.0
+    interrupt 254: of uio0
     at its end 0x00 to port 0x378
     at its end 0xffff to port 0x207e
     at its end 0xffffffff to card + 0xffc

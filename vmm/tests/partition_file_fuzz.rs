@@ -40,6 +40,8 @@ const WORDS: &[&str] = &[
     "[[partition.port_io]]\n",
     "[[partition.mmio]]\n",
     "[[partition.safe_value]]\n",
+    "[[partition.interrupt]]\n",
+    "vector = 32\n",
     "ports = \"0x0-0xffff\"\n",
     "\"0xffffffffffffffff\"",
     "\"0000:00:04.0\"",

@@ -89,6 +89,11 @@ pub mod port {
     /// source with a doorbell: whoever waits for its messages is woken. The host's kernel does it,
     /// within the instruction.
     pub const DOORBELL: u16 = 0x7a10;
+    /// 32-bit write of a vector that the partition file gives to a device: the device may interrupt
+    /// once more. To be written when the guest is ready for the first interrupt, and then after each
+    /// one, when the device asks for none any more. The host's kernel takes it within the
+    /// instruction.
+    pub const ARM: u16 = 0x7a18;
 }
 
 /// The partition information page: what a partition is told about its own time.
@@ -130,8 +135,25 @@ pub struct Information {
     /// Why the guest was started: [`start::NORMAL`], [`start::PARTITION_RESTART`] or
     /// [`start::HEALTH_MONITOR`].
     pub start_condition: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// What can interrupt the guest: [`interrupt_controller::NONE`] or
+    /// [`interrupt_controller::LOCAL_APIC`].
+    pub interrupt_controller: u32,
+}
+
+/// Values of [`Information::interrupt_controller`].
+pub mod interrupt_controller {
+    use core::ops::RangeInclusive;
+
+    /// Nothing is ever injected, and a halt ends the guest.
+    pub const NONE: u32 = 0;
+    /// The processor's own controller: enabled, in x2APIC mode, with everything in it masked. The
+    /// partition file gives vectors to devices; see [`port::ARM`](crate::port::ARM).
+    pub const LOCAL_APIC: u32 = 1;
+    /// Vectors that devices can have. Below are the processor's exceptions; the last one is the
+    /// controller's own, for spurious interrupts.
+    pub const VECTORS: RangeInclusive<u8> = 32..=254;
+    /// Vector of spurious interrupts.
+    pub const SPURIOUS: u8 = 255;
 }
 
 /// How and why a guest was started: operating modes and start conditions of ARINC 653.

@@ -33,6 +33,9 @@ const MODULE_LIST: &str = "/modules/order";
 const MODULES: &str = "/modules";
 /// Names the drivers of hardware watchdogs, in the order in which they load.
 const WATCHDOGS: &str = "/modules/watchdogs";
+/// As [`MODULE_LIST`], for interrupts of devices: they are loaded only for a partition file that
+/// names some.
+const INTERRUPT_MODULES: &str = "/modules/interrupts";
 /// Whatever a run leaves in this folder is carried out of the machine.
 const OUT: &str = "/out";
 /// The first word of the command line proper; see [`arguments`].
@@ -131,6 +134,18 @@ fn prepare() -> Result<(), Error> {
     make_folder(Path::new(OUT))?;
     make_folder(Path::new("/tmp"))?;
     load_modules(Path::new(MODULE_LIST))
+}
+
+/// Loads what interrupts of devices need, if this is the appliance. Elsewhere it is the user who
+/// decides which modules there are.
+///
+/// # Errors
+/// What is wrong with the list or a module.
+pub fn load_for_interrupts() -> io::Result<()> {
+    if !is_pid_one() {
+        return Ok(());
+    }
+    load_modules(Path::new(INTERRUPT_MODULES)).map_err(io::Error::other)
 }
 
 fn make_folder(path: &Path) -> Result<(), Error> {

@@ -9,15 +9,19 @@
 
 use kvm_ioctls::{VcpuExit, VcpuFd};
 use takt_abi::memory::{IMAGE_BASE, PAGE};
+use takt_abi::port;
 use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress};
 
 use super::long_mode::{self, Entry, StartError};
 use crate::memory::GuestMemory;
 
-/// `1: mov al, [rdi]; add rdi, 4096; dec rsi; jnz 1b; hlt`
-const CODE: [u8; 15] =
-    [0x8a, 0x07, 0x48, 0x81, 0xc7, 0x00, 0x10, 0x00, 0x00, 0x48, 0xff, 0xce, 0x75, 0xf2, 0xf4];
+/// `1: mov al, [rdi]; add rdi, 4096; dec rsi; jnz 1b; mov dx, 0x7a00; out dx, eax`. Not a halt, which
+/// is no exit where there is an interrupt controller.
+const CODE: [u8; 19] = [
+    0x8a, 0x07, 0x48, 0x81, 0xc7, 0x00, 0x10, 0x00, 0x00, 0x48, 0xff, 0xce, 0x75, 0xf2, 0x66, 0xba,
+    0x00, 0x7a, 0xef,
+];
 
 /// The memory could not be touched.
 #[derive(Debug, Error)]
@@ -28,7 +32,7 @@ pub enum TouchError {
     /// KVM could not run it.
     #[error("cannot run the vCPU to map its memory: {0}")]
     Run(#[from] kvm_ioctls::Error),
-    /// It did something else than read and halt.
+    /// It did something else than read and say so.
     #[error("the vCPU strayed while its memory was mapped: {0}")]
     Strayed(String),
 }
@@ -46,7 +50,7 @@ pub fn touch(vcpu: &mut VcpuFd, memory: &GuestMemory) -> Result<(), TouchError> 
         long_mode::start(vcpu, regions, entry)?;
         loop {
             match vcpu.run() {
-                Ok(VcpuExit::Hlt) => break,
+                Ok(VcpuExit::IoOut(port::DONE, _)) => break,
                 Ok(exit) => return Err(TouchError::Strayed(format!("{exit:?}"))),
                 Err(e) if e.errno() == libc::EINTR => {}
                 Err(e) => return Err(e.into()),

@@ -2,14 +2,14 @@
 //! once.
 
 use super::line;
-use crate::config::{Bar, MemorySource, Partition, PartitionFile, SafePlace};
+use crate::config::{Bar, InterruptSource, MemorySource, Partition, PartitionFile, SafePlace};
 
-/// Ports, memory and safe values of each partition, in the order of the file; nothing if there are
+/// Ports, memory, interrupts and safe values of each partition, in the order of the file; nothing if there are
 /// none.
 pub fn list(out: &mut String, file: &PartitionFile) {
     let has_any = |p: &&Partition| {
         let it = p.passthrough();
-        !(it.ports.is_empty() && it.memory.is_empty())
+        !(it.ports.is_empty() && it.memory.is_empty() && it.interrupts.is_empty())
     };
     let owners: Vec<&Partition> = file.partitions().iter().filter(has_any).collect();
     if owners.is_empty() {
@@ -32,6 +32,13 @@ pub fn list(out: &mut String, file: &PartitionFile) {
             let last = memory.address + (memory.bytes - 1);
             let name = &memory.name;
             line(out, &format!("    {name} at {:#x} to {last:#x}: {source}", memory.address));
+        }
+        for interrupt in &it.interrupts {
+            let source = match &interrupt.source {
+                InterruptSource::Pci(function) => function.name(),
+                InterruptSource::Uio(device) => device,
+            };
+            line(out, &format!("    interrupt {}: of {source}", interrupt.vector));
         }
         for safe in &it.safe_values {
             let place = match &safe.place {

@@ -56,7 +56,8 @@ pub use host_ports::HostPort;
 pub use images::Unreadable;
 pub(crate) use images::open as open_file;
 pub use passthrough::{
-    Bar, DeviceMemory, MemorySource, Passthrough, PciFunction, PortIo, SafePlace, SafeValue,
+    Bar, DeviceMemory, Interrupt, InterruptSource, MemorySource, Passthrough, PciFunction, PortIo,
+    SafePlace, SafeValue,
 };
 pub use ports::{CHANNEL_AREA_PAGES, region_bytes};
 pub(crate) use schedules::percent;

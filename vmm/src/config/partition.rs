@@ -190,8 +190,8 @@ fn check_plc(
             let found = misplaced(key, "linux", name, "plc");
             let allowed = "for a \"plc\": name, kind, cpu, memory, release_guard, image, \
                            on_schedule_change, restarts, [[partition.task]], \
-                           [[partition.port_io]], [[partition.mmio]] and \
-                           [[partition.safe_value]]";
+                           [[partition.port_io]], [[partition.mmio]], \
+                           [[partition.safe_value]] and [[partition.interrupt]]";
             return Err(Diagnostic::new(span, found, allowed));
         }
     }
@@ -227,6 +227,7 @@ fn check_linux(
         ("port_io", raw.port_io.0.first().map(Spanned::span)),
         ("mmio", raw.mmio.0.first().map(Spanned::span)),
         ("safe_value", raw.safe_value.0.first().map(Spanned::span)),
+        ("interrupt", raw.interrupt.0.first().map(Spanned::span)),
     ];
     for (key, span) in of_plc {
         if let Some(span) = span {

@@ -66,6 +66,8 @@ pub struct Partition {
     pub mmio: Tables<Mmio>,
     #[serde(default)]
     pub safe_value: Tables<SafeValue>,
+    #[serde(default)]
+    pub interrupt: Tables<Interrupt>,
     pub kernel: Option<Spanned<String>>,
     pub initrd: Option<Spanned<String>>,
     pub cmdline: Option<Spanned<String>>,
@@ -123,6 +125,14 @@ pub struct SafeValue {
     pub offset: Option<Spanned<String>>,
     pub width: Spanned<i64>,
     pub value: Spanned<String>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Interrupt {
+    pub vector: Spanned<i64>,
+    pub pci: Option<Spanned<String>>,
+    pub uio: Option<Spanned<String>>,
 }
 
 #[derive(Debug, serde::Deserialize)]

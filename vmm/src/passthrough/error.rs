@@ -52,6 +52,21 @@ pub enum DeviceError {
         "bus mastering of {0} cannot be switched off: it could write any memory of the host; if it may, write `trusted_dma = true` beside its `pci`"
     )]
     MastersBus(String),
+    /// There is no driver for interrupts of PCI functions.
+    #[error(
+        "the interrupt of {0} needs the host's driver uio_pci_generic: `modprobe uio_pci_generic`"
+    )]
+    NoUio(String),
+    /// A UIO driver that cannot open and close the line.
+    #[error(
+        "the driver of {device} cannot switch its interrupt off: {source}; a PCI function is named by `pci`"
+    )]
+    NoSwitch {
+        /// The UIO device.
+        device: String,
+        /// What the host said.
+        source: io::Error,
+    },
     /// The register is not there or of the other kind.
     #[error("register {bar} of {function} has no {wanted}")]
     BarKind {

@@ -8,7 +8,7 @@
 //!
 //! What would be the alternative, VFIO, gives the ports and memory of a whole function, with an
 //! I/O memory management unit to confine its DMA. It does not know the ports of a board that is no
-//! PCI function, and it brings interrupts that a PLC without an interrupt controller does not take.
+//! PCI function, and it needs that unit.
 //!
 //! All that can fail is done before a partition starts, by [`Devices::take`]; what is left for the
 //! guest's thread are loads, stores, `in` and `out`.
@@ -21,6 +21,7 @@ pub mod ports;
 pub mod real_ports;
 pub mod safe_values;
 mod source;
+pub mod uio;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -29,8 +30,10 @@ use kvm_ioctls::VmFd;
 use takt_scheduler::table::PartitionId;
 
 use crate::config::{
-    Bar, DeviceMemory, MemorySource, Partition, PartitionFile, Passthrough, PortIo, SafePlace,
+    Bar, DeviceMemory, Interrupt, InterruptSource, MemorySource, Partition, PartitionFile,
+    Passthrough, PciFunction, PortIo, SafePlace,
 };
+use crate::interrupts::line::Line;
 use crate::memory::MemoryError;
 use crate::vcpu::Control;
 use crate::vcpu::port_access::Width;
@@ -61,9 +64,17 @@ pub struct Granted {
     pub safe_values: SafeValues,
     /// Guest-physical addresses, and what is there.
     pub memory: Vec<(u64, Arc<Mapping>)>,
+    /// Vectors, and on which lines they come.
+    pub lines: Vec<(u8, Arc<Line>)>,
 }
 
 impl Granted {
+    /// Whether there are interrupts among it.
+    #[must_use]
+    pub fn interrupts(&self) -> bool {
+        !self.lines.is_empty()
+    }
+
     /// Lets the guest of `vm` use the memory. `self` must be kept for as long as that guest.
     ///
     /// # Errors
@@ -118,7 +129,7 @@ impl Devices {
 }
 
 fn take_functions(partition: &Partition, functions: &mut Vec<Function>) -> Result<(), DeviceError> {
-    let Passthrough { ports, memory, .. } = partition.passthrough();
+    let Passthrough { ports, memory, interrupts, .. } = partition.passthrough();
     let of_memory = memory.iter().filter_map(|memory| match &memory.source {
         MemorySource::Pci(bar) => Some(bar),
         _ => None,
@@ -134,6 +145,7 @@ fn take_functions(partition: &Partition, functions: &mut Vec<Function>) -> Resul
         let terms = Terms {
             unbind: same().any(|bar| bar.unbind),
             trusted_dma: same().any(|bar| bar.trusted_dma),
+            interrupt: interrupts.iter().any(|i| i.source.is_of(&bar.function)),
         };
         let function = Function::take(Path::new(PCI_DEVICES), name, terms)?;
         let driver = function
@@ -163,7 +175,7 @@ impl Found {
         partition: &Partition,
         functions: &[Function],
     ) -> Result<Granted, DeviceError> {
-        let Passthrough { ports, memory, safe_values } = partition.passthrough();
+        let Passthrough { ports, memory, safe_values, interrupts } = partition.passthrough();
         let mut ranges = Vec::with_capacity(ports.len());
         for port_io in ports {
             let range = range_of(port_io, functions)?;
@@ -192,7 +204,14 @@ impl Found {
             Some(Write { target, width, value: safe.value })
         });
         let safe_values = SafeValues::new(writes.collect());
-        Ok(Granted { ports: PortMap::new(&ranges, RealPorts), safe_values, memory: mappings })
+        let lines = interrupts.iter().map(|i| Ok((i.vector, Arc::new(line(i, functions)?))));
+        let lines = lines.collect::<Result<_, DeviceError>>()?;
+        Ok(Granted {
+            ports: PortMap::new(&ranges, RealPorts),
+            safe_values,
+            memory: mappings,
+            lines,
+        })
     }
 }
 
@@ -217,8 +236,11 @@ fn apart(
     Ok(())
 }
 
-fn function<'a>(bar: &Bar, functions: &'a [Function]) -> Result<&'a Function, DeviceError> {
-    let name = bar.function.name();
+fn function<'a>(
+    wanted: &PciFunction,
+    functions: &'a [Function],
+) -> Result<&'a Function, DeviceError> {
+    let name = wanted.name();
     functions
         .iter()
         .find(|function| function.name() == name)
@@ -228,7 +250,7 @@ fn function<'a>(bar: &Bar, functions: &'a [Function]) -> Result<&'a Function, De
 fn range_of(port_io: &PortIo, functions: &[Function]) -> Result<PortRange, DeviceError> {
     let PortIo { first, last, .. } = *port_io;
     let Some(bar) = &port_io.bar else { return Ok(PortRange { first, last, host: first }) };
-    let function = function(bar, functions)?;
+    let function = function(&bar.function, functions)?;
     let (name, bar) = (function.name(), bar.bar);
     let kind = || DeviceError::BarKind { function: name.to_owned(), bar, wanted: "I/O ports" };
     let resource = function.resource(bar)?.filter(|r| r.is_ports()).ok_or_else(kind)?;
@@ -246,10 +268,19 @@ fn range_of(port_io: &PortIo, functions: &[Function]) -> Result<PortRange, Devic
 
 fn map(entry: &DeviceMemory, functions: &[Function]) -> Result<(Mapping, u64), DeviceError> {
     match &entry.source {
-        MemorySource::Pci(bar) => source::map_bar(function(bar, functions)?, bar.bar, entry.bytes),
+        MemorySource::Pci(bar) => {
+            source::map_bar(function(&bar.function, functions)?, bar.bar, entry.bytes)
+        }
         MemorySource::Uio { device, map } => source::map_uio(device, *map, entry.bytes),
         MemorySource::Physical { address } => {
             Ok((source::map_physical(*address, entry.bytes)?, *address))
         }
+    }
+}
+
+fn line(interrupt: &Interrupt, functions: &[Function]) -> Result<Line, DeviceError> {
+    match &interrupt.source {
+        InterruptSource::Pci(wanted) => function(wanted, functions)?.line(Path::new("/dev")),
+        InterruptSource::Uio(device) => uio::line_of(device),
     }
 }

@@ -15,13 +15,16 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 use super::error::DeviceError;
+use super::uio::Bound;
+use crate::interrupts::line::Line;
 
 /// Offset of the command register in the configuration space, and its bits (PCI Local Bus 3.0,
 /// 6.2.2).
-const COMMAND: u64 = 4;
+pub const COMMAND: u64 = 4;
 const COMMAND_PORTS: u16 = 1;
 const COMMAND_MEMORY: u16 = 1 << 1;
 const COMMAND_MASTER: u16 = 1 << 2;
+const COMMAND_NO_INTERRUPT: u16 = 1 << 10;
 /// Kinds of a resource (`include/linux/ioport.h`).
 const RESOURCE_PORTS: u64 = 0x100;
 const RESOURCE_MEMORY: u64 = 0x200;
@@ -33,6 +36,8 @@ pub struct Terms {
     pub unbind: bool,
     /// Leave it able to master the bus.
     pub trusted_dma: bool,
+    /// Make its interrupt available.
+    pub interrupt: bool,
 }
 
 /// A PCI function that the host has handed over. Dropping it gives it back.
@@ -46,6 +51,9 @@ pub struct Function {
     enabled: bool,
     /// The command register as it was found.
     command: Option<u16>,
+    /// The command register while a guest has the function, its interrupt switched off.
+    taken: u16,
+    uio: Option<Bound>,
 }
 
 /// Where the kernel has put what is behind a register.
@@ -84,13 +92,35 @@ impl Function {
             path: folder.clone(),
             source,
         })?;
-        let mut this =
-            Self { name: name.to_owned(), folder, driver: None, enabled: false, command: None };
+        let mut this = Self {
+            name: name.to_owned(),
+            folder,
+            driver: None,
+            enabled: false,
+            command: None,
+            taken: 0,
+            uio: None,
+        };
         this.unbind(terms)?;
         this.write("enable", "1").map_err(|e| this.cannot("enable", e))?;
         this.enabled = true;
+        if terms.interrupt {
+            let drivers = devices.with_file_name("drivers");
+            this.uio = Some(Bound::bind(&this.folder, &drivers, name)?);
+        }
         this.set_command(terms)?;
         Ok(this)
+    }
+
+    /// The line on which it interrupts, closed; `devices` is `/dev`.
+    ///
+    /// # Errors
+    /// If there is none, or the host refuses.
+    pub fn line(&self, devices: &Path) -> Result<Line, DeviceError> {
+        let bound = self.uio.as_ref().ok_or_else(|| DeviceError::NoUio(self.name.clone()))?;
+        let config = self.config().map_err(|e| self.cannot("open the configuration of", e))?;
+        let armed = self.taken & !COMMAND_NO_INTERRUPT;
+        Ok(Line::Pci { uio: bound.open(devices)?, config, armed })
     }
 
     /// As the file names it.
@@ -150,13 +180,14 @@ impl Function {
         let config = self.config().map_err(|e| self.cannot("open the configuration of", e))?;
         let failed = |e| self.cannot("set the command register of", e);
         let found = read_command(&config).map_err(failed)?;
+        let wanted = found | COMMAND_PORTS | COMMAND_MEMORY | COMMAND_NO_INTERRUPT;
         let wanted = match terms.trusted_dma {
-            true => found | COMMAND_PORTS | COMMAND_MEMORY | COMMAND_MASTER,
-            false => (found | COMMAND_PORTS | COMMAND_MEMORY) & !COMMAND_MASTER,
+            true => wanted | COMMAND_MASTER,
+            false => wanted & !COMMAND_MASTER,
         };
         write_command(&config, wanted).map_err(failed)?;
         let now = read_command(&config).map_err(failed)?;
-        self.command = Some(found);
+        (self.command, self.taken) = (Some(found), wanted);
         if !terms.trusted_dma && now & COMMAND_MASTER != 0 {
             return Err(DeviceError::MastersBus(self.name.clone()));
         }
@@ -175,10 +206,15 @@ impl Function {
         DeviceError::Host { what, device: self.name.clone(), source }
     }
 
-    fn give_back(&self) -> io::Result<()> {
+    fn give_back(&mut self) -> io::Result<()> {
         if let Some(command) = self.command {
-            write_command(&self.config()?, command)?;
+            // A device that the guest has left asking for an interrupt must not ask the host, which
+            // has no handler for it. A driver of the host's switches it on again
+            // (`do_pci_enable_device` in the kernel's drivers/pci/pci.c).
+            let quiet = if self.uio.is_some() { COMMAND_NO_INTERRUPT } else { 0 };
+            write_command(&self.config()?, command | quiet)?;
         }
+        self.uio = None;
         if self.enabled {
             self.write("enable", "0")?;
         }

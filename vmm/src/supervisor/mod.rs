@@ -1,8 +1,9 @@
 //! The event thread: keyboard, screen, clock of the run, and the account of each partition.
 //!
 //! It is an ordinary thread and may be as late as it likes: vCPU threads never wait for it. They
-//! leave what they have to tell in rings, and it looks at those many times a second. Only four
-//! things wake it in between: a key, a signal, the end of a partition, and a client of a channel.
+//! leave what they have to tell in rings, and it looks at those many times a second. Only five
+//! things wake it in between: a key, a signal, the end of a partition, a client of a channel, and a
+//! device's interrupt.
 
 pub mod error;
 mod signals;
@@ -28,6 +29,7 @@ use crate::health::{Action, Verdict};
 use crate::host_ports::HostPorts;
 use crate::host_watchdog::HostWatchdog;
 use crate::init_watch::Console;
+use crate::interrupts::Interrupts;
 use crate::restart::Restart;
 use crate::schedule_desk::ScheduleDesk;
 use crate::terminal::{Key, Keyboard, Screen};
@@ -61,6 +63,8 @@ pub struct Supervisor {
     pub watchdog: Option<HostWatchdog>,
     /// The control socket, if there is one.
     pub operators: Option<Operators>,
+    /// What may interrupt PLC guests.
+    pub interrupts: Option<Interrupts>,
     desk: ScheduleDesk,
     keyboard: Keyboard,
     stdin: Stdin,
@@ -99,6 +103,7 @@ impl Supervisor {
             host_ports: None,
             watchdog: None,
             operators: None,
+            interrupts: None,
             desk,
             keyboard: Keyboard::default(),
             stdin: io::stdin(),
@@ -173,6 +178,15 @@ impl Supervisor {
         let Some(ports) = &mut self.host_ports else { return };
         what(ports, &self.desk.base(), Tsc::now());
         for news in ports.take_news() {
+            self.screen.line("takt", &news);
+        }
+    }
+
+    /// Serves the interrupts of devices by `how`, and says what came of it.
+    fn serve_interrupts(&mut self, how: fn(&mut Interrupts)) {
+        let Some(interrupts) = &mut self.interrupts else { return };
+        how(interrupts);
+        for news in interrupts.take_news() {
             self.screen.line("takt", &news);
         }
     }
@@ -347,7 +361,8 @@ impl MutEventSubscriber for Supervisor {
             self.endings.bell.as_raw_fd(),
         ];
         let host_ports = self.host_ports.as_ref().map(AsRawFd::as_raw_fd);
-        for fd in fds.into_iter().chain(host_ports) {
+        let interrupts = self.interrupts.as_ref().map(AsRawFd::as_raw_fd);
+        for fd in fds.into_iter().chain(host_ports).chain(interrupts) {
             if ops.add(Events::new_raw(fd, EventSet::IN)).is_err() {
                 // Without its events the loop would never end.
                 self.running = false;
@@ -374,9 +389,12 @@ impl MutEventSubscriber for Supervisor {
             self.watch_schedule();
             self.deliver_typed();
             self.serve_host_ports(HostPorts::on_tick);
+            self.serve_interrupts(Interrupts::on_tick);
             self.serve_operators();
         } else if self.host_ports.as_ref().is_some_and(|ports| fd == ports.as_raw_fd()) {
             self.serve_host_ports(HostPorts::on_ready);
+        } else if self.interrupts.as_ref().is_some_and(|i| fd == i.as_raw_fd()) {
+            self.serve_interrupts(Interrupts::on_ready);
         } else if fd == self.endings.bell.as_raw_fd() {
             let _ = self.endings.bell.read();
             self.note_endings();

@@ -2,7 +2,7 @@
 
 use kvm_ioctls::VcpuExit;
 use takt_abi::memory::{ERROR_TEXT_BYTES, TEXT, TEXT_BYTES};
-use takt_abi::{Information, MAGIC, Status, VERSION, port, start};
+use takt_abi::{Information, MAGIC, Status, VERSION, interrupt_controller, port, start};
 use takt_devices::output::DroppingOutput;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use takt_scheduler::timetable::{Release, Slot};
@@ -54,7 +54,7 @@ impl PlcGuest {
             schedule: 0,
             start_mode: start::COLD,
             start_condition: start::NORMAL,
-            reserved: 0,
+            interrupt_controller: interrupt_controller::NONE,
         };
         let (information, status) = (memory.information()?, memory.status()?);
         let memory = memory.clone();
@@ -63,8 +63,17 @@ impl PlcGuest {
 
     /// With these devices of the host's.
     #[must_use]
-    pub fn with_devices(self, devices: Option<Granted>) -> Self {
+    pub fn with_devices(mut self, devices: Option<Granted>) -> Self {
+        if devices.as_ref().is_some_and(Granted::interrupts) {
+            self.announced.interrupt_controller = interrupt_controller::LOCAL_APIC;
+        }
         Self { devices, ..self }
+    }
+
+    /// Whether its machine has an interrupt controller.
+    #[must_use]
+    pub fn has_interrupts(&self) -> bool {
+        self.announced.interrupt_controller != interrupt_controller::NONE
     }
 
     /// The guest has been loaded anew and is about to start.
@@ -330,6 +339,7 @@ mod tests {
             ports: PortMap::new(&[range], RealPorts),
             safe_values: SafeValues::default(),
             memory: Vec::new(),
+            lines: Vec::new(),
         }));
         assert_eq!(guest.io_ranges(), [[0x1378, 0x137a]]);
         assert!(guest.has_port(0x37a) && !guest.has_port(0x37b) && !guest.has_port(0x1378));

@@ -163,12 +163,7 @@ fn check_uio(
     partition: &str,
     taken: &mut Taken,
 ) -> Result<MemorySource, Diagnostic> {
-    let device = uio.get_ref();
-    let number = device.strip_prefix("uio").unwrap_or_default();
-    if !(1..=4).contains(&number.len()) || !number.bytes().all(|d| d.is_ascii_digit()) {
-        let found = format!("{} is not a UIO device", quote(device));
-        return Err(Diagnostic::new(uio.span(), found, "a name in /dev, such as \"uio0\""));
-    }
+    let device = taken.uio(uio, partition)?;
     let Some(map) = map else {
         let found = format!("which map of {device} is not said");
         let allowed = "`map = 0`, the number of one of its maps, 0 to 4";
@@ -179,6 +174,5 @@ fn check_uio(
         let found = format!("{number} is not the number of a map");
         return Err(Diagnostic::new(map.span(), found, format!("0 to {}", UIO_MAPS - 1)));
     }
-    taken.device(&format!("the UIO device {device}"), partition, uio.span())?;
-    Ok(MemorySource::Uio { device: device.clone(), map: number as u8 })
+    Ok(MemorySource::Uio { device, map: number as u8 })
 }

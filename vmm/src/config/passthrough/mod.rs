@@ -7,9 +7,11 @@
 //!
 //! - [`ports`]: ranges of I/O ports;
 //! - [`memory`]: memory of devices;
-//! - [`source`]: which device it is, for both;
+//! - [`interrupts`]: their interrupts;
+//! - [`source`]: which device it is, for all of these;
 //! - [`safe_values`]: what is written when the partition ends.
 
+mod interrupts;
 mod memory;
 mod ports;
 mod safe_values;
@@ -21,12 +23,13 @@ use super::diagnostic::{Diagnostic, Span, quote};
 use super::partition::Checked;
 use super::raw::{self, Keys};
 
+pub use interrupts::{Interrupt, InterruptSource};
 pub use memory::{DeviceMemory, MemorySource};
 pub use ports::PortIo;
 pub use safe_values::{SafePlace, SafeValue};
 pub use source::{Bar, PciFunction};
 
-/// Most tables of each of the three kinds in a partition.
+/// Most tables of each of the four kinds in a partition.
 const TABLES_MAX: usize = 32;
 
 /// What a partition gets of the host's devices.
@@ -38,6 +41,8 @@ pub struct Passthrough {
     pub memory: Vec<DeviceMemory>,
     /// What is written when the partition ends, in this order.
     pub safe_values: Vec<SafeValue>,
+    /// Interrupts, no two of a device or of a vector.
+    pub interrupts: Vec<Interrupt>,
 }
 
 /// Checks what each partition asks for, in the order of the file.
@@ -53,10 +58,12 @@ pub fn check(
         check_number(&raw.port_io.0, "port_io")?;
         check_number(&raw.mmio.0, "mmio")?;
         check_number(&raw.safe_value.0, "safe_value")?;
+        check_number(&raw.interrupt.0, "interrupt")?;
         let ports = ports::check(&raw.port_io.0, name, &mut taken)?;
         let memory = memory::check(&raw.mmio.0, name, &mut taken)?;
         let safe_values = safe_values::check(&raw.safe_value.0, &ports, &memory)?;
-        checked.push(Passthrough { ports, memory, safe_values });
+        let interrupts = interrupts::check(&raw.interrupt.0, name, &ports, &memory, &mut taken)?;
+        checked.push(Passthrough { ports, memory, safe_values, interrupts });
     }
     Ok(checked)
 }
@@ -131,6 +138,18 @@ impl Taken {
         }
         self.devices.push((name.to_owned(), partition.to_owned(), place));
         Ok(())
+    }
+
+    /// Gives a UIO device to a partition, which may have it already.
+    fn uio(&mut self, uio: &Spanned<String>, partition: &str) -> Result<String, Diagnostic> {
+        let device = uio.get_ref();
+        let number = device.strip_prefix("uio").unwrap_or_default();
+        if !(1..=4).contains(&number.len()) || !number.bytes().all(|d| d.is_ascii_digit()) {
+            let found = format!("{} is not a UIO device", quote(device));
+            return Err(Diagnostic::new(uio.span(), found, "a name in /dev, such as \"uio0\""));
+        }
+        self.device(&format!("the UIO device {device}"), partition, uio.span())?;
+        Ok(device.clone())
     }
 }
 

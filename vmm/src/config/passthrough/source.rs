@@ -62,6 +62,35 @@ pub struct PciKeys<'a> {
     pub header: Span,
 }
 
+/// A PCI function as a whole.
+pub fn check_function(
+    pci: &Spanned<String>,
+    partition: &str,
+    taken: &mut Taken,
+) -> Result<PciFunction, Diagnostic> {
+    let function = parse_function(pci)?;
+    take_function(&function, pci, partition, taken)?;
+    Ok(function)
+}
+
+fn parse_function(pci: &Spanned<String>) -> Result<PciFunction, Diagnostic> {
+    PciFunction::parse(pci.get_ref()).ok_or_else(|| {
+        let found = format!("{} is not the address of a PCI function", quote(pci.get_ref()));
+        let allowed = "domain, bus, device and function as in /sys/bus/pci/devices, such as \
+                       \"0000:00:04.0\"";
+        Diagnostic::new(pci.span(), found, allowed)
+    })
+}
+
+fn take_function(
+    function: &PciFunction,
+    pci: &Spanned<String>,
+    partition: &str,
+    taken: &mut Taken,
+) -> Result<(), Diagnostic> {
+    taken.device(&format!("the PCI function {function}"), partition, pci.span())
+}
+
 /// The register of a PCI function, if the table names one.
 pub fn check_bar(
     keys: &PciKeys<'_>,
@@ -83,12 +112,7 @@ pub fn check_bar(
         }
         return Ok(None);
     };
-    let function = PciFunction::parse(pci.get_ref()).ok_or_else(|| {
-        let found = format!("{} is not the address of a PCI function", quote(pci.get_ref()));
-        let allowed = "domain, bus, device and function as in /sys/bus/pci/devices, such as \
-                       \"0000:00:04.0\"";
-        Diagnostic::new(pci.span(), found, allowed)
-    })?;
+    let function = parse_function(pci)?;
     let Some(bar) = keys.bar else {
         let found = format!("which register of {function} is not said");
         let allowed = "`bar = 0`, the number of a base address register, 0 to 5";
@@ -99,7 +123,7 @@ pub fn check_bar(
         let found = format!("{number} is not the number of a base address register");
         return Err(Diagnostic::new(bar.span(), found, format!("0 to {}", BARS - 1)));
     }
-    taken.device(&format!("the PCI function {function}"), partition, pci.span())?;
+    take_function(&function, pci, partition, taken)?;
     let is_set = |key: &Option<Spanned<bool>>| key.as_ref().is_some_and(|key| *key.get_ref());
     Ok(Some(Bar {
         function,

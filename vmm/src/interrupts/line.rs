@@ -1,0 +1,77 @@
+//! The line of one device, as the host hands it over: a UIO device, one interrupt at a time.
+//!
+//! UIO tells of an interrupt by a file that can be read, and leaves it to the user how the line is
+//! opened again (`Documentation/driver-api/uio-howto.rst` of the kernel). The kernel's driver for
+//! PCI functions closes it by a bit of the command register, which is opened through configuration
+//! space; drivers for other devices take a 1 or a 0.
+
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::os::fd::{AsRawFd, RawFd};
+use std::os::unix::fs::FileExt;
+
+use crate::passthrough::pci::COMMAND;
+
+/// Where a device interrupts.
+#[derive(Debug)]
+pub enum Line {
+    /// A PCI function's, with the driver `uio_pci_generic`.
+    Pci {
+        /// Tells of interrupts. Not blocking.
+        uio: File,
+        /// Its configuration space.
+        config: File,
+        /// The command register with the line open.
+        armed: u16,
+    },
+    /// That of a device whose own driver opens and closes it.
+    Uio(File),
+}
+
+impl Line {
+    /// Lets the device interrupt once.
+    ///
+    /// # Errors
+    /// What the host says.
+    pub fn arm(&self) -> io::Result<()> {
+        match self {
+            Line::Pci { config, armed, .. } => config.write_all_at(&armed.to_le_bytes(), COMMAND),
+            Line::Uio(uio) => switch(uio, true),
+        }
+    }
+
+    /// Whether it has interrupted, since this was last asked. The line is closed then.
+    ///
+    /// # Errors
+    /// What the host says, other than that nothing has happened.
+    pub fn take(&self) -> io::Result<bool> {
+        let (Line::Pci { uio, .. } | Line::Uio(uio)) = self;
+        // How many interrupts there have been, ever.
+        let mut count = [0; 4];
+        match (&mut &*uio).read(&mut count) {
+            Ok(_) => {}
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(false),
+            Err(error) => return Err(error),
+        }
+        if let Line::Uio(uio) = self {
+            // The driver may have left it open.
+            switch(uio, false)?;
+        }
+        Ok(true)
+    }
+}
+
+impl AsRawFd for Line {
+    fn as_raw_fd(&self) -> RawFd {
+        let (Line::Pci { uio, .. } | Line::Uio(uio)) = self;
+        uio.as_raw_fd()
+    }
+}
+
+/// Opens or closes the line of a device whose driver can.
+///
+/// # Errors
+/// What the host says: `ENOSYS` or `EIO` if the driver cannot.
+pub fn switch(mut uio: &File, on: bool) -> io::Result<()> {
+    uio.write_all(&u32::from(on).to_ne_bytes())
+}

@@ -1,0 +1,215 @@
+//! Interrupts of passed-through devices, on their way into a PLC.
+//!
+//! ```text
+//! device -> host's kernel: UIO -> event thread -> eventfd -> KVM: irqfd -> local APIC
+//!    ^      (masks the line)                                                   |
+//!    |                                                                         v  in a window only
+//! event thread <- eventfd <- KVM: ioeventfd <----- out 0x7a18, vector ------ guest
+//! (unmasks it, at a bounded rate)
+//! ```
+//!
+//! A line that a device holds until its registers are served is masked by the host with each
+//! interrupt, and only the guest knows when it may be opened again. So nothing comes before the
+//! guest asks for it, and then one interrupt. What the guest asks for is done by the event thread,
+//! [`PER_TICK`] times in a tick at most: whatever device and guest do, the host takes no more
+//! interrupts than that.
+//!
+//! A vCPU that is outside its window is not in KVM, and nothing of all this wakes its thread: what
+//! has arrived meanwhile waits in its interrupt controller.
+
+pub mod apic;
+pub mod line;
+pub mod route;
+
+use std::io;
+use std::os::fd::{AsRawFd, RawFd};
+use std::sync::Arc;
+
+use kvm_ioctls::VmFd;
+use vmm_sys_util::epoll::{ControlOperation, Epoll, EpollEvent, EventSet};
+use vmm_sys_util::eventfd::EventFd;
+
+use crate::machine::MachineError;
+use crate::run_error::RunError;
+use line::Line;
+
+/// How often a source is armed between two ticks of the event thread, at most: a thousand times a
+/// second.
+pub const PER_TICK: u32 = 20;
+/// Events that are taken at once.
+const EVENTS: usize = 16;
+
+/// The sources of interrupts of all partitions, for the event thread.
+pub struct Interrupts {
+    sources: Vec<Source>,
+    epoll: Epoll,
+    /// Interrupts by eventfd end with these handles, so they are kept.
+    machines: Vec<VmFd>,
+    /// What the user should know and has not been told yet.
+    news: Vec<String>,
+}
+
+/// What may interrupt a guest, and whether it may just now.
+struct Source {
+    /// For the user.
+    name: String,
+    line: Arc<Line>,
+    /// Injects.
+    signal: EventFd,
+    /// Rung by the guest.
+    asked: EventFd,
+    /// The guest has asked, and it is not done yet.
+    wanted: bool,
+    /// How often it may be armed until the next tick.
+    left: u32,
+    /// The user knows that it is held back.
+    told: bool,
+}
+
+/// Which descriptor of a source an event is about.
+const LINE: u64 = 0;
+const ASKED: u64 = 1;
+
+impl Interrupts {
+    /// None.
+    ///
+    /// # Errors
+    /// If the host gives no descriptor.
+    pub fn new() -> Result<Self, RunError> {
+        let epoll = Epoll::new().map_err(cannot("watch interrupts"))?;
+        Ok(Self { sources: Vec::new(), epoll, machines: Vec::new(), news: Vec::new() })
+    }
+
+    /// Gives a partition the interrupts of its devices, by vector. Its machine must have a local
+    /// APIC if there are any.
+    ///
+    /// # Errors
+    /// If the host or KVM refuses.
+    pub fn attach(
+        &mut self,
+        partition: &str,
+        vm: VmFd,
+        lines: &[(u8, Arc<Line>)],
+    ) -> Result<(), RunError> {
+        if lines.is_empty() {
+            return Ok(());
+        }
+        let wires = route::attach(&vm, lines.iter().map(|(vector, _)| *vector))?;
+        for ((vector, line), route::Wires { signal, asked }) in lines.iter().zip(wires) {
+            let index = self.sources.len() as u64;
+            for (fd, which) in [(line.as_raw_fd(), LINE), (asked.as_raw_fd(), ASKED)] {
+                let event = EpollEvent::new(EventSet::IN, index << 1 | which);
+                let added = self.epoll.ctl(ControlOperation::Add, fd, event);
+                added.map_err(cannot("watch an interrupt"))?;
+            }
+            self.sources.push(Source {
+                name: format!("interrupt {vector} of {partition}"),
+                line: line.clone(),
+                signal,
+                asked,
+                wanted: false,
+                left: PER_TICK,
+                told: false,
+            });
+        }
+        self.machines.push(vm);
+        Ok(())
+    }
+
+    /// True if no partition has any.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.sources.is_empty()
+    }
+
+    /// A device has interrupted, or a guest has asked for the next time.
+    pub fn on_ready(&mut self) {
+        let mut events = [EpollEvent::default(); EVENTS];
+        let Ok(count) = self.epoll.wait(0, &mut events) else { return };
+        for event in events.iter().take(count) {
+            let data = event.data();
+            let Some(source) =
+                usize::try_from(data >> 1).ok().and_then(|i| self.sources.get_mut(i))
+            else {
+                continue;
+            };
+            let served = if data & 1 == ASKED { source.asked_for() } else { source.arrived() };
+            if let Err(error) = served {
+                let fd = source.line.as_raw_fd();
+                // What cannot be read would be announced without end.
+                let _ = self.epoll.ctl(ControlOperation::Delete, fd, EpollEvent::default());
+                self.news.push(format!("{}: given up: {error}", source.name));
+            }
+        }
+    }
+
+    /// Another tick has begun.
+    pub fn on_tick(&mut self) {
+        for source in &mut self.sources {
+            let held_back = source.wanted;
+            source.left = PER_TICK;
+            if held_back && !source.told {
+                source.told = true;
+                let name = &source.name;
+                self.news.push(format!("{name}: held back, it comes too often (told once)"));
+            }
+            if let Err(error) = source.arm() {
+                source.wanted = false;
+                self.news.push(format!("{}: cannot be armed: {error}", source.name));
+            }
+        }
+    }
+
+    /// What has happened that the user should know.
+    pub fn take_news(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.news)
+    }
+}
+
+impl AsRawFd for Interrupts {
+    fn as_raw_fd(&self) -> RawFd {
+        self.epoll.as_raw_fd()
+    }
+}
+
+impl Source {
+    fn asked_for(&mut self) -> io::Result<()> {
+        // Several requests are one.
+        self.wanted |= self.asked.read().is_ok();
+        self.arm()
+    }
+
+    fn arrived(&self) -> io::Result<()> {
+        if self.line.take()? {
+            self.signal.write(1)?;
+        }
+        Ok(())
+    }
+
+    /// Arms the line if the guest wants it and it is not too often.
+    fn arm(&mut self) -> io::Result<()> {
+        if self.wanted && self.left > 0 {
+            self.left -= 1;
+            self.wanted = false;
+            self.line.arm()?;
+        }
+        Ok(())
+    }
+}
+
+fn cannot(what: &'static str) -> impl FnOnce(io::Error) -> RunError {
+    move |source| RunError::Host { what, source }
+}
+
+/// A new event descriptor.
+fn eventfd() -> Result<EventFd, MachineError> {
+    use vmm_sys_util::eventfd::{EFD_CLOEXEC, EFD_NONBLOCK};
+
+    EventFd::new(EFD_NONBLOCK | EFD_CLOEXEC).map_err(|e| MachineError::Call {
+        what: "get an event descriptor for an interrupt",
+        source: kvm_ioctls::Error::new(e.raw_os_error().unwrap_or(libc::EIO)),
+    })
+}
+
+#[cfg(test)]
+mod tests;
