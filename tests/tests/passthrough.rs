@@ -96,6 +96,87 @@ fn outputs_are_what_a_plc_writes_and_a_neighbour_reaches_none_of_them() {
     assert_eq!(outcome.number("sweep", "illegal_accesses"), PLACES);
 }
 
+/// The registers of QEMU's `edu`, and its interrupt.
+const INTERRUPT: &str = r#"
+[[partition.mmio]]
+name = "edu"
+address = "0xd0000000"
+size = "4KiB"
+pci = "0000:00:06.0"
+bar = 0
+
+[[partition.interrupt]]
+vector = 64
+pci = "0000:00:06.0"
+"#;
+
+/// The numbers behind `words` in the last line of a partition that has the first of them.
+fn numbers<const N: usize>(outcome: &Outcome, partition: &str, words: [&str; N]) -> [u64; N] {
+    let of = format!("[{partition}] ");
+    let mut lines = outcome.output.lines().rev();
+    let line = lines.find(|line| line.contains(&of) && line.contains(words[0]));
+    let line = line.unwrap_or_else(|| panic!("it says nothing\n{}", outcome.output));
+    words.map(|word| {
+        let (_, rest) = line.split_once(word).unwrap_or_else(|| panic!("no {word} in {line}"));
+        let digits: String = rest.trim_start().chars().take_while(char::is_ascii_digit).collect();
+        digits.parse().unwrap_or_else(|_| panic!("no number after {word} in {line}"))
+    })
+}
+
+#[test]
+fn interrupts_reach_their_plc_also_after_a_restart_and_no_neighbour() {
+    let outcome = File::new("1ms")
+        .plc("drive", Some(plc_image("interrupts")), INTERRUPT)
+        .plc("neighbour", None, "")
+        .health("drive", "partition-ended", "cold-start")
+        .schedule("normal")
+        .window("drive", 0, 200)
+        .window("neighbour", 300, 300)
+        .run("interrupts")
+        .lasting("2s")
+        .with("--device")
+        .with("edu")
+        .run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    assert_eq!(outcome.number("drive", "restarts"), 1, "{}", outcome.output);
+    outcome.assert_kept_its_time("neighbour", 1_900);
+    outcome.assert_punctual("neighbour");
+    outcome.assert_kept_its_time("drive", 1_800);
+
+    // Each came, for the reason that was given, and few needed more than a scan.
+    let words = ["raised", "arrived", "wrong", "after"];
+    let [raised, arrived, wrong, fewest] = numbers(&outcome, "drive", words);
+    assert!(arrived + 1 == raised && wrong == 0, "{}", outcome.output);
+    assert!(arrived >= 1_400 && fewest == 1, "{}", outcome.output);
+    // The port by which it asks for them is one that it may use.
+    assert_eq!(outcome.number("drive", "illegal_accesses"), 0, "{}", outcome.output);
+}
+
+#[test]
+fn a_storm_of_interrupts_is_bounded_and_moves_no_neighbour() {
+    if !long() {
+        return;
+    }
+    let outcome = File::new("500us")
+        .plc("storm", Some(plc_image("storm")), INTERRUPT)
+        .plc("neighbour", None, "")
+        .schedule("normal")
+        .window("storm", 0, 100)
+        .window("neighbour", 200, 100)
+        .run("storm")
+        .lasting("3s")
+        .with("--device")
+        .with("edu")
+        .run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_kept_its_time("neighbour", 5_900);
+    outcome.assert_punctual("neighbour");
+    // A thousand in a second, half as many as it has windows, and what the first tick has left.
+    outcome.assert_shows("interrupt 64 of storm: held back");
+    let [releases, arrived] = numbers(&outcome, "storm", ["release", "arrived"]);
+    assert!((releases / 4..=releases / 2 + 40).contains(&arrived), "{}", outcome.output);
+}
+
 /// A count in the last line that the guest `can` has printed.
 fn count(outcome: &Outcome, before: &str) -> u64 {
     let line = outcome.output.lines().rfind(|line| line.contains("[plc] cycle "));

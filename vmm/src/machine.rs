@@ -6,9 +6,9 @@
 //! and nothing that could interrupt it unless its file says so.
 
 use kvm_bindings::{
-    CpuId, KVM_CAP_SPLIT_IRQCHIP, KVM_CPUID_FLAG_SIGNIFCANT_INDEX, KVM_MAX_CPUID_ENTRIES, KVM_PIT_SPEAKER_DUMMY,
-    KVM_VCPU_TSC_CTRL, KVM_VCPU_TSC_OFFSET, Msrs, kvm_device_attr, kvm_enable_cap, kvm_lapic_state,
-    kvm_msr_entry, kvm_pit_config,
+    CpuId, KVM_CAP_SPLIT_IRQCHIP, KVM_CPUID_FLAG_SIGNIFCANT_INDEX, KVM_MAX_CPUID_ENTRIES,
+    KVM_PIT_SPEAKER_DUMMY, KVM_VCPU_TSC_CTRL, KVM_VCPU_TSC_OFFSET, Msrs, kvm_device_attr,
+    kvm_enable_cap, kvm_lapic_state, kvm_msr_entry, kvm_pit_config,
 };
 use kvm_ioctls::{Cap, Kvm, VcpuFd, VmFd};
 use takt_scheduler::time::TscFrequency;
@@ -99,11 +99,7 @@ pub struct Machine {
 ///
 /// # Errors
 /// See [`MachineError`].
-pub fn for_plc(
-    kvm: &Kvm,
-    memory: &GuestMemory,
-    interrupts: bool,
-) -> Result<Machine, MachineError> {
+pub fn for_plc(kvm: &Kvm, memory: &GuestMemory, interrupts: bool) -> Result<Machine, MachineError> {
     let vm = create(kvm, memory)?;
     if interrupts {
         // In this form KVM keeps the processor's controller, and the board's is left to Takt, which

@@ -2,16 +2,17 @@
 //!
 //! The device is QEMU's `edu`, whose registers are the first memory of devices and whose interrupt has
 //! the vector 64. In each scan the guest lets it interrupt, unless the last interrupt has not come
-//! yet.
+//! yet. The first time, it ends itself in the middle of that: the next one has to find a controller in
+//! which nothing is left of this one.
 
 #![no_std]
 #![no_main]
 
-use takt_abi::memory;
+use takt_abi::{memory, start};
 use takt_plc_guest::console::print;
 use takt_plc_guest::cycle::{self, Cycle, Program};
 use takt_plc_guest::mmio::Register;
-use takt_plc_guest::{entry, interrupt, port};
+use takt_plc_guest::{entry, interrupt, pages, port};
 
 const VECTOR: u8 = 64;
 /// Registers of `edu` (QEMU's `docs/specs/edu.txt`): what it asks for an interrupt for, what makes it
@@ -23,8 +24,12 @@ const ACKNOWLEDGE: u64 = 0x64;
 const NO_REGISTER: u32 = 2;
 /// Scans between two lines.
 const REPORT: u64 = 500;
+/// Scans after which the first guest ends itself.
+const FIRST_LIFE: u64 = 250;
 
 struct Interrupts {
+    /// Nobody was here before.
+    first: bool,
     status: Register<u32>,
     raise: Register<u32>,
     acknowledge: Register<u32>,
@@ -66,6 +71,9 @@ impl Program for Interrupts {
             self.raise.write(self.raised);
         }
         self.scans += 1;
+        if self.first && self.scans == FIRST_LIFE {
+            port::exit(0);
+        }
         if self.scans.is_multiple_of(REPORT) {
             print(format_args!(
                 "raised {}, arrived {}, wrong {}, after {} to {} scans; ticks {} and {}",
@@ -88,8 +96,11 @@ fn main() -> ! {
     else {
         port::exit(NO_REGISTER)
     };
+    // What the guest before this one has left.
+    acknowledge.write(status.read());
     interrupt::arm(VECTOR);
     cycle::run(Interrupts {
+        first: pages::information().start_condition == start::NORMAL,
         status,
         raise,
         acknowledge,

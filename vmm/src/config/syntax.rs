@@ -40,6 +40,7 @@ const EXAMPLES: &[(&str, &str)] = &[
         "destinations",
         "`destinations = [\"axis:setpoints\"]`, the partitions that receive, and their ports",
     ),
+    ("vector", "`vector = 64`, a number from 32 to 254 by which the guest knows the interrupt"),
     ("ports", "`ports = \"0x378-0x37a\"`, the first and the last port of a range"),
     ("address", "`address = \"0xd0000000\"`, where the guest sees the device's memory"),
     ("size", "`size = \"4KiB\"`, how much of the device's memory the guest sees"),

@@ -49,7 +49,8 @@ impl Line {
         // How many interrupts there have been, ever.
         let mut count = [0; 4];
         match (&mut &*uio).read(&mut count) {
-            Ok(_) => {}
+            Ok(4) => {}
+            Ok(_) => return Err(io::ErrorKind::UnexpectedEof.into()),
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(false),
             Err(error) => return Err(error),
         }

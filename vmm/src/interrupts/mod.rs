@@ -58,12 +58,20 @@ struct Source {
     signal: EventFd,
     /// Rung by the guest.
     asked: EventFd,
-    /// The guest has asked, and it is not done yet.
-    wanted: bool,
-    /// How often it may be armed until the next tick.
-    left: u32,
+    state: State,
     /// The user knows that it is held back.
     told: bool,
+}
+
+/// What becomes of a request of the guest's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    /// It is done; so many more are until the next tick.
+    Open(u32),
+    /// It stays where it is until the next tick, and nobody wakes up for it.
+    Spent,
+    /// The device has failed.
+    GivenUp,
 }
 
 /// Which descriptor of a source an event is about.
@@ -107,8 +115,7 @@ impl Interrupts {
                 line: line.clone(),
                 signal,
                 asked,
-                wanted: false,
-                left: PER_TICK,
+                state: State::Open(PER_TICK),
                 told: false,
             });
         }
@@ -128,34 +135,37 @@ impl Interrupts {
         let Ok(count) = self.epoll.wait(0, &mut events) else { return };
         for event in events.iter().take(count) {
             let data = event.data();
-            let Some(source) =
-                usize::try_from(data >> 1).ok().and_then(|i| self.sources.get_mut(i))
-            else {
-                continue;
+            let Ok(index) = usize::try_from(data >> 1) else { continue };
+            let Some(source) = self.sources.get_mut(index) else { continue };
+            let served = match data & 1 {
+                ASKED => source.requested(&self.epoll, data),
+                _ => source.arrived(),
             };
-            let served = if data & 1 == ASKED { source.asked_for() } else { source.arrived() };
             if let Err(error) = served {
-                let fd = source.line.as_raw_fd();
-                // What cannot be read would be announced without end.
-                let _ = self.epoll.ctl(ControlOperation::Delete, fd, EpollEvent::default());
-                self.news.push(format!("{}: given up: {error}", source.name));
+                self.news.push(source.give_up(&self.epoll, &error));
             }
         }
     }
 
     /// Another tick has begun.
     pub fn on_tick(&mut self) {
-        for source in &mut self.sources {
-            let held_back = source.wanted;
-            source.left = PER_TICK;
-            if held_back && !source.told {
-                source.told = true;
-                let name = &source.name;
-                self.news.push(format!("{name}: held back, it comes too often (told once)"));
+        for (index, source) in (0..).zip(&mut self.sources) {
+            let was = source.state;
+            if was == State::GivenUp {
+                continue;
             }
-            if let Err(error) = source.arm() {
-                source.wanted = false;
-                self.news.push(format!("{}: cannot be armed: {error}", source.name));
+            source.state = State::Open(PER_TICK);
+            if was != State::Spent {
+                continue;
+            }
+            match source.resume(&self.epoll, index << 1 | ASKED) {
+                Ok(true) if !source.told => {
+                    source.told = true;
+                    let text = format!("{}: held back, it is asked for too often", source.name);
+                    self.news.push(text);
+                }
+                Ok(_) => {}
+                Err(error) => self.news.push(source.give_up(&self.epoll, &error)),
             }
         }
     }
@@ -173,12 +183,34 @@ impl AsRawFd for Interrupts {
 }
 
 impl Source {
-    fn asked_for(&mut self) -> io::Result<()> {
-        // Several requests are one.
-        self.wanted |= self.asked.read().is_ok();
-        self.arm()
+    /// Does what the guest asks for. Several requests are one.
+    fn requested(&mut self, epoll: &Epoll, data: u64) -> io::Result<()> {
+        let State::Open(left) = self.state else { return Ok(()) };
+        if self.asked.read().is_err() {
+            return Ok(());
+        }
+        self.state = State::Open(left.saturating_sub(1));
+        if left <= 1 {
+            self.state = State::Spent;
+            let ignored = EpollEvent::new(EventSet::empty(), data);
+            epoll.ctl(ControlOperation::Modify, self.asked.as_raw_fd(), ignored)?;
+        }
+        self.line.arm()
     }
 
+    /// Attends to requests again; true if there is one that had to wait.
+    fn resume(&mut self, epoll: &Epoll, data: u64) -> io::Result<bool> {
+        let event = EpollEvent::new(EventSet::IN, data);
+        epoll.ctl(ControlOperation::Modify, self.asked.as_raw_fd(), event)?;
+        let waited = self.asked.read().is_ok();
+        if waited {
+            self.state = State::Open(PER_TICK - 1);
+            self.line.arm()?;
+        }
+        Ok(waited)
+    }
+
+    /// The device has interrupted.
     fn arrived(&self) -> io::Result<()> {
         if self.line.take()? {
             self.signal.write(1)?;
@@ -186,14 +218,13 @@ impl Source {
         Ok(())
     }
 
-    /// Arms the line if the guest wants it and it is not too often.
-    fn arm(&mut self) -> io::Result<()> {
-        if self.wanted && self.left > 0 {
-            self.left -= 1;
-            self.wanted = false;
-            self.line.arm()?;
+    /// Nothing of it wakes anybody any more.
+    fn give_up(&mut self, epoll: &Epoll, error: &io::Error) -> String {
+        self.state = State::GivenUp;
+        for fd in [self.line.as_raw_fd(), self.asked.as_raw_fd()] {
+            let _ = epoll.ctl(ControlOperation::Delete, fd, EpollEvent::default());
         }
-        Ok(())
+        format!("{}: given up: {error}", self.name)
     }
 }
 

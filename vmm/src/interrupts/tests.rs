@@ -25,11 +25,15 @@ fn source() -> (Source, File, File) {
         line,
         signal: eventfd().unwrap(),
         asked: eventfd().unwrap(),
-        wanted: false,
-        left: PER_TICK,
+        state: State::Open(PER_TICK),
         told: false,
     };
     (source, device, config)
+}
+
+fn reading_end(source: &Source) -> File {
+    let (Line::Pci { uio, .. } | Line::Uio(uio)) = &*source.line;
+    uio.try_clone().unwrap()
 }
 
 /// Whether the line has been opened since this was asked last.
@@ -101,21 +105,34 @@ fn a_guest_that_asks_without_end_gets_its_share_of_each_tick() {
 }
 
 #[test]
-fn a_device_that_goes_away_is_given_up_and_said_so_once() {
-    let (mut source, _device, _config) = source();
-    // What cannot be read: a folder.
-    source.line = Arc::new(Line::Uio(File::open("/").unwrap()));
-    assert!(source.arrived().is_err());
-    let (other, _device, _config) = self::source();
-    let closed = Line::Uio(File::open("/dev/null").unwrap());
-    assert!(closed.arm().is_err(), "it is open for reading only");
-    source.line = Arc::new(closed);
-    source.wanted = true;
-    let mut all = interrupts(other);
-    all.sources.push(source);
-    all.on_tick();
+fn a_device_that_fails_is_given_up_and_said_so_once() {
+    let (mut source, device, _config) = source();
+    // The device's end of the pipe is for writing, this one is not: the line cannot be opened.
+    source.line = Arc::new(Line::Uio(reading_end(&source)));
+    let asked = source.asked.try_clone().unwrap();
+    let mut all = interrupts(source);
+    asked.write(1).unwrap();
+    all.on_ready();
     let news = all.take_news();
-    assert!(news.iter().any(|n| n.contains("cannot be armed")), "{news:?}");
+    assert_eq!(news.len(), 1, "{news:?}");
+    assert!(news[0].starts_with("interrupt 64 of plc: given up: "), "{news:?}");
+    asked.write(1).unwrap();
+    all.on_ready();
     all.on_tick();
     assert!(all.take_news().is_empty());
+    drop(device);
+}
+
+#[test]
+fn a_line_that_cannot_be_read_any_more_is_given_up_too() {
+    let (source, mut device, _config) = source();
+    let signal = source.signal.try_clone().unwrap();
+    let mut all = interrupts(source);
+    // Half a counter is no interrupt.
+    device.write_all(&[0; 2]).unwrap();
+    all.on_ready();
+    assert_eq!(all.take_news().len(), 1);
+    device.write_all(&[0; 4]).unwrap();
+    all.on_ready();
+    assert!(all.take_news().is_empty() && signal.read().is_err());
 }

@@ -37,6 +37,13 @@ impl Sysfs {
         std::os::unix::fs::symlink(&driver, self.function().join("driver")).unwrap();
     }
 
+    /// The driver for interrupts, and the device that it makes.
+    fn uio(&self) {
+        fs::create_dir_all(self.0.join("drivers/uio_pci_generic")).unwrap();
+        fs::create_dir_all(self.function().join("uio/uio7")).unwrap();
+        fs::write(self.0.join("uio7"), "").unwrap();
+    }
+
     fn take(&self, terms: Terms) -> Result<Function, DeviceError> {
         Function::take(&self.0.join("devices"), NAME, terms)
     }
@@ -73,7 +80,7 @@ fn a_trusted_function_may_master_the_bus() {
     let sysfs = Sysfs::new(0);
     let terms = Terms { trusted_dma: true, ..Terms::default() };
     let function = sysfs.take(terms).unwrap();
-    assert_eq!(sysfs.command(), 7);
+    assert_eq!(sysfs.command(), 0x407);
     drop(function);
     assert_eq!(sysfs.command(), 0);
 }
@@ -126,4 +133,48 @@ fn a_function_that_is_not_there_is_named() {
     let error = Function::take(&sysfs.0.join("devices"), "0000:00:05.0", Terms::default());
     let error = error.unwrap_err().to_string();
     assert!(error.starts_with("there is no device 0000:00:05.0: "), "{error}");
+}
+
+#[test]
+fn the_interrupt_of_a_function_is_off_until_it_is_asked_for() {
+    let sysfs = Sysfs::new(7);
+    let function = sysfs.take(Terms::default()).unwrap();
+    assert_eq!(sysfs.command(), 0x403);
+    drop(function);
+    assert_eq!(sysfs.command(), 7);
+
+    sysfs.bind();
+    sysfs.uio();
+    let terms = Terms { unbind: true, interrupt: true, ..Terms::default() };
+    let function = sysfs.take(terms).unwrap();
+    let line = function.line(&sysfs.0).unwrap();
+    let overridden = || sysfs.text(&format!("devices/{NAME}/driver_override"));
+    assert_eq!(overridden(), "uio_pci_generic");
+    assert_eq!(sysfs.text("drivers/uio_pci_generic/bind"), NAME);
+    assert_eq!(sysfs.command(), 0x403);
+    line.arm().unwrap();
+    assert_eq!(sysfs.command(), 3);
+
+    // Nobody on the host would end an interrupt that the guest has left behind.
+    drop((line, function));
+    assert_eq!(sysfs.command(), 0x407);
+    assert_eq!(
+        (overridden().as_str(), sysfs.text("drivers/uio_pci_generic/unbind").as_str()),
+        ("\n", NAME)
+    );
+    assert_eq!(sysfs.text("drivers/some/bind"), NAME);
+}
+
+#[test]
+fn a_host_without_the_driver_for_interrupts_is_told_which() {
+    let sysfs = Sysfs::new(7);
+    let terms = Terms { interrupt: true, ..Terms::default() };
+    let error = sysfs.take(terms).unwrap_err().to_string();
+    assert!(error.contains("`modprobe uio_pci_generic`"), "{error}");
+    assert_eq!(fs::read_to_string(sysfs.function().join("enable")).unwrap(), "0");
+    assert_eq!(sysfs.command(), 7);
+
+    // A function without an interrupt has no line.
+    let function = sysfs.take(Terms::default()).unwrap();
+    assert!(matches!(function.line(&sysfs.0), Err(DeviceError::NoUio(_))));
 }

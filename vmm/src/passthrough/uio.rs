@@ -59,8 +59,9 @@ impl Bound {
     }
 
     fn give_back(&self) -> io::Result<()> {
-        fs::write(self.driver.join("unbind"), &self.name)?;
-        fs::write(self.function.join("driver_override"), "\n")
+        // Also of a function that could not be bound: the choice of the driver was made before.
+        let unbound = fs::write(self.driver.join("unbind"), &self.name);
+        fs::write(self.function.join("driver_override"), "\n").and(unbound)
     }
 }
 
