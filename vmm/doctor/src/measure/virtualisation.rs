@@ -59,7 +59,7 @@ fn closed(host: &Host, errno: i32) -> Finding {
 }
 
 fn made(kvm: &Kvm, linux: bool) -> Result<(), MachineError> {
-    machine::for_plc(kvm, &GuestMemory::for_plc(MEMORY, &[])?)?;
+    machine::for_plc(kvm, &GuestMemory::for_plc(MEMORY, &[])?, false)?;
     if linux {
         machine::for_linux(kvm, &GuestMemory::for_linux(MEMORY, &[])?)?;
     }
