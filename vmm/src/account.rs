@@ -12,6 +12,7 @@ use crate::control::Orders;
 use crate::gather::Gather;
 use crate::health::Watch;
 use crate::restart::Restart;
+use crate::samples::{Course, Recorder};
 use crate::statistics;
 use crate::terminal::Lines;
 use crate::vcpu::Control;
@@ -55,6 +56,8 @@ pub struct Account {
     pub health: Watch,
     /// Figures of a partition whose guest does, from the epoch on.
     pub releases: Option<statistics::Releases>,
+    /// How its releases go, if that is wanted.
+    pub samples: Option<Recorder>,
     /// Time from its wake-ups to its leaving its windows, which was nobody else's.
     pub occupied: Nanos,
     /// What notices that its guest is silent.
@@ -76,11 +79,18 @@ pub struct Account {
 }
 
 impl Account {
-    /// The run starts.
-    pub fn start(&mut self, base: Timebase) {
+    /// The run starts, and its releases are to be sampled or not.
+    pub fn start(&mut self, base: Timebase, sampled: bool) {
         if self.records.is_some() && self.says_done {
             self.releases = statistics::Releases::new(base);
+            self.samples = sampled.then(|| Recorder::new(base)).flatten();
         }
+    }
+
+    /// How its releases went; `None` if that was not wanted.
+    #[must_use]
+    pub fn course(&self) -> Option<Course> {
+        Some(self.samples.as_ref()?.course(&self.name, self.releases.as_ref()?))
     }
 
     /// Takes note that its guest was started anew.
@@ -90,6 +100,9 @@ impl Account {
         self.orders = Orders::default();
         if let Some(releases) = &mut self.releases {
             releases.restarted();
+        }
+        if let Some(samples) = &mut self.samples {
+            samples.restarted();
         }
     }
 
@@ -114,6 +127,9 @@ impl Account {
             show(&self.name, &window, detours);
             if let Some(releases) = &mut self.releases {
                 releases.add(&window, detours);
+            }
+            if let Some(samples) = &mut self.samples {
+                samples.add(&window);
             }
         }
     }

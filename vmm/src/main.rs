@@ -9,9 +9,8 @@ use std::time::Duration;
 
 use clap::{Parser, Subcommand};
 use takt::config::{self, PartitionFile};
-use takt::report::Report;
 use takt::run::Options;
-use takt::{appliance, check, jitter, probe, run};
+use takt::{appliance, check, probe, run};
 
 /// Exit statuses; `--help` tells them.
 mod status {
@@ -30,7 +29,8 @@ const BESIDE_HELP: &str = "\
 Programs of their own, in the folder of takt:
   ctl     Ask a running takt how it stands, and tell it what to do
   doctor  Say whether this host can keep the promises of a partition file
-  top     Show what a running takt does";
+  top     Show what a running takt does
+  jitter  Measure how punctual the partitions of a file are, under a load";
 
 /// A PLC and an unmodified Linux side by side on one machine, neither trusting the other.
 #[derive(Parser)]
@@ -45,9 +45,6 @@ enum Command {
     /// Run the partitions of a file.
     #[command(after_help = AFTER_HELP)]
     Run(Run),
-    /// Run the partitions of a file, and propose a release guard for each.
-    #[command(after_help = AFTER_HELP)]
-    Jitter(Run),
     /// Check a partition file and draw its major frame.
     Check {
         /// The partition file.
@@ -75,6 +72,12 @@ struct Run {
     /// Write every window to this file, for ui.perfetto.dev or chrome://tracing.
     #[arg(long, value_name = "OUT.json")]
     trace: Option<PathBuf>,
+    /// Write how the releases went to this file, in little: what takt-jitter draws.
+    #[arg(long, value_name = "OUT.json")]
+    samples: Option<PathBuf>,
+    /// Add words to the kernel command line of the file's Linux.
+    #[arg(long, value_name = "WORDS")]
+    append: Vec<String>,
     /// Make the control socket here, instead of where the file says.
     #[arg(long, value_name = "PATH")]
     control: Option<PathBuf>,
@@ -87,13 +90,37 @@ struct Run {
     /// For tests: panic after this time.
     #[arg(long, hide = true, value_name = "DURATION", value_parser = duration)]
     panic_after: Option<Duration>,
+    /// For tests: let the wake-ups for the release of this number come late.
+    #[arg(long, hide = true, value_name = "RELEASE")]
+    late_wake_up: Option<u64>,
 }
 
 impl Run {
-    fn run(self, then: impl FnOnce(&Report)) -> u8 {
-        let Run { file, duration, report, trace, control, lane, without_kick, panic_after } = self;
-        let options = Options { duration, report, trace, control, lane, without_kick, panic_after };
-        with_file(&file, Some(host_cpus()), |file| run_partitions(file, &options, then))
+    fn run(self) -> u8 {
+        let Run { file, append, .. } = &self;
+        with_file(file, Some(host_cpus()), |mut file| {
+            for words in append {
+                if let Err(error) = file.append(words) {
+                    eprintln!("takt: {error}");
+                    return status::BAD_FILE_OR_USAGE;
+                }
+            }
+            run_partitions(&file, &self.options())
+        })
+    }
+
+    fn options(&self) -> Options {
+        Options {
+            duration: self.duration,
+            report: self.report.clone(),
+            trace: self.trace.clone(),
+            samples: self.samples.clone(),
+            control: self.control.clone(),
+            lane: self.lane.clone(),
+            without_kick: self.without_kick,
+            panic_after: self.panic_after,
+            late_wake_up: self.late_wake_up,
+        }
     }
 }
 
@@ -125,14 +152,13 @@ fn command_line(arguments: Vec<OsString>) -> u8 {
             eprintln!("takt: {error}");
             status::BAD_FILE_OR_USAGE
         }),
-        Command::Run(run) => run.run(|_| {}),
-        Command::Jitter(run) => run.run(|report| print!("\n{}", jitter::proposals(report))),
+        Command::Run(run) => run.run(),
         Command::Check { file, needs: true } => with_file(&file, None, |file| {
-            print!("{}", check::needs(file));
+            print!("{}", check::needs(&file));
             status::GOOD
         }),
         Command::Check { file, needs: false } => with_file(&file, Some(host_cpus()), |file| {
-            print!("{}", check::report(file));
+            print!("{}", check::report(&file));
             status::GOOD
         }),
         Command::Probe => match probe::probe() {
@@ -151,10 +177,10 @@ fn command_line(arguments: Vec<OsString>) -> u8 {
 fn with_file(
     path: &std::path::Path,
     host_cpus: Option<usize>,
-    then: impl FnOnce(&PartitionFile) -> u8,
+    then: impl FnOnce(PartitionFile) -> u8,
 ) -> u8 {
     match config::load(path, host_cpus) {
-        Ok(file) => then(&file),
+        Ok(file) => then(file),
         Err(error) => {
             eprintln!("{error}");
             status::BAD_FILE_OR_USAGE
@@ -162,11 +188,10 @@ fn with_file(
     }
 }
 
-fn run_partitions(file: &PartitionFile, options: &Options, then: impl FnOnce(&Report)) -> u8 {
+fn run_partitions(file: &PartitionFile, options: &Options) -> u8 {
     match run::run(file, options) {
         Ok(report) => {
             print!("\n{}", report.table());
-            then(&report);
             let failed = report.partitions.iter().any(|p| p.failed);
             if failed { status::PARTITION_FAILED } else { status::GOOD }
         }

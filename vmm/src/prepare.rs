@@ -117,6 +117,8 @@ pub struct Preparation<'a> {
     pub doorbell: EventFd,
     /// What may interrupt PLC guests.
     pub interrupts: Interrupts,
+    /// For tests: the release whose wake-ups come late.
+    pub late_wake_up: Option<u64>,
 }
 
 /// What a guest's thread keeps for as long as the guest exists.
@@ -265,6 +267,7 @@ impl Preparation<'_> {
                 timetable,
                 board: self.board.clone(),
                 guard,
+                late_wake_up: self.late_wake_up,
                 on_switch: match partition.on_schedule_change() {
                     ScheduleChange::Ignore => None,
                     ScheduleChange::Warm => Some(StartMode::Warm),
@@ -304,6 +307,7 @@ impl Preparation<'_> {
             says_done,
             health,
             releases: None,
+            samples: None,
             occupied: Nanos::ZERO,
             watchdog: None,
             restart: None,

@@ -36,6 +36,7 @@ use crate::passthrough::Devices;
 use crate::prepare::{Kicker, Preparation, Prepared, clone, eventfd};
 use crate::report::{self, Host, Report};
 use crate::run_error::RunError;
+use crate::samples::{self, Samples};
 use crate::schedule_desk::ScheduleDesk;
 use crate::supervisor::{Endings, Supervisor, take_signals};
 use crate::terminal::{self, Screen};
@@ -56,6 +57,8 @@ pub struct Options {
     pub report: Option<PathBuf>,
     /// Write a trace of every window here.
     pub trace: Option<PathBuf>,
+    /// Write the samples of the releases here as JSON.
+    pub samples: Option<PathBuf>,
     /// Where the control socket is, instead of what the partition file says.
     pub control: Option<PathBuf>,
     /// How Takt was started, for the report.
@@ -64,6 +67,8 @@ pub struct Options {
     pub without_kick: bool,
     /// For tests: a thread panics after this time.
     pub panic_after: Option<Duration>,
+    /// For tests: the wake-ups for the release of this number come late.
+    pub late_wake_up: Option<u64>,
 }
 
 /// Runs all partitions of `file` until the run is over.
@@ -109,6 +114,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         console: None,
         doorbell: eventfd()?,
         interrupts: Interrupts::new()?,
+        late_wake_up: options.late_wake_up,
     };
     let mut prepared = Vec::new();
     for partition in file.partitions() {
@@ -136,7 +142,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     terminal::restore();
     let report = result?;
     if let Some(path) = &options.report {
-        write_report(&report, path)?;
+        write_output("report", path, serde_json::to_string_pretty(&report))?;
     }
     Ok(report)
 }
@@ -175,7 +181,7 @@ impl Run<'_> {
         let mut disks = Vec::new();
         for Prepared { mut account, thread, init, disks: own } in prepared {
             disks.extend(own);
-            account.start(base);
+            account.start(base, self.options.samples.is_some());
             accounts.push(account);
             threads.push(thread);
             inits.push(init);
@@ -201,6 +207,10 @@ impl Run<'_> {
         );
         if self.options.without_kick {
             supervisor.screen.line("takt", "TEST: windows are not ended by kicks");
+        }
+        if let Some(release) = self.options.late_wake_up {
+            let text = format!("TEST: the wake-up for release {release} comes late");
+            supervisor.screen.line("takt", &text);
         }
 
         let mut running: Vec<Running<()>> =
@@ -238,6 +248,11 @@ impl Run<'_> {
         if let (Some(trace), Some(path)) = (supervisor.trace.take(), &self.options.trace) {
             let failed = |source| RunError::Output { what: "trace", path: path.clone(), source };
             trace.finish().map_err(failed)?;
+        }
+        if let Some(path) = &self.options.samples {
+            let partitions = supervisor.accounts.iter().filter_map(Account::course).collect();
+            let samples = Samples { schema_version: samples::SCHEMA_VERSION, partitions };
+            write_output("samples", path, serde_json::to_string(&samples))?;
         }
         let host_ports = supervisor.host_ports.as_mut().map_or_else(Vec::new, HostPorts::accounts);
         Ok(self.report(&supervisor, &inits, base, duration, host_ports, process))
@@ -353,9 +368,13 @@ fn lock_memory() -> Result<(), RunError> {
     if result == 0 { Ok(()) } else { Err(RunError::Lock(io::Error::last_os_error())) }
 }
 
-fn write_report(report: &Report, path: &PathBuf) -> Result<(), RunError> {
-    let failed = |source| RunError::Output { what: "report", path: path.clone(), source };
-    let mut json = serde_json::to_string_pretty(report).map_err(|e| failed(e.into()))?;
+fn write_output(
+    what: &'static str,
+    path: &Path,
+    json: serde_json::Result<String>,
+) -> Result<(), RunError> {
+    let failed = |source| RunError::Output { what, path: path.to_owned(), source };
+    let mut json = json.map_err(|e| failed(e.into()))?;
     json.push('\n');
     fs::write(path, json).map_err(failed)
 }

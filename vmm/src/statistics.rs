@@ -14,7 +14,7 @@ use crate::worst::Worst;
 /// later has a cause that is told.
 const REMARKABLE_NS: u64 = 100;
 /// Releases, and scans, of which a report tells the cause.
-const WORST: usize = 5;
+const WORST: usize = 10;
 
 /// Digits that a percentile keeps. Minimum and maximum are exact.
 const SIGNIFICANT_DIGITS: u8 = 3;
@@ -28,12 +28,12 @@ pub struct Distribution {
 }
 
 impl Distribution {
-    fn new() -> Option<Self> {
+    pub(crate) fn new() -> Option<Self> {
         let histogram = Histogram::new(SIGNIFICANT_DIGITS).ok()?;
         Some(Self { histogram, min: u64::MAX, max: 0, sum: 0 })
     }
 
-    fn record(&mut self, Nanos(value): Nanos) {
+    pub(crate) fn record(&mut self, Nanos(value): Nanos) {
         self.count(value);
     }
 
@@ -43,6 +43,26 @@ impl Distribution {
         self.sum = self.sum.saturating_add(value);
         // Grows as needed; only a value beyond 2^63 would be refused.
         let _ = self.histogram.record(value);
+    }
+
+    /// All values, in rising order, and how often each occurred. Values that are too close to be
+    /// kept apart are one, the greatest possible; the first and the last are exact.
+    #[must_use]
+    pub fn counts(&self) -> Vec<(u64, u64)> {
+        let recorded = self.histogram.iter_recorded();
+        let value = |at: u64| at.clamp(self.min, self.max);
+        let counts =
+            recorded.map(|v| (value(v.value_iterated_to()), v.count_since_last_iteration()));
+        let mut counts: Vec<(u64, u64)> = counts.collect();
+        match &mut counts[..] {
+            [(only, count)] if self.min < self.max => {
+                (*only, *count) = (self.min, *count - 1);
+                counts.push((self.max, 1));
+            }
+            [(first, _), ..] => *first = self.min,
+            [] => {}
+        }
+        counts
     }
 
     /// The percentiles; `None` while there is no value.
@@ -123,6 +143,18 @@ impl Releases {
     #[must_use]
     pub fn latency_sum(&self) -> u64 {
         self.latency.sum
+    }
+
+    /// From the release to the guest's start.
+    #[must_use]
+    pub fn latency(&self) -> &Distribution {
+        &self.latency
+    }
+
+    /// From the guest's start to its end, of scans that ended in their window.
+    #[must_use]
+    pub fn execution(&self) -> &Distribution {
+        &self.execution
     }
 
     /// The guest is started anew: until its first scan it loses nothing.
@@ -300,6 +332,20 @@ mod tests {
     }
 
     #[test]
+    fn the_first_and_the_last_of_the_counts_are_exact() {
+        for (values, expected) in [
+            (&[][..], &[][..]),
+            (&[9_001, 9_001], &[(9_001, 2)]),
+            (&[9_001, 9_002, 9_003], &[(9_001, 2), (9_003, 1)]),
+            (&[9_001, 50_000, 90_001], &[(9_001, 1), (50_015, 1), (90_001, 1)]),
+        ] {
+            let mut d = Distribution::new().unwrap();
+            values.iter().for_each(|value| d.record(Nanos(*value)));
+            assert_eq!(d.counts(), expected);
+        }
+    }
+
+    #[test]
     fn percentiles_are_within_the_exact_extremes() {
         let mut d = Distribution::new().unwrap();
         assert_eq!(d.summary(), None);
@@ -309,6 +355,10 @@ mod tests {
         let s = d.summary().unwrap();
         assert_eq!((s.min, s.max), (1, 100_000));
         let close = |a: u64, b: u64| a.abs_diff(b) * 1000 <= b;
+        let counts = d.counts();
+        assert_eq!(counts.iter().map(|(_, count)| count).sum::<u64>(), 100_000);
+        assert_eq!((counts[0], counts[2_000]), ((1, 1), (2_001, 1)));
+        assert_eq!(counts.last().map(|(value, _)| *value), Some(100_000));
         assert!(close(s.p50, 50_000) && close(s.p99, 99_000) && close(s.p999, 99_900), "{s:?}");
     }
 }

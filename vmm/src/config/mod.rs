@@ -11,11 +11,13 @@
 //!    `ports`, `host_ports`), of the health monitor's tables (`health`), of the host's devices
 //!    (`passthrough`), and of the files that are named (`images`, `disks`);
 //! 3. a [`PartitionFile`], which has private fields and no other way to be made. The rest of Takt
-//!    takes nothing else and checks nothing again.
+//!    takes nothing else and checks nothing again. Only a command line can add words to a guest's
+//!    (`append`).
 //!
 //! The first defect ends it: in a file of 40 lines a second message is more often a consequence of
 //! the first than a second defect. The key reference is `docs/partition-file.md`.
 
+mod append;
 mod channels;
 mod deadlines;
 mod diagnostic;
@@ -49,6 +51,7 @@ use partition::Surroundings;
 use raw::Keys;
 use schedules::Draft;
 
+pub use append::AppendError;
 pub use channels::{CHANNELS_MAX, Channel, ChannelKind, End, Owner, WhenFull};
 pub use deadlines::{Met, WAKE_UP_ALLOWANCE};
 pub use disks::{DISKS_MAX, Disk};

@@ -33,7 +33,7 @@ const WATCHDOG: [Nanos; 2] = [Nanos::from_millis(1_000), Nanos::from_millis(86_4
 const GUARD_DEFAULT: Nanos = Nanos::from_micros(20);
 /// Longest command line that an x86 kernel keeps: `COMMAND_LINE_SIZE` in `asm/setup.h`, less the
 /// NUL.
-const CMDLINE_MAX: usize = 2047;
+pub const CMDLINE_MAX: usize = 2047;
 const CMDLINE_DEFAULT: &str = "console=ttyS0";
 
 /// A partition that obeys its own rules, with the places that later rules point at.

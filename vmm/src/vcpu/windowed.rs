@@ -22,6 +22,10 @@ use super::record::{DETOURS_MAX, Detour, Exit, Record, WindowRecord};
 use crate::boot::StartMode;
 use crate::health::{Access, Answer, Detail, Reporter};
 
+/// How much later the wake-up comes that a test wants late: than any guard in the tests, and than
+/// any wake-up in the lab.
+const LATE: Nanos = Nanos::from_micros(100);
+
 /// When a partition runs.
 pub struct Plan {
     /// Its windows.
@@ -30,6 +34,8 @@ pub struct Plan {
     pub board: Arc<SwitchBoard>,
     /// How long before a window the thread wakes.
     pub guard: Nanos,
+    /// For tests: the wake-up for the release of this number comes [`LATE`].
+    pub late_wake_up: Option<u64>,
     /// How the partition is started anew when a switch takes effect; `None`: it goes on.
     pub on_switch: Option<StartMode>,
 }
@@ -131,7 +137,9 @@ impl Windowed {
             let start = self.base.instant(release.start);
             let end = self.base.instant(release.end);
             let due = start.before(self.base.frequency.ticks(self.plan.guard));
-            if !self.sleep(due, control) {
+            let late =
+                if self.plan.late_wake_up == Some(release.sequence) { LATE } else { Nanos::ZERO };
+            if !self.sleep(due.after(self.base.frequency.ticks(late)), control) {
                 return End::Stopped;
             }
             let woken = Tsc::now();

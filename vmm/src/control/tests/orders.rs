@@ -35,6 +35,7 @@ fn account() -> (Account, Receiver<Revival<PlcGuest>>) {
         says_done: true,
         health: Watch::new(Table::PLC).0,
         releases: None,
+        samples: None,
         occupied: Nanos::ZERO,
         watchdog: None,
         restart: Some(Restart::Plc(restart)),

@@ -1,14 +1,12 @@
-//! `takt jitter`: from measured wake-ups to a release guard.
+//! From measured wake-ups to a release guard.
 //!
 //! A guard must be longer than the latest wake-up and the way into the guest together, but every
 //! microsecond of it is taken from the background. How late wake-ups are is a property of the host
 //! and of its load, which nobody can know without measuring.
 
-use std::fmt::Write;
-
 use takt_scheduler::time::Nanos;
 
-use crate::report::{Partition, Releases, Report};
+use crate::figures::{Partition, Releases};
 
 /// The way from the last look at the clock into the guest's loop: a VM entry, and the loop's first
 /// turn. About 1 us in the lab.
@@ -18,41 +16,30 @@ const ENOUGH: u64 = 1_000;
 
 /// The guard that follows from what was measured: the latest wake-up and the slowest entry, twice,
 /// since the worst of a run is not the worst there is. In whole microseconds.
-#[must_use]
-pub fn guard(releases: &Releases) -> Option<Nanos> {
+fn guard(releases: &Releases) -> Option<Nanos> {
     let (wake_up, entry) = (releases.wake_up_latency_ns?, releases.entry_ns?);
     let needed = Nanos(wake_up.max).plus(Nanos(entry.max)).plus(VM_ENTRY);
-    Some(Nanos::from_micros(needed.plus(needed).0.div_ceil(1_000)))
+    Some(Nanos(needed.plus(needed).0.div_ceil(1_000).saturating_mul(1_000)))
 }
 
-/// A line for each partition with releases.
-#[must_use]
-pub fn proposals(report: &Report) -> String {
-    let mut text = String::new();
-    for Partition { name, releases, .. } in &report.partitions {
-        let Some(releases) = releases else { continue };
-        // Writing to a String cannot fail.
-        let _ = match (guard(releases), releases.wake_up_latency_ns) {
-            (Some(guard), Some(wake_up)) if releases.releases >= ENOUGH => writeln!(
-                text,
-                "{name}: release_guard = \"{guard}\" (latest of {} wake-ups: {:.1} us; measure under the load and for as long as it matters)",
-                releases.releases,
-                wake_up.max as f64 / 1e3,
-            ),
-            _ => writeln!(
-                text,
-                "{name}: {} releases are too few for a proposal, {ENOUGH} are the least",
-                releases.releases
-            ),
-        };
-    }
-    text
+/// A line for a partition with releases.
+pub fn proposal(partition: &Partition) -> Option<String> {
+    let releases = partition.releases.as_ref()?;
+    let count = releases.releases;
+    Some(match (guard(releases), releases.wake_up_latency_ns) {
+        (Some(guard), Some(wake_up)) if count >= ENOUGH => format!(
+            "release_guard = \"{guard}\" (latest of {count} wake-ups: {:.1} us; measure under the load and for as long as it matters)",
+            wake_up.max as f64 / 1e3,
+        ),
+        _ => format!("{count} releases are too few to propose a guard, {ENOUGH} are the least"),
+    })
 }
 
 #[cfg(test)]
 mod tests {
+    use takt::report::Summary;
+
     use super::*;
-    use crate::report::Summary;
 
     fn releases(count: u64) -> Releases {
         let at_most = |max| Some(Summary { min: 0, p50: 0, p99: max, p999: max, max });
@@ -68,5 +55,17 @@ mod tests {
     fn the_guard_is_twice_what_was_needed() {
         assert_eq!(guard(&releases(1)), Some(Nanos::from_micros(15)));
         assert_eq!(guard(&Releases::default()), None);
+        let immense = Some(Summary { min: 0, p50: 0, p99: 0, p999: 0, max: u64::MAX });
+        assert!(guard(&Releases { wake_up_latency_ns: immense, ..releases(1) }).is_some());
+    }
+
+    #[test]
+    fn few_releases_are_no_proposal() {
+        let proposal = |count| {
+            let releases = Some(releases(count));
+            proposal(&Partition { releases, ..Partition::default() }).unwrap()
+        };
+        assert!(proposal(ENOUGH).starts_with("release_guard = \"15us\""));
+        assert!(proposal(ENOUGH - 1).contains("too few"));
     }
 }

@@ -1,0 +1,130 @@
+//! Limits that make a measurement a test.
+//!
+//! They hold for every partition that has releases. A measurement without figures keeps no limit:
+//! one release that nobody has seen may be the one that was too late.
+
+use serde::Serialize;
+use takt_scheduler::time::Nanos;
+
+use crate::figures::Partition;
+
+/// What is asked for; `None` for what is not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Limits {
+    /// Latest start after a release.
+    pub latency: Option<Nanos>,
+    /// Most releases later than the guard can absorb.
+    pub late: Option<u64>,
+    /// Most releases that never happened.
+    pub lost: Option<u64>,
+}
+
+/// A limit that was exceeded.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Breach {
+    /// By whom; empty if by nobody in particular.
+    pub partition: String,
+    /// What was found, and what was allowed.
+    pub text: String,
+}
+
+impl Limits {
+    /// True if there is none.
+    pub fn none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Limits that were exceeded, in the order of the partitions.
+    pub fn breaches(&self, partitions: &[Partition]) -> Vec<Breach> {
+        let mut breaches = Vec::new();
+        if self.none() {
+            return breaches;
+        }
+        let mut measured = false;
+        for Partition { name, releases, .. } in partitions {
+            let Some(r) = releases else { continue };
+            measured = true;
+            let mut breach = |text| breaches.push(Breach { partition: name.clone(), text });
+            if r.unrecorded > 0 {
+                breach(format!("{} windows are in no figure", r.unrecorded));
+            }
+            match (self.latency, r.release_latency_ns) {
+                (Some(limit), Some(latency)) if latency.max > limit.0 => breach(format!(
+                    "the latest release was {} late, {limit} are allowed",
+                    Nanos(latency.max)
+                )),
+                (_, None) => breach("there was no release".into()),
+                _ => {}
+            }
+            for (limit, found, what) in
+                [(self.late, r.late_releases, "late"), (self.lost, r.lost, "lost")]
+            {
+                if let Some(limit) = limit.filter(|limit| found > *limit) {
+                    breach(format!("{found} releases were {what}, {limit} are allowed"));
+                }
+            }
+        }
+        if !measured {
+            let text = "no partition has releases that could be measured".into();
+            breaches.push(Breach { partition: String::new(), text });
+        }
+        breaches
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use takt::report::Summary;
+
+    use super::*;
+    use crate::figures::Releases;
+
+    fn partitions(max: u64, late: u64, lost: u64) -> [Partition; 2] {
+        let summary = Summary { min: 0, p50: 1, p99: 2, p999: 2, max };
+        let releases = Releases {
+            releases: 10,
+            late_releases: late,
+            lost,
+            release_latency_ns: Some(summary),
+            ..Releases::default()
+        };
+        let plc =
+            Partition { name: "plc".into(), releases: Some(releases), ..Partition::default() };
+        [plc, Partition { name: "linux".into(), ..Partition::default() }]
+    }
+
+    fn texts(limits: Limits, partitions: &[Partition]) -> Vec<String> {
+        limits.breaches(partitions).into_iter().map(|b| b.text).collect()
+    }
+
+    const STRICT: Limits = Limits { latency: Some(Nanos(10)), late: Some(0), lost: Some(2) };
+
+    #[test]
+    fn what_is_exactly_at_a_limit_keeps_it() {
+        assert!(texts(STRICT, &partitions(10, 0, 2)).is_empty());
+        assert!(texts(Limits::default(), &partitions(u64::MAX, 9, 9)).is_empty());
+    }
+
+    #[test]
+    fn each_limit_is_told_on_its_own() {
+        let expected = [
+            "the latest release was 11ns late, 10ns are allowed",
+            "1 releases were late, 0 are allowed",
+            "3 releases were lost, 2 are allowed",
+        ];
+        assert_eq!(texts(STRICT, &partitions(11, 1, 3)), expected);
+        let only_lost = Limits { lost: Some(2), ..Limits::default() };
+        assert_eq!(texts(only_lost, &partitions(11, 1, 3)), expected[2..]);
+    }
+
+    #[test]
+    fn what_was_not_measured_keeps_no_limit() {
+        let mut unseen = partitions(1, 0, 0);
+        if let Some(releases) = &mut unseen[0].releases {
+            (releases.unrecorded, releases.release_latency_ns) = (4, None);
+        }
+        assert_eq!(texts(STRICT, &unseen), ["4 windows are in no figure", "there was no release"]);
+        assert_eq!(texts(STRICT, &unseen[1..]).len(), 1);
+        assert_eq!(texts(STRICT, &[]).len(), 1);
+    }
+}

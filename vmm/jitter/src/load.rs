@@ -1,0 +1,70 @@
+//! What the Linux guest does while the releases are measured.
+
+use clap::ValueEnum;
+use serde::Serialize;
+
+/// The kernel parameter that tells the guest.
+const PARAMETER: &str = "takt.load";
+
+/// A load. The guest's `/init` makes it; see `docs/jitter.md`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Load {
+    /// Compile C sources, in parallel.
+    Compile,
+    /// Compute.
+    Cpu,
+    /// Start processes.
+    Fork,
+    /// Map and fill memory.
+    Memory,
+    /// Read and write files.
+    Io,
+    /// Nothing but what the partition file says.
+    None,
+}
+
+impl Load {
+    /// The name, as on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Load::Compile => "compile",
+            Load::Cpu => "cpu",
+            Load::Fork => "fork",
+            Load::Memory => "memory",
+            Load::Io => "io",
+            Load::None => "none",
+        }
+    }
+
+    /// The word for the guest's command line.
+    pub fn parameter(self) -> Option<String> {
+        (self != Load::None).then(|| format!("{PARAMETER}={}", self.name()))
+    }
+}
+
+/// What the load says that it has done.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Progress {
+    /// The load.
+    pub load: String,
+    /// How many.
+    pub count: u64,
+    /// Of what.
+    pub unit: String,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_guest_is_told_by_the_name_of_the_command_line() {
+        for load in Load::value_variants() {
+            let value = load.to_possible_value().unwrap();
+            assert_eq!(value.get_name(), load.name());
+        }
+        assert_eq!(Load::Compile.parameter().as_deref(), Some("takt.load=compile"));
+        assert_eq!(Load::None.parameter(), None);
+    }
+}

@@ -1,0 +1,208 @@
+//! `takt-jitter`: runs a partition file under a load, and shows how punctual its releases were.
+//!
+//! It has two halves. The first starts `takt run` beside it and waits; the second draws what that has
+//! left behind. `takt-jitter render` is the second alone: in the appliance only `takt` runs, and its
+//! figures are drawn outside.
+//!
+//! It is a program of its own because a drawing library is nothing that the process which keeps
+//! partitions apart should contain.
+
+mod axis;
+mod cause;
+mod command;
+mod distribution;
+mod error;
+mod figures;
+mod gate;
+mod guard;
+mod load;
+mod measure;
+mod output;
+mod page;
+mod plot;
+mod progress;
+mod terminal;
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand};
+use takt::config;
+use takt_scheduler::time::Nanos;
+
+use error::JitterError;
+use gate::Limits;
+use load::{Load, Progress};
+use output::Measurement;
+
+/// Exit statuses beside those of `takt run`; `--help` tells them.
+mod status {
+    pub const USAGE: u8 = 2;
+    pub const HOST_CANNOT: u8 = 3;
+    pub const GATE_CLOSED: u8 = 5;
+}
+
+const AFTER_HELP: &str = "\
+Exit status: 0 good; 2 bad partition file or usage; 3 the host cannot; 4 a partition failed;
+5 a limit (--max-...) is exceeded.
+Ctrl-C ends the measurement; what was measured until then is shown.";
+
+/// Measures how punctual the releases of a partition file are under a load.
+#[derive(Parser)]
+#[command(name = "takt-jitter", version, after_help = AFTER_HELP)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+struct Cli {
+    #[command(subcommand)]
+    render: Option<Half>,
+    #[command(flatten)]
+    run: Run,
+}
+
+#[derive(Subcommand)]
+enum Half {
+    /// Draw what a `takt run --report --samples` has left behind.
+    Render(Render),
+}
+
+#[derive(Args)]
+struct Run {
+    // Missing only where `render` is asked for.
+    /// The partition file.
+    #[arg(required = true)]
+    file: Option<PathBuf>,
+    /// Measure for this time, such as 60s; otherwise until Ctrl-C.
+    #[arg(long = "for", value_name = "DURATION", value_parser = nanos)]
+    duration: Option<Nanos>,
+    /// Also leave takt's own report here.
+    #[arg(long, value_name = "OUT.json")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    rest: Common,
+    /// Options for `takt run`, behind `--`.
+    #[arg(last = true, value_name = "OPTION")]
+    takt: Vec<String>,
+}
+
+#[derive(Args)]
+struct Render {
+    /// The report.
+    #[arg(long, value_name = "REPORT.json")]
+    report: PathBuf,
+    /// The samples.
+    #[arg(long, value_name = "SAMPLES.json")]
+    samples: PathBuf,
+    /// What was shown on the console, to find what the load has done.
+    #[arg(long, value_name = "LOG")]
+    console: Option<PathBuf>,
+    /// The command that has measured, for the page.
+    #[arg(long, value_name = "TEXT", default_value = "not known")]
+    command: String,
+    #[command(flatten)]
+    rest: Common,
+}
+
+#[derive(Args)]
+struct Common {
+    /// What the Linux guest does meanwhile.
+    #[arg(long, value_enum, default_value_t = Load::None)]
+    load: Load,
+    /// Write report.html, report.json and samples.json into this folder.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Fail if a release was later than this, such as 5us.
+    #[arg(long, value_name = "DURATION", value_parser = nanos)]
+    max_latency: Option<Nanos>,
+    /// Fail if more releases than this came later than the guard can absorb.
+    #[arg(long, value_name = "N")]
+    max_late: Option<u64>,
+    /// Fail if more releases than this never happened.
+    #[arg(long, value_name = "N")]
+    max_lost: Option<u64>,
+}
+
+impl Common {
+    fn limits(&self) -> Limits {
+        Limits { latency: self.max_latency, late: self.max_late, lost: self.max_lost }
+    }
+}
+
+fn nanos(text: &str) -> Result<Nanos, String> {
+    config::parse_duration(text).map_err(|e| e.to_string())
+}
+
+fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(answer) => {
+            let status = if answer.use_stderr() { status::USAGE } else { 0 };
+            let _ = answer.print();
+            return ExitCode::from(status);
+        }
+    };
+    let outcome = match (cli.render, &cli.run.file) {
+        (Some(Half::Render(render)), _) => self::render(&render),
+        (None, Some(file)) => run(file, &cli.run),
+        // clap asks for one of them.
+        (None, None) => Ok(status::USAGE),
+    };
+    ExitCode::from(outcome.unwrap_or_else(|error| {
+        eprintln!("takt-jitter: {error}");
+        status::HOST_CANNOT
+    }))
+}
+
+fn run(file: &Path, run: &Run) -> Result<u8, JitterError> {
+    let folder = measure::Folder::new()?;
+    let report = run.report.clone().unwrap_or_else(|| folder.path("report.json"));
+    let samples = folder.path("samples.json");
+    let measured = measure::run(&measure::Order {
+        file,
+        duration: run.duration,
+        load: run.rest.load,
+        report: &report,
+        samples: &samples,
+        more: &run.takt,
+    })?;
+    if !measured.has_figures() {
+        return Ok(measured.status);
+    }
+    let command = command::line(std::env::args_os());
+    let gate = show(&run.rest, &report, &samples, command, measured.progress)?;
+    Ok(if measured.status == 0 { gate } else { measured.status })
+}
+
+fn render(render: &Render) -> Result<u8, JitterError> {
+    let progress = match &render.console {
+        None => None,
+        Some(path) => {
+            let console = fs::File::open(path).map_err(error::reading(path))?;
+            progress::last(console).map_err(error::reading(path))?
+        }
+    };
+    show(&render.rest, &render.report, &render.samples, render.command.clone(), progress)
+}
+
+/// Shows a measurement, and tells the exit status that follows from its limits.
+fn show(
+    common: &Common,
+    report: &Path,
+    samples: &Path,
+    command: String,
+    progress: Option<Progress>,
+) -> Result<u8, JitterError> {
+    let (raw, figures) = figures::read(report, samples)?;
+    let limits = common.limits();
+    let breaches = limits.breaches(&figures.partitions);
+    let measurement =
+        Measurement { figures, command, load: common.load, progress, limits, breaches };
+    let text = terminal::text(&measurement);
+    // Nobody may be left to read it; the status and the files still tell.
+    let _ = std::io::stdout().write_all(text.as_bytes());
+    if let Some(folder) = &common.out {
+        output::write(folder, &measurement, raw, samples)?;
+        println!("\n{}", folder.join(output::PAGE).display());
+    }
+    Ok(if measurement.breaches.is_empty() { 0 } else { status::GATE_CLOSED })
+}

@@ -1,0 +1,100 @@
+//! What is left in the folder: the page for people, the report and the samples for programs.
+
+use std::fs;
+use std::path::Path;
+
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::error::{JitterError, writing};
+use crate::figures::Figures;
+use crate::gate::{Breach, Limits};
+use crate::load::{Load, Progress};
+use crate::page;
+
+/// The page's name in the folder.
+pub const PAGE: &str = "report.html";
+/// Version of what this program adds to the report; grows with every change that a reader could
+/// stumble over.
+const SCHEMA_VERSION: u32 = 1;
+
+/// A measurement, and how it was made.
+pub struct Measurement {
+    /// What Takt has measured.
+    pub figures: Figures,
+    /// The command that has measured.
+    pub command: String,
+    /// What Linux was to do.
+    pub load: Load,
+    /// What Linux says that it has done.
+    pub progress: Option<Progress>,
+    /// What was asked for.
+    pub limits: Limits,
+    /// Where it was not kept.
+    pub breaches: Vec<Breach>,
+}
+
+impl Measurement {
+    /// What Linux says that it has done, in words.
+    pub fn meanwhile(&self) -> Option<String> {
+        let Progress { load, count, unit } = self.progress.as_ref()?;
+        Some(format!("{load}: {count} {unit}"))
+    }
+}
+
+/// What is added to Takt's report, under the key `jitter`.
+#[derive(Serialize)]
+struct Addition<'a> {
+    schema_version: u32,
+    command: &'a str,
+    load: Load,
+    progress: Option<&'a Progress>,
+    max_latency_ns: Option<u64>,
+    max_late: Option<u64>,
+    max_lost: Option<u64>,
+    breaches: &'a [Breach],
+}
+
+/// Writes everything. `report` is Takt's report as it is, `samples` the file with the samples.
+///
+/// # Errors
+/// If the folder cannot be made or written to.
+pub fn write(
+    folder: &Path,
+    measurement: &Measurement,
+    report: Value,
+    samples: &Path,
+) -> Result<(), JitterError> {
+    fs::create_dir_all(folder).map_err(writing(folder))?;
+    let put = |name: &str, text: &[u8]| {
+        let path = folder.join(name);
+        fs::write(&path, text).map_err(writing(&path))
+    };
+    put(PAGE, page::html(measurement)?.as_bytes())?;
+    put("report.json", &with_addition(report, measurement)?)?;
+    // Read first: it may be the file that is written.
+    let samples = fs::read(samples).map_err(crate::error::reading(samples))?;
+    put("samples.json", &samples)
+}
+
+fn with_addition(mut report: Value, measurement: &Measurement) -> Result<Vec<u8>, JitterError> {
+    let Measurement { command, load, progress, limits, breaches, .. } = measurement;
+    let addition = Addition {
+        schema_version: SCHEMA_VERSION,
+        command,
+        load: *load,
+        progress: progress.as_ref(),
+        max_latency_ns: limits.latency.map(|ns| ns.0),
+        max_late: limits.late,
+        max_lost: limits.lost,
+        breaches,
+    };
+    let failed = |source| JitterError::Format { path: PAGE.into(), what: "report", source };
+    let addition = serde_json::to_value(addition).map_err(failed)?;
+    if let Value::Object(report) = &mut report {
+        report.insert("jitter".into(), addition);
+    }
+    let mut text = serde_json::to_vec_pretty(&report).map_err(failed)?;
+    text.push(b'\n');
+    Ok(text)
+}

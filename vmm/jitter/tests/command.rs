@@ -1,0 +1,272 @@
+//! The program as a user or a script meets it, on a run that was recorded in the lab: the guest
+//! `disturbed` without a guard, 2 s, with one wake-up that is late on purpose. Of its course only the
+//! first 200 points are kept.
+
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_takt-jitter");
+
+fn recorded(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recorded").join(name)
+}
+
+/// An empty folder for the test of this name.
+fn scratch(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+/// Renders a report and samples into `out`.
+fn render(report: &Path, samples: &Path, out: &Path, more: &[&str]) -> Output {
+    let mut command = Command::new(PROGRAM);
+    command.arg("render").arg("--report").arg(report).arg("--samples").arg(samples);
+    command.arg("--out").arg(out).args(more).output().unwrap()
+}
+
+fn render_recorded(out: &Path, more: &[&str]) -> Output {
+    render(&recorded("report.json"), &recorded("samples.json"), out, more)
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+fn page(folder: &Path) -> String {
+    fs::read_to_string(folder.join("report.html")).unwrap()
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+}
+
+/// Fails unless each tag is closed in its turn, nothing is loaded, and nothing runs.
+fn assert_self_contained(page: &str) {
+    let mut open = Vec::new();
+    for tag in page.split('<').skip(1) {
+        let (tag, _) = tag.split_once('>').unwrap_or_else(|| panic!("a tag without end: {tag}"));
+        let name = tag.split([' ', '\n']).next().unwrap();
+        if let Some(name) = tag.strip_prefix('/') {
+            assert_eq!(open.pop(), Some(name));
+        } else if !tag.ends_with('/') && !["meta", "!DOCTYPE"].contains(&name) {
+            open.push(name);
+        }
+        assert!(!["script", "img", "link", "iframe", "a"].contains(&name), "<{tag}>");
+        assert!([" on", "href=", " src="].iter().all(|part| !tag.contains(part)), "<{tag}>");
+    }
+    assert_eq!(open, [""; 0]);
+    let addresses = page.matches("http").count() - page.matches("http-equiv").count();
+    assert_eq!(addresses, page.matches("http://www.w3.org/2000/svg").count());
+    assert!(page.contains("default-src 'none'"));
+}
+
+#[test]
+fn a_recorded_run_becomes_one_page_that_needs_no_other() {
+    let out = scratch("page");
+    let output = render_recorded(&out, &["--command", "scripts/run jitter <x> --for 200ms"]);
+    assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
+    let page = page(&out);
+    assert_self_contained(&page);
+    assert_eq!(page.matches("<svg").count(), 5);
+    let report = json(&recorded("report.json"));
+    let plc = &report["partitions"][0];
+    let worst = plc["late_starts"].as_array().unwrap();
+    assert_eq!(worst.len(), 10);
+    let (_, table) = page.split_once("The latest starts").unwrap();
+    let (table, _) = table.split_once("</table>").unwrap();
+    assert_eq!(table.matches("<tr><td").count(), 10);
+    assert_eq!(table.matches("late wake-up").count(), 10);
+    assert!(page.contains("<code>scripts/run jitter &lt;x&gt; --for 200ms</code>"), "{page}");
+    assert!(page.contains(report["host"]["kernel"].as_str().unwrap()));
+    let shown = text(&output.stdout);
+    assert!(
+        shown.contains("bars are logarithmic") && shown.contains("plc: release_guard = "),
+        "{shown}"
+    );
+}
+
+#[test]
+fn what_is_left_beside_the_page_can_be_rendered_again() {
+    let (first, second) = (scratch("first"), scratch("second"));
+    assert!(render_recorded(&first, &[]).status.success());
+    let mut report = json(&first.join("report.json"));
+    let (report_file, samples_file) = (first.join("report.json"), first.join("samples.json"));
+    assert!(render(&report_file, &samples_file, &second, &[]).status.success());
+    assert_eq!(page(&first), page(&second));
+    // In place, where the samples are read from the file that is written.
+    assert!(render(&report_file, &samples_file, &first, &[]).status.success());
+    assert_eq!(json(&samples_file), json(&recorded("samples.json")));
+    let addition = report.as_object_mut().unwrap().remove("jitter").unwrap();
+    assert_eq!(report, json(&recorded("report.json")));
+    assert_eq!((&addition["schema_version"], &addition["load"]), (&1.into(), &"none".into()));
+}
+
+#[test]
+fn no_text_of_a_report_is_taken_for_html_or_for_the_terminals_orders() {
+    const HOSTILE: &str = "\"'><script>alert(1)</script><img src=x onerror=y>&\u{1b}[2J";
+    fn poison(value: &mut Value) {
+        match value {
+            Value::String(text) => *text = HOSTILE.into(),
+            Value::Array(all) => all.iter_mut().for_each(poison),
+            Value::Object(all) => all.values_mut().for_each(poison),
+            _ => {}
+        }
+    }
+    let out = scratch("hostile");
+    let (report, samples) = (out.join("in.json"), out.join("samples-in.json"));
+    for (from, to) in [("report.json", &report), ("samples.json", &samples)] {
+        let mut value = json(&recorded(from));
+        poison(&mut value);
+        fs::write(to, value.to_string()).unwrap();
+    }
+    let more = ["--command", HOSTILE, "--max-lost", "0", "--max-latency", "1ns"];
+    let output = render(&report, &samples, &out, &more);
+    assert_eq!(output.status.code(), Some(5));
+    assert!(!text(&output.stdout).contains('\u{1b}'));
+    let page = page(&out);
+    assert_self_contained(&page);
+    assert!(page.contains("&lt;script&gt;") && page.matches("<svg").count() == 5);
+}
+
+#[test]
+fn numbers_that_cannot_be_are_no_reason_to_panic() {
+    for number in [0u64, 1, u64::MAX] {
+        fn poison(value: &mut Value, number: u64) {
+            match value {
+                Value::Number(n) if n.is_u64() => *value = number.into(),
+                Value::Array(all) => all.iter_mut().for_each(|v| poison(v, number)),
+                Value::Object(all) => all
+                    .iter_mut()
+                    .filter(|(key, _)| !["schema_version", "tsc_khz"].contains(&key.as_str()))
+                    .for_each(|(_, v)| poison(v, number)),
+                _ => {}
+            }
+        }
+        let out = scratch(&format!("numbers-{number}"));
+        let (report, samples) = (out.join("in.json"), out.join("samples-in.json"));
+        for (from, to) in [("report.json", &report), ("samples.json", &samples)] {
+            let mut value = json(&recorded(from));
+            poison(&mut value, number);
+            fs::write(to, value.to_string()).unwrap();
+        }
+        let output = render(&report, &samples, &out, &["--max-late", "0"]);
+        assert!(matches!(output.status.code(), Some(0 | 5)), "{number}: {output:?}");
+        assert_self_contained(&page(&out));
+    }
+}
+
+#[test]
+fn a_limit_that_is_exceeded_gives_status_5_and_is_told_everywhere() {
+    let out = scratch("limits");
+    let latest = json(&recorded("report.json"))["partitions"][0]["release_latency_ns"]["max"]
+        .as_u64()
+        .unwrap();
+    let kept = format!("{latest}ns");
+    let output = render_recorded(&out, &["--max-latency", &kept, "--max-lost", "0"]);
+    assert_eq!(output.status.code(), Some(0));
+    assert!(text(&output.stdout).contains("all limits are kept"));
+    let exceeded = format!("{}ns", latest - 1);
+    let output = render_recorded(&out, &["--max-latency", &exceeded]);
+    assert_eq!(output.status.code(), Some(5));
+    assert!(text(&output.stdout).contains("EXCEEDED plc: the latest release was"));
+    assert!(page(&out).contains("<li class=\"bad\">plc the latest release was"));
+    let addition = &json(&out.join("report.json"))["jitter"];
+    assert_eq!(addition["breaches"][0]["partition"], "plc");
+    assert_eq!(addition["max_latency_ns"], latest - 1);
+}
+
+#[test]
+fn files_that_are_of_no_use_are_told_apart() {
+    let out = scratch("useless");
+    let (good, samples) = (recorded("report.json"), recorded("samples.json"));
+    let broken = out.join("broken.json");
+    fs::write(&broken, "{").unwrap();
+    let old = out.join("old.json");
+    let mut value = json(&good);
+    value["schema_version"] = 1.into();
+    fs::write(&old, value.to_string()).unwrap();
+    for (report, samples, expected) in [
+        (&broken, &samples, "is no report"),
+        (&good, &broken, "is no samples file"),
+        (&samples, &samples, "is no report"),
+        (&old, &samples, "is a report of version 1"),
+        (&out.join("none"), &samples, "cannot read"),
+    ] {
+        let output = render(report, samples, &out, &[]);
+        assert_eq!(output.status.code(), Some(3), "{expected}");
+        let said = text(&output.stderr);
+        assert!(said.contains(expected), "{expected}: {said}");
+        assert!(!out.join("report.html").exists());
+    }
+}
+
+#[test]
+fn wrong_usage_gives_status_2() {
+    for arguments in [
+        &[][..],
+        &["render"],
+        &["x.toml", "--load", "hammer"],
+        &["x.toml", "--max-latency", "soon"],
+        &["x.toml", "--max-late", "-1"],
+    ] {
+        let output = Command::new(PROGRAM).args(arguments).output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+    }
+    let help = Command::new(PROGRAM).arg("--help").output().unwrap();
+    assert!(help.status.success() && text(&help.stdout).contains("Exit status"));
+}
+
+/// A folder with this program, and the one that stands for takt beside it.
+fn beside_takt(name: &str) -> PathBuf {
+    let folder = scratch(name);
+    fs::hard_link(PROGRAM, folder.join("takt-jitter")).unwrap();
+    symlink(recorded("takt"), folder.join("takt")).unwrap();
+    folder
+}
+
+#[test]
+fn a_measurement_runs_takt_with_the_load_and_shows_what_it_leaves() {
+    let folder = beside_takt("measure");
+    let out = folder.join("out");
+    let output = Command::new(folder.join("takt-jitter"))
+        .args(["some.toml", "--for", "60s", "--load", "compile", "--out"])
+        .arg(&out)
+        .args(["--", "--lane", "direct"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    assert!(text(&output.stderr).contains("[takt] what takt says"));
+    assert!(text(&output.stdout).contains("load compile (compile: 37 objects)"));
+    let arguments = fs::read_to_string(folder.join("arguments")).unwrap();
+    let arguments: Vec<&str> = arguments.lines().collect();
+    assert_eq!(arguments[..2], ["run", "some.toml"]);
+    let followed = |by: [&str; 2]| arguments.windows(2).any(|two| two == by);
+    assert!(followed(["--for", "60s"]) && followed(["--append", "takt.load=compile"]));
+    assert_eq!(arguments[arguments.len() - 2..], ["--lane", "direct"]);
+    let addition = &json(&out.join("report.json"))["jitter"];
+    let progress = serde_json::json!({ "load": "compile", "count": 37, "unit": "objects" });
+    assert_eq!(addition["progress"], progress);
+    assert!(page(&out).contains("some.toml --for 60s --load compile --out"));
+}
+
+#[test]
+fn a_run_that_fails_keeps_its_status_before_any_limit() {
+    for (status, drawn) in [("2", false), ("3", false), ("4", true)] {
+        let folder = beside_takt(&format!("failing-{status}"));
+        fs::write(folder.join("status"), status).unwrap();
+        let out = folder.join("out");
+        let output = Command::new(folder.join("takt-jitter"))
+            .args(["some.toml", "--max-latency", "1ns", "--out"])
+            .arg(&out)
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code().map(|code| code.to_string()).as_deref(), Some(status));
+        assert_eq!(out.join("report.html").exists(), drawn, "{status}");
+    }
+}
