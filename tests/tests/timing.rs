@@ -2,7 +2,10 @@
 //! never idle. The lab counts instructions, not cycles, so its figures are the same on every
 //! machine and may be asserted.
 
-use takt_tests::{BUSY, File, Outcome, Run, Value, long, plc_image};
+use std::fs;
+use std::path::Path;
+
+use takt_tests::{BUSY, File, Outcome, Run, Value, long, plc_image, target};
 
 /// Where the first window of a frame begins, in us. The second place is for the case that at the
 /// first one the releases meet the host's tick or Linux's, which the lab repeats as faithfully as all
@@ -19,8 +22,17 @@ fn apart_from_ticks(run: impl Fn(u64) -> Outcome) -> Outcome {
 
 /// A PLC with a window of 300 us in 1 ms that computes for a tenth of it, beside a busy Linux.
 fn tenth(guard: &str, place: u64) -> File {
+    beside_busy_linux("tenth", guard, place)
+}
+
+/// The same with another program, and without a guard.
+fn unguarded(program: &str) -> File {
+    beside_busy_linux(program, "0us", 0)
+}
+
+fn beside_busy_linux(program: &str, guard: &str, place: u64) -> File {
     File::new("1ms")
-        .plc("plc", Some(plc_image("tenth")), &format!("release_guard = {guard:?}"))
+        .plc("plc", Some(plc_image(program)), &format!("release_guard = {guard:?}"))
         .linux(BUSY)
         .schedule("normal")
         .window("plc", place, 300)
@@ -48,17 +60,48 @@ fn linux_gets_all_of_the_windows_of_a_plc_that_has_ended() {
 }
 
 #[test]
-fn without_a_guard_the_wake_up_is_the_jitter() {
-    let outcome = tenth("0us", 0).run("unguarded").for_jitter().lasting("2s").run();
-    assert_eq!(outcome.status, 0, "{}", outcome.output);
+fn without_a_guard_the_wake_up_is_the_jitter_and_each_disturbance_is_told_with_its_cause() {
+    let folder = target("tests/jitter");
+    let _ = fs::remove_dir_all(&folder);
+    let run = unguarded("disturbed").run("unguarded").for_jitter().lasting("2s");
+    let run = run.with("--out").with(folder.to_str().unwrap());
+    let run = run.with("--late-wake-up").with("1200").with("--max-latency").with("100us");
+    let outcome = run.with("--max-lost").with("0").run();
+    // The wake-up that comes 100 us late exceeds the limit, and nothing else does.
+    assert_eq!(outcome.status, 5, "{}", outcome.output);
+    assert_eq!(outcome.output.matches("EXCEEDED").count(), 1, "{}", outcome.output);
     let of = |key: &str| outcome.number("plc", key);
     assert_eq!(of("lost"), 0, "{}", outcome.output);
     assert_eq!(of("late_releases"), of("releases"), "{}", outcome.output);
     assert!(of("release_latency_ns.min") >= of("wake_up_latency_ns.min"), "{}", outcome.output);
-    assert!(of("release_latency_ns.max") <= 20_000, "{}", outcome.output);
-    let worst = &outcome.partition("plc")["late_starts"][0];
-    assert_eq!(worst["cause"], "late_wake_up", "{worst}");
+    let late = &outcome.partition("plc")["late_starts"];
+    assert!(late[1]["latency_ns"].as_u64().is_some_and(|ns| ns <= 20_000), "{late}");
+    assert_eq!((&late[0]["release"], &late[0]["cause"]), (&1200.into(), &"late_wake_up".into()));
+    let after_due = late[0]["parts"][0]["after_due_ns"].as_u64();
+    assert!(after_due.is_some_and(|ns| (100_000..120_000).contains(&ns)), "{late}");
+    let scans = &outcome.partition("plc")["longest_scans"];
+    for (cause, at_least) in [("guest_computation", 85_000), ("vm_exits", 4_000)] {
+        let parts = scans.as_array().into_iter().flatten().flat_map(|s| s["parts"].as_array());
+        let mut parts = parts.flatten().filter(|part| part["cause"] == cause);
+        let explained = |part: &Value| part["explains_ns"].as_u64() >= Some(at_least);
+        assert!(parts.any(explained), "{cause}: {scans}");
+    }
     outcome.assert_shows("plc: release_guard = \"");
+    is_drawn(&folder, of("releases"));
+}
+
+/// Looks at what `scripts/run jitter --out` has left.
+fn is_drawn(folder: &Path, releases: u64) {
+    let read = |name: &str| fs::read_to_string(folder.join(name)).unwrap_or_default();
+    let json = |name: &str| serde_json::from_str::<Value>(&read(name)).unwrap_or_default();
+    let page = read("report.html");
+    assert_eq!(page.matches("<svg").count(), 5, "{page}");
+    assert!(page.contains("late wake-up 10") && page.contains("scripts/run jitter"), "{page}");
+    let (report, samples) = (json("report.json"), json("samples.json"));
+    assert_eq!(report["jitter"]["breaches"][0]["partition"], "plc");
+    let points = samples["partitions"][0]["points"].as_array().cloned().unwrap_or_default();
+    let of_each = points.iter().map(|point| point["releases"].as_u64().unwrap_or(0));
+    assert_eq!(of_each.sum::<u64>(), releases);
 }
 
 /// A PLC that computes without end, with a window of 300 us in 1 ms, and right behind it a good one,
