@@ -1,0 +1,16 @@
+//! Whole systems in the nested lab. They are one program, so that there are always as many at work as
+//! there are CPUs.
+
+mod control;
+mod disk;
+mod doctor;
+mod functional;
+mod health;
+mod isolation;
+mod linux_ports;
+mod load;
+mod passthrough;
+mod ports;
+mod safe_values;
+mod several_cpus;
+mod timing;
