@@ -2,6 +2,7 @@
 //! answer, and safe values come last.
 
 use std::fs;
+use std::path::{Path, PathBuf};
 
 use takt_tests::{File, Host, Outcome, Run, long, plc_image, target};
 
@@ -48,11 +49,28 @@ value = "0x0c"
 /// Ports but those that are Takt's, and large pages of the devices' area.
 const PLACES: u64 = 0x1_0000 - 0x100 + 128;
 
-#[test]
-fn outputs_are_what_a_plc_writes_and_a_neighbour_reaches_none_of_them() {
-    let printed = target("tests").join("passthrough.printed");
+/// A file that is not there, for what is printed, and the option that puts it there.
+fn printer(name: &str) -> (PathBuf, String) {
+    let printed = target("tests").join(name);
     let _ = fs::remove_file(&printed);
     let device = format!("parallel={}", printed.display());
+    (printed, device)
+}
+
+/// Fails unless each scan has printed one byte, none is missing, and then came the safe value, once.
+fn assert_printed(outcome: &Outcome, partition: &str, printed: &Path) {
+    let printed = fs::read(printed).expect("QEMU has written the file");
+    let (last, scans) = printed.split_last().expect("something was printed");
+    assert_eq!(*last, 0xa5);
+    let odd = scans.iter().enumerate().find(|(scan, byte)| **byte != *scan as u8);
+    assert_eq!(odd, None, "of {}", scans.len());
+    let releases = outcome.number(partition, "releases");
+    assert!(releases.abs_diff(scans.len() as u64) <= 2, "{releases} and {}", scans.len());
+}
+
+#[test]
+fn outputs_are_what_a_plc_writes_and_a_neighbour_reaches_none_of_them() {
+    let (printed, device) = printer("passthrough.printed");
     let outcome = File::new("1ms")
         .plc("drive", Some(plc_image("outputs")), DEVICES)
         .plc("sweep", Some(plc_image("sweep")), "")
@@ -69,15 +87,8 @@ fn outputs_are_what_a_plc_writes_and_a_neighbour_reaches_none_of_them() {
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_shows("takt: 0000:00:06.0 for drive: bus mastering is off");
 
-    // Each scan has printed one byte, none is missing, and then came the safe value, once.
     outcome.assert_kept_its_time("drive", 3_000);
-    let printed = fs::read(printed).expect("QEMU has written the file");
-    let (last, scans) = printed.split_last().expect("something was printed");
-    assert_eq!(*last, 0xa5);
-    let odd = scans.iter().enumerate().find(|(scan, byte)| **byte != *scan as u8);
-    assert_eq!(odd, None, "of {}", scans.len());
-    let releases = outcome.number("drive", "releases");
-    assert!(releases.abs_diff(scans.len() as u64) <= 2, "{releases} and {}", scans.len());
+    assert_printed(&outcome, "drive", &printed);
     assert_eq!(outcome.number("drive", "illegal_accesses"), 0);
 
     // A store to a register is no exit: nearly free. One to a port is.
@@ -94,6 +105,23 @@ fn outputs_are_what_a_plc_writes_and_a_neighbour_reaches_none_of_them() {
     // The neighbour has tried everything, and each attempt was counted.
     outcome.assert_shows(&format!("sweep: {PLACES} places tried, 0 answered"));
     assert_eq!(outcome.number("sweep", "illegal_accesses"), PLACES);
+}
+
+#[test]
+fn what_a_plc_prints_beside_a_linux_arrives_byte_for_byte() {
+    // The test above is the short form.
+    if !long() {
+        return;
+    }
+    // The file names it.
+    let _ = plc_image("outputs");
+    let (printed, device) = printer("parallel.printed");
+    let run = Run::of("configs/parallel.toml").lasting("60s");
+    let outcome = run.with("--device").with(&device).run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_kept_its_time("plc", 59_900);
+    assert_printed(&outcome, "plc", &printed);
+    assert_eq!(outcome.number("plc", "illegal_accesses"), 0, "{}", outcome.output);
 }
 
 /// The registers of QEMU's `edu`, and its interrupt.
