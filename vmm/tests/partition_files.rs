@@ -146,6 +146,7 @@ fn example(name: &str) -> (PathBuf, PartitionFile) {
     fs::write(images.join("initrd.img"), "").unwrap();
     fs::write(images.join("load.img"), [0; 512]).unwrap();
     fs::write(plc_images.join("can"), "").unwrap();
+    fs::write(plc_images.join("outputs"), "").unwrap();
     let path = folder.join("configs").join(name);
     fs::copy(Path::new("../configs").join(name), &path).unwrap();
     let file = config::load(&path, None).unwrap_or_else(|error| panic!("{error}"));
