@@ -121,7 +121,8 @@ fn what_a_plc_prints_beside_a_linux_arrives_byte_for_byte() {
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_kept_its_time("plc", 59_900);
     assert_printed(&outcome, "plc", &printed);
-    assert_eq!(outcome.number("plc", "illegal_accesses"), 0, "{}", outcome.output);
+    // The guest looks for an `edu` once, which this machine does not have.
+    assert_eq!(outcome.number("plc", "illegal_accesses"), 1, "{}", outcome.output);
 }
 
 /// The registers of QEMU's `edu`, and its interrupt.
