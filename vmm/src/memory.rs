@@ -1,11 +1,12 @@
 //! Guest memory: taken whole at start-up, and never again.
 //!
-//! Each region is a sealed memfd, mapped shared, prefaulted and (by the `mlockall` of `run`)
-//! locked: no page fault of the host's can fall into a window, and the memory that a partition
-//! has is known before its first instruction.
+//! Each region is mapped shared, prefaulted and (by the `mlockall` of `run`) locked: no page fault of
+//! the host's can fall into a window, and the memory that a partition has is known before its first
+//! instruction. None of it is ever in a core dump.
 //!
-//! Channels are the only memory that several guests see. Which of them may write it is a matter of
-//! the memory slots: in all but one it is read-only.
+//! Channels are the only memory that several guests see, so only they are files: sealed ones in
+//! memory, one for each region. Which guest may write a region is a matter of the memory slots: in
+//! all but one it is read-only.
 
 use std::fs::File;
 use std::io;
@@ -86,7 +87,7 @@ impl SharedRegion {
     /// See [`MemoryError`].
     pub fn map(&self, writable: bool) -> Result<MmapRegion, MemoryError> {
         let write = if writable { libc::PROT_WRITE } else { 0 };
-        map(self.bytes, self.file()?, libc::PROT_READ | write)
+        map(self.bytes, Some(self.file()?), libc::PROT_READ | write)
     }
 
     fn map_at(&self, start: u64) -> Result<GuestRegionMmap, MemoryError> {
@@ -248,9 +249,9 @@ impl GuestMemory {
     }
 }
 
-/// A zeroed, prefaulted mapping of `bytes` at guest-physical `start`.
+/// A zeroed, prefaulted mapping of `bytes` at guest-physical `start`, which no descriptor leads to.
 fn region(start: u64, bytes: u64) -> Result<GuestRegionMmap, MemoryError> {
-    map_at(start, bytes, memfd(bytes)?)
+    at(start, bytes, map(bytes, None, libc::PROT_READ | libc::PROT_WRITE)?)
 }
 
 /// A sealed file in memory.
@@ -277,23 +278,33 @@ fn memfd(bytes: u64) -> Result<File, MemoryError> {
 
 /// Maps a file of `bytes` for the guest-physical address `start`, shared and prefaulted.
 fn map_at(start: u64, bytes: u64, file: File) -> Result<GuestRegionMmap, MemoryError> {
-    let mapping = map(bytes, file, libc::PROT_READ | libc::PROT_WRITE)?;
+    at(start, bytes, map(bytes, Some(file), libc::PROT_READ | libc::PROT_WRITE)?)
+}
+
+fn at(start: u64, bytes: u64, mapping: MmapRegion) -> Result<GuestRegionMmap, MemoryError> {
     GuestRegionMmap::new(mapping, GuestAddress(start)).ok_or_else(|| MemoryError::Map {
         bytes,
         reason: format!("it would pass the end of the address space at {start:#x}"),
     })
 }
 
-/// Maps a file of `bytes` shared and prefaulted.
-fn map(bytes: u64, file: File, protection: libc::c_int) -> Result<MmapRegion, MemoryError> {
+/// Maps a file of `bytes`, or memory without one, shared and prefaulted.
+fn map(bytes: u64, file: Option<File>, protection: libc::c_int) -> Result<MmapRegion, MemoryError> {
     let map = |reason: String| MemoryError::Map { bytes, reason };
     let size = usize::try_from(bytes).map_err(|e| map(e.to_string()))?;
-    MmapRegionBuilder::new(size)
-        .with_file_offset(FileOffset::new(file, 0))
-        .with_mmap_prot(protection)
-        .with_mmap_flags(libc::MAP_SHARED | libc::MAP_POPULATE)
-        .build()
-        .map_err(|e| map(e.to_string()))
+    let builder = MmapRegionBuilder::new(size).with_mmap_prot(protection);
+    let flags = libc::MAP_SHARED | libc::MAP_POPULATE;
+    let mapping = match file {
+        Some(file) => builder.with_file_offset(FileOffset::new(file, 0)).with_mmap_flags(flags),
+        None => builder.with_mmap_flags(flags | libc::MAP_ANONYMOUS),
+    };
+    let mapping = mapping.build().map_err(|e| map(e.to_string()))?;
+    // SAFETY: concerns core dumps only, of exactly the mapping that was just made.
+    let result = unsafe { libc::madvise(mapping.as_ptr().cast(), size, libc::MADV_DONTDUMP) };
+    if result != 0 {
+        return Err(map(io::Error::last_os_error().to_string()));
+    }
+    Ok(mapping)
 }
 
 /// What may lie in a [`Page`]: plain integers, any bit pattern of which is a value.
