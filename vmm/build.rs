@@ -1,4 +1,4 @@
-//! Builds the PLC guest that is embedded in `takt`.
+//! Builds what is embedded in `takt`: the PLC guest, and the system calls that its threads may make.
 //!
 //! The guest is freestanding and has its own profile and link flags, so it cannot be a member of
 //! this workspace: it is built by a second cargo, for the same target and with the same toolchain,
@@ -8,12 +8,16 @@ use std::env;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+#[path = "seccomp/compile.rs"]
+mod seccomp;
+
 const TARGET: &str = "x86_64-unknown-linux-gnu";
 
 fn main() {
     let Some(out) = env::var_os("OUT_DIR").map(PathBuf::from) else {
         panic!("OUT_DIR is not set: this is a cargo build script");
     };
+    seccomp::compile(Path::new("seccomp"), &out);
     let guest = Path::new("../plc-guest");
     let crates = ["../devices/abi", "../devices/channel", "../devices/sja1000"].map(Path::new);
     for watched in crates.into_iter().chain([guest]) {

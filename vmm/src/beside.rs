@@ -7,11 +7,9 @@
 use std::ffi::{OsStr, OsString};
 use std::io;
 use std::os::unix::ffi::OsStrExt;
-use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::Command;
-
-use takt::appliance;
 
 /// Why there is no such command.
 #[derive(Debug, thiserror::Error)]
@@ -34,24 +32,14 @@ pub enum Error {
     },
 }
 
-/// Becomes the program for `words`: the command's name, and its arguments. As process 1, which has to
-/// outlive it, waits for its exit status instead; one that a signal has ended counts as 128 and the
-/// signal's number, as in a shell.
-pub fn run(words: &[OsString]) -> Result<u8, Error> {
+/// Becomes the program for `words`: the command's name, and its arguments. Returns only if that fails.
+pub fn run(words: &[OsString]) -> Error {
     let (name, arguments) = words.split_first().map_or((OsStr::new(""), words), |(n, a)| (n, a));
     let path = program(name);
-    let mut command = Command::new(&path);
-    command.args(arguments);
-    let outcome = if appliance::is_pid_one() { command.status() } else { Err(command.exec()) };
-    match outcome {
-        Ok(status) => {
-            let code = status.code().or(status.signal().map(|signal| 128 + signal));
-            Ok(code.and_then(|code| u8::try_from(code).ok()).unwrap_or(u8::MAX))
-        }
-        Err(source) if source.kind() == io::ErrorKind::NotFound => {
-            Err(Error::Unknown { name: name.into(), path })
-        }
-        Err(source) => Err(Error::Run { path, source }),
+    let source = Command::new(&path).args(arguments).exec();
+    match source.kind() {
+        io::ErrorKind::NotFound => Error::Unknown { name: name.into(), path },
+        _ => Error::Run { path, source },
     }
 }
 
@@ -68,7 +56,7 @@ mod tests {
 
     #[test]
     fn a_command_that_is_nowhere_is_told_where_it_would_be() {
-        let error = run(&["no-such".into(), "x".into()]).unwrap_err().to_string();
+        let error = run(&["no-such".into(), "x".into()]).to_string();
         assert!(error.starts_with("no command `no-such`"), "{error}");
         assert!(error.contains("/takt-no-such"), "{error}");
     }

@@ -4,7 +4,6 @@
 //! start gets a new one; memory, console and images stay. The machine that was is taken apart
 //! first, since its interrupts hang on the same event descriptors.
 
-use std::path::PathBuf;
 use std::sync::LazyLock;
 use std::time::Instant;
 
@@ -19,6 +18,7 @@ use vmm_sys_util::eventfd::EventFd;
 
 use crate::boot;
 use crate::boot::acpi::{Fittings, POWER_PORT, SERIAL_IRQ, SERIAL_PORT, WATCHDOG_PORT};
+use crate::boot::linux::Image;
 use crate::boot::long_mode::{self, StartError};
 use crate::disk::Drive;
 use crate::init_watch::Console;
@@ -52,9 +52,9 @@ pub struct Board {
     /// All memory of the guest.
     pub memory: GuestMemory,
     /// The kernel.
-    pub kernel: PathBuf,
+    pub kernel: Image,
     /// The initial RAM disk.
-    pub initrd: Option<PathBuf>,
+    pub initrd: Option<Image>,
     /// The kernel's command line.
     pub cmdline: String,
     /// The serial port.
@@ -90,8 +90,8 @@ impl Board {
         };
         let entry = boot::linux::load(
             &self.memory,
-            &self.kernel,
-            self.initrd.as_deref(),
+            &mut self.kernel,
+            self.initrd.as_mut(),
             &self.cmdline,
             fittings,
         )

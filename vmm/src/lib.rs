@@ -33,6 +33,7 @@ pub mod restart;
 pub mod run;
 pub mod run_error;
 pub mod samples;
+pub mod sandbox;
 pub mod schedule_desk;
 pub mod statistics;
 pub mod supervisor;

@@ -10,6 +10,7 @@ use std::time::Duration;
 use clap::{Parser, Subcommand};
 use takt::config::{self, PartitionFile};
 use takt::run::Options;
+use takt::sandbox::{Mode, descriptors};
 use takt::{appliance, check, probe, run};
 
 /// Exit statuses; `--help` tells them.
@@ -21,7 +22,8 @@ mod status {
 }
 
 const AFTER_HELP: &str = "\
-Exit status: 0 good; 2 bad partition file or usage; 3 the host cannot; 4 a partition failed.
+Exit status: 0 good; 2 bad partition file or usage; 3 the host cannot; 4 a partition failed;
+5 Takt has made a system call that it may not make.
 The console is Linux's: Ctrl-] q ends the run, Ctrl-] s asks for the next schedule,
 Ctrl-] Ctrl-] types Ctrl-].";
 
@@ -44,7 +46,7 @@ struct Cli {
 enum Command {
     /// Run the partitions of a file.
     #[command(after_help = AFTER_HELP)]
-    Run(Run),
+    Run(Box<Run>),
     /// Check a partition file and draw its major frame.
     Check {
         /// The partition file.
@@ -93,10 +95,23 @@ struct Run {
     /// For tests: let the wake-ups for the release of this number come late.
     #[arg(long, hide = true, value_name = "RELEASE")]
     late_wake_up: Option<u64>,
+    /// For development: what follows from a system call that a thread may not make.
+    #[arg(long, hide = true, value_name = "enforce|log", default_value = "enforce")]
+    seccomp: Mode,
+    /// For tests: have this thread make such a call (a partition, `kicker`, or `main`).
+    #[arg(long, hide = true, value_name = "THREAD")]
+    provoke_syscall: Option<String>,
+    /// For tests: fail after this step of the start.
+    #[arg(long, hide = true, value_name = "STEP")]
+    fail_at: Option<u32>,
 }
 
 impl Run {
     fn run(self) -> u8 {
+        if let Err(error) = descriptors::close_inherited() {
+            eprintln!("takt: cannot close what is open: {error}; Linux 5.9 or newer is needed");
+            return status::HOST_CANNOT;
+        }
         let Run { file, append, .. } = &self;
         with_file(file, Some(host_cpus()), |mut file| {
             for words in append {
@@ -120,6 +135,9 @@ impl Run {
             without_kick: self.without_kick,
             panic_after: self.panic_after,
             late_wake_up: self.late_wake_up,
+            seccomp: self.seccomp,
+            provoke: self.provoke_syscall.clone(),
+            fail_at: self.fail_at,
         }
     }
 }
@@ -131,13 +149,12 @@ fn duration(text: &str) -> Result<Duration, String> {
 fn main() -> ExitCode {
     let arguments = appliance::arguments();
     if appliance::is_pid_one() {
-        appliance::main(|| command_line(arguments))
+        appliance::main(&arguments)
     }
-    ExitCode::from(command_line(arguments))
+    ExitCode::from(command_line(&arguments))
 }
 
-/// Returns instead of exiting: as PID 1 the process must not end.
-fn command_line(arguments: Vec<OsString>) -> u8 {
+fn command_line(arguments: &[OsString]) -> u8 {
     let cli = match Cli::try_parse_from(arguments) {
         Ok(cli) => cli,
         Err(answer) => {
@@ -148,10 +165,10 @@ fn command_line(arguments: Vec<OsString>) -> u8 {
         }
     };
     match cli.command {
-        Command::Beside(words) => beside::run(&words).unwrap_or_else(|error| {
-            eprintln!("takt: {error}");
+        Command::Beside(words) => {
+            eprintln!("takt: {}", beside::run(&words));
             status::BAD_FILE_OR_USAGE
-        }),
+        }
         Command::Run(run) => run.run(),
         Command::Check { file, needs: true } => with_file(&file, None, |file| {
             print!("{}", check::needs(&file));

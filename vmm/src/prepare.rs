@@ -23,6 +23,7 @@ use vmm_sys_util::eventfd::{EFD_CLOEXEC, EFD_NONBLOCK, EventFd};
 use crate::account::{Account, Finished};
 use crate::board::{self, Board};
 use crate::boot::StartMode;
+use crate::boot::linux::Image;
 use crate::boot::long_mode::{self, StartError};
 use crate::boot::plc::PlcImage;
 use crate::boot::touch::touch;
@@ -42,6 +43,7 @@ use crate::passthrough::{Devices, Granted};
 use crate::pci::Pci;
 use crate::restart::{LinuxRestart, PlcRestart, Restart, Revival};
 use crate::run_error::RunError;
+use crate::sandbox::{self, Mode};
 use crate::terminal::Lines;
 use crate::vcpu::guest::{End, Guest};
 use crate::vcpu::kick::Kickable;
@@ -119,6 +121,20 @@ pub struct Preparation<'a> {
     pub interrupts: Interrupts,
     /// For tests: the release whose wake-ups come late.
     pub late_wake_up: Option<u64>,
+    /// What follows from a system call that a thread may not make.
+    pub mode: Mode,
+}
+
+/// What a run needs of its preparation.
+pub struct Finish {
+    /// As in [`Preparation`].
+    pub closing: Arc<AtomicBool>,
+    /// As in [`Preparation`].
+    pub board: Arc<SwitchBoard>,
+    /// As in [`Preparation`].
+    pub console: Option<Console>,
+    /// `None` if no PLC has any.
+    pub interrupts: Option<Interrupts>,
 }
 
 /// What a guest's thread keeps for as long as the guest exists.
@@ -191,6 +207,7 @@ impl Preparation<'_> {
         initrd: Option<&Path>,
         cmdline: &str,
     ) -> Result<Prepared, RunError> {
+        let unfit = |source| RunError::Linux { partition: partition.name().to_owned(), source };
         let pci = Pci::new(self.channels.of(partition.id(), partition.kind()))?;
         let views = pci.as_ref().map(Pci::views).unwrap_or_default();
         let memory = GuestMemory::for_linux(partition.memory_bytes(), &views)?;
@@ -206,6 +223,7 @@ impl Preparation<'_> {
             domain: self.domains.entry(partition.cpu()),
             reservation: None,
             ports: Vec::new(),
+            doors: (sandbox::Kind::Disk, self.mode),
         };
         let (mut drives, mut disks) = (Vec::new(), Vec::new());
         for (number, disk) in (0..).zip(partition.disks()) {
@@ -217,8 +235,8 @@ impl Preparation<'_> {
             partition: partition.name().to_owned(),
             kvm: machine::open_kvm()?,
             memory: memory.clone(),
-            kernel: kernel.to_owned(),
-            initrd: initrd.map(Path::to_owned),
+            kernel: Image::open(kernel).map_err(unfit)?,
+            initrd: initrd.map(Image::open).transpose().map_err(unfit)?,
             cmdline: cmdline.to_owned(),
             console,
             irq,
@@ -231,7 +249,7 @@ impl Preparation<'_> {
         };
         let (vcpu, guest) = board.start()?;
         self.frequency = board.frequency;
-        let (restart, revivals) = LinuxRestart::new(board);
+        let (restart, revivals) = LinuxRestart::new(board, self.mode)?;
         let mut prepared = self.spawn(partition, vcpu, memory, guest, output, revivals)?;
         prepared.account.restart = Some(Restart::Linux(restart));
         prepared.account.is_terminal = true;
@@ -280,7 +298,8 @@ impl Preparation<'_> {
             CpuReservations::of(schedules, cpu).partitions.into_iter().find(|(p, _)| *p == id);
         let reservation = reservation.map(|(_, r)| r);
         let ports = guest.io_ranges();
-        let place = Place { cpu, domain: self.domains.entry(cpu), reservation, ports };
+        let domain = self.domains.entry(cpu);
+        let place = Place { cpu, domain, reservation, ports, doors: (G::THREAD, self.mode) };
         let (thread, records): (_, Option<Consumer<Record>>) = match plan {
             Some(plan) => {
                 let (producer, consumer) = RingBuffer::new(RECORDS);
@@ -321,6 +340,14 @@ impl Preparation<'_> {
         Ok(Prepared { account, thread, init: None, disks: Vec::new() })
     }
 
+    /// What is needed beyond the preparation. The rest is closed: the way to make machines, for one.
+    #[must_use]
+    pub fn finish(self) -> Finish {
+        let Self { closing, board, console, interrupts, .. } = self;
+        let interrupts = Some(interrupts).filter(|interrupts| !interrupts.is_empty());
+        Finish { closing, board, console, interrupts }
+    }
+
     /// One thread per CPU with windows, to end them.
     ///
     /// # Errors
@@ -339,7 +366,8 @@ impl Preparation<'_> {
             let own = control.clone();
             let reservation = CpuReservations::of(schedules, cpu).kicker;
             let domain = self.domains.entry(cpu);
-            let place = Place { cpu, domain, reservation, ports: Vec::new() };
+            let doors = (sandbox::Kind::Kicker, self.mode);
+            let place = Place { cpu, domain, reservation, ports: Vec::new(), doors };
             let body = move |base: Timebase| kicker::run(&windows, &base, &own);
             let Cpu(number) = cpu;
             let thread = thread::plain(&format!("kicker-{number}"), place, control.clone(), body)?;
@@ -359,8 +387,10 @@ impl Body {
         revivals: &Receiver<Revival<G>>,
     ) {
         loop {
+            self.own.enter_guest();
             let end = windowed.run(kickable, &mut guest, &self.own, &mut self.health);
             guest.left();
+            self.own.leave_guest();
             let starting = guest.says_done() && windowed.starting();
             self.tell(end, starting, windowed.unrecorded());
             let revival = loop {
@@ -387,8 +417,10 @@ impl Body {
         revivals: &Receiver<Revival<G>>,
     ) {
         loop {
+            self.own.enter_guest();
             let end = background::run(kickable, &mut guest, &self.own, &mut self.health);
             guest.left();
+            self.own.leave_guest();
             self.tell(end, false, 0);
             let Ok(revival) = revivals.recv() else { return };
             if !self.revive(kickable, &mut guest, revival) {

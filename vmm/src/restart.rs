@@ -9,9 +9,10 @@
 //! whoever has a window then. So a thread with windows is not woken: it looks for the word in each
 //! of its own windows ([`Windowed::next_window`](crate::vcpu::windowed::Windowed::next_window)).
 
+use std::io;
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::Builder;
 
 use crate::board::Board;
 use crate::boot::Start;
@@ -21,13 +22,13 @@ use crate::channels::OwnRegion;
 use crate::interrupts::apic;
 use crate::memory::GuestMemory;
 use crate::run_error::RunError;
+use crate::sandbox;
 use crate::vcpu::exit_count::ExitCount;
 use crate::vcpu::kick::Kickable;
 use crate::vcpu::linux::LinuxGuest;
 use crate::vcpu::plc::PlcGuest;
 
-/// Stack of a thread that loads a Linux. All memory is locked, so it costs what it may grow to, and
-/// the C library keeps it for the next one.
+/// Stack of the thread that loads a Linux. All memory is locked, so it costs what it may grow to.
 const STACK: usize = 256 * 1024;
 
 /// The word to a partition's thread that its guest has been loaded: what it has to do itself, which
@@ -51,7 +52,10 @@ impl Restart {
     pub fn start(&self, start: Start) -> Result<(), RunError> {
         match self {
             Restart::Plc(plc) => plc.start(start),
-            Restart::Linux(linux) => linux.start(),
+            Restart::Linux(linux) => {
+                linux.start();
+                Ok(())
+            }
         }
     }
 
@@ -60,7 +64,7 @@ impl Restart {
     pub fn failure(&self) -> Option<RunError> {
         match self {
             Restart::Plc(_) => None,
-            Restart::Linux(linux) => linux.lock().failure.take(),
+            Restart::Linux(linux) => lock(&linux.failure).take(),
         }
     }
 }
@@ -108,62 +112,87 @@ impl PlcRestart {
 /// Starts a Linux anew, in a machine that is new as well: what a guest can do to interrupt
 /// controllers, timers and model-specific registers is more than anybody wants to undo one by one.
 pub struct LinuxRestart {
-    loading: Arc<Mutex<Loading>>,
-    thread: Sender<Revival<LinuxGuest>>,
+    orders: Sender<()>,
+    failure: Failure,
 }
 
-struct Loading {
-    board: Board,
-    failure: Option<RunError>,
-}
+type Failure = Arc<Mutex<Option<RunError>>>;
 
 impl LinuxRestart {
-    /// For the Linux on this board; the other part is for its thread.
-    #[must_use]
-    pub fn new(board: Board) -> (Self, Receiver<Revival<LinuxGuest>>) {
+    /// For the Linux on this board; the other part is for its thread. The thread that loads it waits
+    /// from now on: a run starts no threads later.
+    ///
+    /// # Errors
+    /// If there is no such thread.
+    pub fn new(
+        board: Board,
+        mode: sandbox::Mode,
+    ) -> Result<(Self, Receiver<Revival<LinuxGuest>>), RunError> {
+        let (orders, ordered) = channel();
         let (thread, revivals) = channel();
-        let loading = Arc::new(Mutex::new(Loading { board, failure: None }));
-        (Self { loading, thread }, revivals)
-    }
-
-    fn lock(&self) -> std::sync::MutexGuard<'_, Loading> {
-        lock(&self.loading)
-    }
-
-    fn start(&self) -> Result<(), RunError> {
-        let (loading, thread) = (self.loading.clone(), self.thread.clone());
-        let load = move || {
-            let mut loading = lock(&loading);
-            let (replaced, old) = channel();
-            let revival: Revival<LinuxGuest> = match loading.board.start_anew() {
-                Ok((vcpu, new)) => {
-                    let exit_count = ExitCount::of(&vcpu);
-                    Box::new(move |kickable, guest| {
-                        let _ = replaced.send(kickable.replace(vcpu, exit_count));
-                        *guest = new;
-                        true
-                    })
-                }
-                Err(error) => {
-                    loading.failure = Some(error);
-                    Box::new(|_, _| false)
-                }
-            };
-            drop(loading);
-            let _ = thread.send(revival);
-            // With its processor the old machine goes, which takes the kernel a while.
-            drop(old.recv());
+        let (report, reported) = channel();
+        let failure = Failure::default();
+        let loader = Loader { board, thread, failure: failure.clone() };
+        let run = move || {
+            let ready = sandbox::enter(sandbox::Kind::Loader, mode, LOADER, &[]);
+            let failed = ready.is_err();
+            if report.send(ready.map(drop)).is_ok() && !failed {
+                loader.run(&ordered);
+            }
         };
-        thread::Builder::new()
-            .name("loader".to_owned())
-            .stack_size(STACK)
-            .spawn(load)
-            .map(drop)
-            .map_err(|source| RunError::Host { what: "start a thread that loads Linux", source })
+        let host = |source| RunError::Host { what: "start a thread that loads Linux", source };
+        Builder::new().name(LOADER.to_owned()).stack_size(STACK).spawn(run).map_err(host)?;
+        let died = || host(io::Error::other("it has died"));
+        reported.recv().map_err(|_| died())??;
+        Ok((Self { orders, failure }, revivals))
+    }
+
+    fn start(&self) {
+        // The thread takes orders for as long as this exists.
+        let _ = self.orders.send(());
+    }
+}
+
+/// Name of the thread.
+const LOADER: &str = "loader";
+
+/// What the thread has.
+struct Loader {
+    board: Board,
+    thread: Sender<Revival<LinuxGuest>>,
+    failure: Failure,
+}
+
+impl Loader {
+    fn run(mut self, orders: &Receiver<()>) {
+        while orders.recv().is_ok() {
+            self.load();
+        }
+    }
+
+    fn load(&mut self) {
+        let (replaced, old) = channel();
+        let revival: Revival<LinuxGuest> = match self.board.start_anew() {
+            Ok((vcpu, new)) => {
+                let exit_count = ExitCount::of(&vcpu);
+                Box::new(move |kickable, guest| {
+                    let _ = replaced.send(kickable.replace(vcpu, exit_count));
+                    *guest = new;
+                    true
+                })
+            }
+            Err(error) => {
+                *lock(&self.failure) = Some(error);
+                Box::new(|_, _| false)
+            }
+        };
+        let _ = self.thread.send(revival);
+        // With its processor the old machine goes, which takes the kernel a while.
+        drop(old.recv());
     }
 }
 
 /// Nothing that happens under the lock leaves it half-done.
-fn lock(loading: &Mutex<Loading>) -> std::sync::MutexGuard<'_, Loading> {
-    loading.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock(failure: &Failure) -> MutexGuard<'_, Option<RunError>> {
+    failure.lock().unwrap_or_else(PoisonError::into_inner)
 }

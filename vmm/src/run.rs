@@ -4,8 +4,9 @@
 //! threads with their reservations. Then all partitions start from one epoch, and from there on
 //! nothing is allocated or mapped for a guest.
 
+use std::cell::Cell;
 use std::fs;
-use std::io;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,7 +22,7 @@ use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 use crate::account::Account;
 use crate::appliance;
 use crate::channels::Channels;
-use crate::config::{Kind, Partition, PartitionFile};
+use crate::config::{HostPort, Kind, Partition, PartitionFile};
 use crate::control::Operators;
 use crate::cpuset::Domains;
 use crate::disk::DiskThread;
@@ -32,11 +33,12 @@ use crate::host_watchdog::HostWatchdog;
 use crate::init_watch::{Console, InitSeen};
 use crate::interrupts::Interrupts;
 use crate::machine::{self, MachineError};
-use crate::passthrough::Devices;
-use crate::prepare::{Kicker, Preparation, Prepared, clone, eventfd};
+use crate::passthrough::{Devices, last_work};
+use crate::prepare::{Finish, Kicker, Preparation, Prepared, clone, eventfd};
 use crate::report::{self, Host, Report};
 use crate::run_error::RunError;
 use crate::samples::{self, Samples};
+use crate::sandbox::{self, Allowed};
 use crate::schedule_desk::ScheduleDesk;
 use crate::supervisor::{Endings, Supervisor, take_signals};
 use crate::terminal::{self, Screen};
@@ -69,6 +71,31 @@ pub struct Options {
     pub panic_after: Option<Duration>,
     /// For tests: the wake-ups for the release of this number come late.
     pub late_wake_up: Option<u64>,
+    /// What follows from a system call that a thread may not make.
+    pub seccomp: sandbox::Mode,
+    /// For tests: the thread that makes such a call, a second after the start.
+    pub provoke: Option<String>,
+    /// For tests: the step of the start after which it fails, from 1 on.
+    pub fail_at: Option<u32>,
+}
+
+/// The steps of the start, one of which a test may let fail: all that was taken until then must go
+/// back.
+#[derive(Debug)]
+struct Steps {
+    left: Cell<Option<u32>>,
+}
+
+impl Steps {
+    fn new(fail_at: Option<u32>) -> Self {
+        Self { left: Cell::new(fail_at) }
+    }
+
+    /// A step is done.
+    fn pass(&self) -> Result<(), RunError> {
+        self.left.set(self.left.get().map(|left| left.saturating_sub(1)));
+        if self.left.get() == Some(0) { Err(RunError::Provoked) } else { Ok(()) }
+    }
 }
 
 /// Runs all partitions of `file` until the run is over.
@@ -76,8 +103,15 @@ pub struct Options {
 /// # Errors
 /// See [`RunError`]. A partition that fails is not an error of the run: the report tells of it.
 pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> {
+    let steps = Steps::new(options.fail_at);
+    sandbox::prepare(|| {
+        let written = last_work::do_it();
+        terminal::restore_at_once();
+        written
+    })?;
     let signals = take_signals()?;
     lock_memory()?;
+    steps.pass()?;
     kick::install()
         .map_err(|e| io::Error::from_raw_os_error(e.errno()))
         .map_err(|source| RunError::Host { what: "install the kick's signal handler", source })?;
@@ -87,16 +121,21 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         .or(file.control())
         .map(|path| Listener::bind(path, SocketKind::Stream))
         .transpose()?;
+    steps.pass()?;
     // Given back after all threads have been let go.
     let devices = Devices::take(file)?;
+    steps.pass()?;
     // While there is no guest and no thread that it would be a copy of. Dropped after all threads
     // have written their values.
-    let _guardian = devices.guardian()?;
+    let _guardian = devices.guardian(options.seccomp)?;
+    steps.pass()?;
     let channels = Channels::new(file.channels())?;
     let operators =
         control.map(|listener| Operators::new(listener, file, &channels)).transpose()?;
+    steps.pass()?;
     // Dropped after all threads have been let go.
     let domains = Domains::set_up(file.schedules())?;
+    steps.pass()?;
     let (sender, ends) = channel();
     let bell = eventfd()?;
     let schedules = file.schedules();
@@ -115,34 +154,58 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         doorbell: eventfd()?,
         interrupts: Interrupts::new()?,
         late_wake_up: options.late_wake_up,
+        mode: options.seccomp,
     };
     let mut prepared = Vec::new();
     for partition in file.partitions() {
         prepared.push(preparation.partition(partition)?);
+        steps.pass()?;
     }
     let kickers = if options.without_kick { Vec::new() } else { preparation.kickers(&prepared)? };
+    steps.pass()?;
     let Some(frequency) = preparation.frequency else {
         return Err(MachineError::Missing("a machine to run").into());
     };
 
     let host_ports = HostPorts::open(&channels, frequency, appliance::results())?;
+    steps.pass()?;
+    let output = |what, path: &Option<PathBuf>| {
+        path.as_deref().map(|path| Output::create(what, path)).transpose()
+    };
+    let report_file = output("report", &options.report)?;
+    let samples_file = output("samples", &options.samples)?;
+    steps.pass()?;
     let raw = terminal::make_raw()
         .map_err(|source| RunError::Host { what: "put the terminal into raw mode", source })?;
-    let Preparation { closing, board, console, interrupts, .. } = preparation;
-    let interrupts = Some(interrupts).filter(|interrupts| !interrupts.is_empty());
-    let mut run =
-        Run { file, options, frequency, closing, board, host_ports, operators, interrupts };
+    let Finish { closing, board, console, interrupts } = preparation.finish();
+    let given_back = given_back(file, options, &devices, &domains);
+    let host = Host::current(frequency.khz());
+    let mut run = Run {
+        file,
+        options,
+        frequency,
+        closing,
+        board,
+        host_ports,
+        operators,
+        interrupts,
+        samples_file,
+        given_back,
+        host,
+        steps,
+    };
     let screen = Screen::new(io::stdout(), raw);
-    let guard = devices.guard(prepared.iter().map(|p| p.account.control.clone()).collect());
+    let controls: Vec<Arc<Control>> = prepared.iter().map(|p| p.account.control.clone()).collect();
+    let guard = devices.guard(&controls);
     if let Some(after) = options.panic_after {
-        panic_after(after)?;
+        panic_after(after, options.seccomp)?;
     }
     let result = run.start(prepared, kickers, console, screen, signals, Endings { bell, ends });
     drop(guard);
     terminal::restore();
     let report = result?;
-    if let Some(path) = &options.report {
-        write_output("report", path, serde_json::to_string_pretty(&report))?;
+    if let Some(file) = report_file {
+        file.write(serde_json::to_string_pretty(&report))?;
     }
     Ok(report)
 }
@@ -160,6 +223,13 @@ struct Run<'a> {
     operators: Option<Operators>,
     /// Until the supervisor has them.
     interrupts: Option<Interrupts>,
+    /// Where samples go, until they do.
+    samples_file: Option<Output>,
+    /// What of the file system is needed to the end.
+    given_back: Vec<Allowed>,
+    /// The machine, for the report.
+    host: Host,
+    steps: Steps,
 }
 
 impl Run<'_> {
@@ -213,6 +283,16 @@ impl Run<'_> {
             supervisor.screen.line("takt", &text);
         }
 
+        if let Some(thread) = &self.options.provoke {
+            self.provoke(thread, &supervisor.accounts, &kickers)?;
+        }
+        self.steps.pass()?;
+        // Nothing of the host is opened any more, and no guest has run yet.
+        let doors = (sandbox::Kind::Main, self.options.seccomp);
+        if !sandbox::enter(doors.0, doors.1, "main", &self.given_back)? {
+            supervisor.screen.line("takt", "this kernel has no Landlock: files stay within reach");
+        }
+        self.steps.pass()?;
         let mut running: Vec<Running<()>> =
             threads.into_iter().map(|thread| thread.start(base)).collect();
         for Kicker { control, thread } in kickers {
@@ -249,13 +329,30 @@ impl Run<'_> {
             let failed = |source| RunError::Output { what: "trace", path: path.clone(), source };
             trace.finish().map_err(failed)?;
         }
-        if let Some(path) = &self.options.samples {
+        if let Some(file) = self.samples_file.take() {
             let partitions = supervisor.accounts.iter().filter_map(Account::course).collect();
             let samples = Samples { schema_version: samples::SCHEMA_VERSION, partitions };
-            write_output("samples", path, serde_json::to_string(&samples))?;
+            file.write(serde_json::to_string(&samples))?;
         }
         let host_ports = supervisor.host_ports.as_mut().map_or_else(Vec::new, HostPorts::accounts);
         Ok(self.report(&supervisor, &inits, base, duration, host_ports, process))
+    }
+
+    fn provoke(
+        &self,
+        name: &str,
+        accounts: &[Account],
+        kickers: &[Kicker],
+    ) -> Result<(), RunError> {
+        let account = accounts.iter().find(|account| account.name == name);
+        let control = match name {
+            "kicker" => kickers.first().map(|kicker| &kicker.control),
+            _ => account.map(|account| &account.control),
+        };
+        // Whoever is none of them is the process itself: its first thread has its number.
+        let thread = control.map_or(std::process::id() as i32, |control| control.thread());
+        sandbox::provoke::arm(thread)
+            .map_err(|source| RunError::Host { what: "set up the test's timer", source })
     }
 
     fn create_trace(&self, path: &Path, base: Timebase) -> Result<Trace, RunError> {
@@ -287,7 +384,7 @@ impl Run<'_> {
         Report {
             schema_version: report::SCHEMA_VERSION,
             lane: self.options.lane.clone(),
-            host: Host::current(self.frequency.khz()),
+            host: self.host.clone(),
             system: self.file.name().to_owned(),
             epoch_tsc: base.epoch.0,
             duration_ns: duration.0,
@@ -349,16 +446,22 @@ impl Run<'_> {
     }
 }
 
-/// Starts a thread that panics, as any other might.
-fn panic_after(time: Duration) -> Result<(), RunError> {
+/// Starts a thread that panics, as any other might, behind doors as narrow as any.
+fn panic_after(time: Duration, mode: sandbox::Mode) -> Result<(), RunError> {
+    const NAME: &str = "panic";
+    let (report, reported) = channel();
     let body = move || {
-        thread::sleep(time);
-        panic!("asked for, as a test");
+        let entered = sandbox::enter(sandbox::Kind::Kicker, mode, NAME, &[]);
+        let failed = entered.is_err();
+        if report.send(entered.map(drop)).is_ok() && !failed {
+            thread::sleep(time);
+            panic!("asked for, as a test");
+        }
     };
-    thread::Builder::new()
-        .spawn(body)
-        .map(drop)
-        .map_err(|source| RunError::Host { what: "start a thread that panics", source })
+    let host = |source| RunError::Host { what: "start a thread that panics", source };
+    thread::Builder::new().name(NAME.to_owned()).spawn(body).map_err(host)?;
+    reported.recv().map_err(|_| host(io::Error::other("it has died")))??;
+    Ok(())
 }
 
 /// Locks all memory, now and later: no page of a guest or of Takt is ever missing.
@@ -368,13 +471,56 @@ fn lock_memory() -> Result<(), RunError> {
     if result == 0 { Ok(()) } else { Err(RunError::Lock(io::Error::last_os_error())) }
 }
 
-fn write_output(
+/// What is still to be changed in the file system at the end of the run.
+fn given_back(
+    file: &PartitionFile,
+    options: &Options,
+    devices: &Devices,
+    domains: &Domains,
+) -> Vec<Allowed> {
+    let figures = Allowed::Read("/proc/self".into());
+    let control = options.control.as_deref().or(file.control());
+    let ends = file.channels().iter().filter_map(|channel| match &channel.host {
+        Some(HostPort::Socket(path)) if appliance::results().is_none() => Some(path.as_path()),
+        _ => None,
+    });
+    let folder = |socket: &Path| match socket.parent() {
+        Some(folder) if folder != "" => Allowed::RemoveFiles(folder.to_owned()),
+        _ => Allowed::RemoveFiles(".".into()),
+    };
+    let sockets = control.into_iter().chain(ends).map(folder);
+    let cgroups = domains.root().map(Allowed::WriteAndRemoveFolders);
+    let devices = devices.folders().into_iter().map(Allowed::GiveBack);
+    [figures].into_iter().chain(sockets).chain(cgroups).chain(devices).collect()
+}
+
+/// A file of results, opened while files can be.
+struct Output {
     what: &'static str,
-    path: &Path,
-    json: serde_json::Result<String>,
-) -> Result<(), RunError> {
-    let failed = |source| RunError::Output { what, path: path.to_owned(), source };
-    let mut json = json.map_err(|e| failed(e.into()))?;
-    json.push('\n');
-    fs::write(path, json).map_err(failed)
+    path: PathBuf,
+    file: fs::File,
+}
+
+impl Output {
+    /// Opens it; what it has stays there until it is written.
+    fn create(what: &'static str, path: &Path) -> Result<Self, RunError> {
+        let failed = |source| RunError::Output { what, path: path.to_owned(), source };
+        let mut options = fs::File::options();
+        let file = options.write(true).create(true).truncate(false).open(path).map_err(failed)?;
+        Ok(Self { what, path: path.to_owned(), file })
+    }
+
+    fn write(self, json: serde_json::Result<String>) -> Result<(), RunError> {
+        let Self { what, path, mut file } = self;
+        let failed = |source| RunError::Output { what, path, source };
+        let write = || {
+            let mut json = json?;
+            json.push('\n');
+            if file.metadata()?.is_file() {
+                file.set_len(0)?;
+            }
+            file.write_all(json.as_bytes())
+        };
+        write().map_err(failed)
+    }
 }

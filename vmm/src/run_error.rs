@@ -19,6 +19,7 @@ use crate::host_ports::HostPortError;
 use crate::machine::MachineError;
 use crate::memory::MemoryError;
 use crate::passthrough::error::DeviceError;
+use crate::sandbox::SandboxError;
 use crate::supervisor::error::SupervisorError;
 use crate::unix_socket::SocketError;
 use crate::vcpu::thread::ThreadError;
@@ -56,6 +57,8 @@ pub enum RunError {
     #[error(transparent)]
     Supervisor(#[from] SupervisorError),
     #[error(transparent)]
+    Sandbox(#[from] SandboxError),
+    #[error(transparent)]
     Pci(#[from] WindowFull),
     #[error("two devices of the Linux machine collide: {0}")]
     Ports(#[from] Overlap),
@@ -69,6 +72,8 @@ pub enum RunError {
     View(#[from] ViewError),
     #[error("cannot lock memory: {0}; run as root, or raise the limit (ulimit -l unlimited)")]
     Lock(io::Error),
+    #[error("TEST: a step of the start has failed, as was asked for")]
+    Provoked,
     #[error("cannot {what}: {source}")]
     Host { what: &'static str, source: io::Error },
     #[error("cannot write the {what} to {}: {source}", path.display())]

@@ -64,6 +64,15 @@ pub fn restore() {
     }
 }
 
+/// As [`restore`], without waiting for what is still to be shown, or for a lock: safe in a signal
+/// handler.
+pub fn restore_at_once() {
+    if let Some(saved) = SAVED.try_lock().ok().and_then(|mut slot| slot.take()) {
+        // SAFETY: as above.
+        unsafe { libc::tcsetattr(libc::STDIN_FILENO, libc::TCSANOW, &raw const saved) };
+    }
+}
+
 /// What the keyboard asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Key {

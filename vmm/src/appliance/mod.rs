@@ -6,6 +6,11 @@
 //! A small init program could do the same, but it would be a second thing to build, to trust and
 //! to keep in step with `takt`.
 //!
+//! The command line itself is executed by a child, this program once more. It gives all its
+//! privileges away ([`sandbox`](crate::sandbox)), and what is needed after the run, to use a port and
+//! to switch the machine off, stays with a process that does nothing but wait for it. One that is
+//! killed leaves its results too, and the machine then starts again, as it does when process 1 dies.
+//!
 //! Results leave through QEMU's debug console port as one cpio archive. A disk or a network would
 //! need drivers, and with them interrupts and kernel threads beside the partitions, only to carry
 //! a few files after the run. The archive ends with the file `status`, so whoever finds that
@@ -22,7 +27,11 @@ use std::fs::{self, File, OpenOptions};
 use std::io;
 use std::os::fd::AsRawFd;
 use std::os::unix::ffi::OsStrExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
+use std::process::{Command, ExitStatus};
+use std::thread;
+use std::time::Duration;
 
 use result_port::ResultPort;
 
@@ -40,6 +49,8 @@ const INTERRUPT_MODULES: &str = "/modules/interrupts";
 const OUT: &str = "/out";
 /// The first word of the command line proper; see [`arguments`].
 const PROGRAM: &str = "takt";
+/// The ordinary process 1.
+const FIRST: u32 = 1;
 /// Exit status for "the host cannot", as in the ordinary command line.
 const HOST_CANNOT: u8 = 3;
 
@@ -75,6 +86,14 @@ pub enum Error {
         /// What the kernel said.
         source: io::Error,
     },
+    /// This program does not run once more.
+    #[error("cannot run {path}: {source}")]
+    Run {
+        /// The program.
+        path: PathBuf,
+        /// What the kernel said.
+        source: io::Error,
+    },
     /// No module of a line of the list loads; each is named with the kernel's reason.
     #[error("cannot load {}", .0.join(", nor "))]
     Module(Vec<String>),
@@ -88,7 +107,12 @@ pub enum Error {
 
 /// Whether this process is PID 1 of the appliance image, and not merely of some container.
 pub fn is_pid_one() -> bool {
-    std::process::id() == 1 && Path::new(MODULE_LIST).exists()
+    std::process::id() == FIRST && Path::new(MODULE_LIST).exists()
+}
+
+/// Whether this process is the one that PID 1 of the appliance runs.
+fn is_its_child() -> bool {
+    std::os::unix::process::parent_id() == FIRST && Path::new(MODULE_LIST).exists()
 }
 
 /// The command line, starting with the program's name.
@@ -104,25 +128,56 @@ pub fn arguments() -> Vec<OsString> {
 /// The folder whose files are carried out of the machine, if this is the appliance.
 #[must_use]
 pub fn results() -> Option<&'static Path> {
-    is_pid_one().then_some(Path::new(OUT))
+    is_its_child().then_some(Path::new(OUT))
 }
 
-/// Prepares the machine, runs `body`, carries out the results and switches the machine off.
+/// Prepares the machine, runs the ordinary command line on `arguments`, carries out the results and
+/// switches the machine off.
 ///
-/// `body` is the ordinary command line on [`arguments`] and returns the exit status. It must
-/// return: when PID 1 exits or panics the kernel panics too, and no result is handed over.
-pub fn main(body: impl FnOnce() -> u8) -> ! {
-    let status = match prepare() {
-        Ok(()) => body(),
+/// When PID 1 exits or panics the kernel panics too, and no result is handed over.
+pub fn main(arguments: &[OsString]) -> ! {
+    let (status, end) = match prepare().and_then(|()| run(arguments)) {
+        Ok(status) => match (status.code().and_then(|c| u8::try_from(c).ok()), status.signal()) {
+            (Some(code), _) => (code, libc::RB_POWER_OFF),
+            (None, signal) => {
+                eprintln!("takt: appliance: killed by signal {}", signal.unwrap_or_default());
+                (HOST_CANNOT, libc::RB_AUTOBOOT)
+            }
+        },
         Err(error) => {
             eprintln!("takt: appliance: {error}");
-            HOST_CANNOT
+            (HOST_CANNOT, libc::RB_POWER_OFF)
         }
     };
     if let Err(error) = hand_over(status) {
         eprintln!("takt: appliance: {error}");
     }
-    power_off()
+    leave(end)
+}
+
+/// This program as an ordinary process.
+fn run(arguments: &[OsString]) -> Result<ExitStatus, Error> {
+    let path = std::env::current_exe().unwrap_or_else(|_| Path::new("/init").to_owned());
+    let rest = arguments.get(1..).unwrap_or_default();
+    let status = Command::new(&path).arg0(PROGRAM).args(rest).status();
+    wait_for_orphans();
+    status.map_err(|source| Error::Run { path, source })
+}
+
+/// A takt that was killed leaves its guardian, which has safe values to write before the machine
+/// goes. Whatever else was left is not worth more than a second.
+fn wait_for_orphans() {
+    let any = |options| {
+        // SAFETY: waits for children of this process; a null pointer asks for no status.
+        unsafe { libc::waitpid(-1, std::ptr::null_mut(), options) }
+    };
+    for _ in 0..100 {
+        match any(libc::WNOHANG) {
+            0 => thread::sleep(Duration::from_millis(10)),
+            ..0 => return,
+            _ => {}
+        }
+    }
 }
 
 fn prepare() -> Result<(), Error> {
@@ -142,7 +197,7 @@ fn prepare() -> Result<(), Error> {
 /// # Errors
 /// What is wrong with the list or a module.
 pub fn load_for_interrupts() -> io::Result<()> {
-    if !is_pid_one() {
+    if !is_its_child() {
         return Ok(());
     }
     load_modules(Path::new(INTERRUPT_MODULES)).map_err(io::Error::other)
@@ -182,7 +237,7 @@ fn take_console() -> io::Result<()> {
 /// Loads the drivers of hardware watchdogs, if this is the appliance. Which of them finds its
 /// hardware shows when the watchdog is opened.
 pub fn load_watchdog_drivers() {
-    if is_pid_one() {
+    if is_its_child() {
         for name in fs::read_to_string(WATCHDOGS).unwrap_or_default().lines() {
             let _ = load_module(&Path::new(MODULES).join(name));
         }
@@ -235,19 +290,20 @@ fn hand_over(status: u8) -> Result<(), Error> {
     }
 }
 
-/// Switches the machine off, silently: the console belongs to the run, and its last line too.
-fn power_off() -> ! {
+/// Switches the machine off, or starts it again, silently: the console belongs to the run, and its
+/// last line too.
+fn leave(how: libc::c_int) -> ! {
     // If this fails the kernel's farewell appears on the console, which does no harm.
     let _ = fs::write("/proc/sys/kernel/printk", "0");
     // SAFETY: both calls take no pointers. Nothing is left that an end of the machine could harm.
     unsafe {
         libc::tcdrain(libc::STDOUT_FILENO);
         libc::sync();
-        libc::reboot(libc::RB_POWER_OFF);
+        libc::reboot(how);
     }
     // Only a machine without a way to switch off comes here, and PID 1 may not return.
     loop {
-        std::thread::park();
+        thread::park();
     }
 }
 

@@ -15,7 +15,7 @@
 //! | end of low memory | initial RAM disk |
 
 use std::fs::File;
-use std::io;
+use std::io::{self, Read, Seek};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
@@ -54,6 +54,25 @@ const RESTART: [u8; 9] = {
 
 const E820_RAM: u32 = 1;
 const E820_RESERVED: u32 = 2;
+
+/// A file of the user's that stays open: a guest may have to be loaded again when no path can be
+/// opened any more.
+#[derive(Debug)]
+pub struct Image {
+    path: PathBuf,
+    file: File,
+}
+
+impl Image {
+    /// Opens it.
+    ///
+    /// # Errors
+    /// [`LinuxImageError::Read`].
+    pub fn open(path: &Path) -> Result<Self, LinuxImageError> {
+        let read = |source| LinuxImageError::Read { path: path.to_owned(), source };
+        Ok(Self { path: path.to_owned(), file: File::open(path).map_err(read)? })
+    }
+}
 
 /// A Linux that cannot be started.
 #[derive(Debug, Error)]
@@ -124,8 +143,8 @@ struct Kernel {
 /// See [`LinuxImageError`].
 pub fn load(
     memory: &GuestMemory,
-    kernel: &Path,
-    initrd: Option<&Path>,
+    kernel: &mut Image,
+    initrd: Option<&mut Image>,
     cmdline: &str,
     fittings: Fittings,
 ) -> Result<Entry, LinuxImageError> {
@@ -136,8 +155,8 @@ pub fn load(
     parameters.hdr.type_of_loader = 0xff;
     parameters.hdr.cmd_line_ptr = COMMAND_LINE as u32;
     parameters.hdr.cmdline_size = cmdline.len() as u32;
-    if let Some(path) = initrd {
-        let (address, bytes) = load_initrd(memory, path, &kernel)?;
+    if let Some(image) = initrd {
+        let (address, bytes) = load_initrd(memory, image, &kernel)?;
         parameters.hdr.ramdisk_image = address;
         parameters.hdr.ramdisk_size = bytes;
     }
@@ -157,16 +176,17 @@ pub fn load(
     Ok(Entry { rip: kernel.entry, rdi: 0, rsi: BOOT_PARAMETERS })
 }
 
-fn load_kernel(memory: &GuestMemory, path: &Path) -> Result<Kernel, LinuxImageError> {
+fn load_kernel(memory: &GuestMemory, image: &mut Image) -> Result<Kernel, LinuxImageError> {
+    let Image { path, file } = image;
     let read = |source| LinuxImageError::Read { path: path.to_owned(), source };
     let load = |source| LinuxImageError::Load { path: path.to_owned(), source };
-    let mut file = File::open(path).map_err(read)?;
     let mut magic = [0; 4];
     file.read_exact_at(&mut magic, 0x202).map_err(read)?;
     if &magic == b"HdrS" {
-        return load_bzimage(memory, path, &mut file);
+        return load_bzimage(memory, path, file);
     }
-    let bytes = std::fs::read(path).map_err(read)?;
+    let mut bytes = Vec::new();
+    file.rewind().and_then(|()| file.read_to_end(&mut bytes)).map_err(read)?;
     let end = elf::check(&bytes, HIGH_RAM_START, low_ram_end(memory))
         .map_err(|source| LinuxImageError::Unknown { path: path.to_owned(), source })?
         .end;
@@ -210,11 +230,12 @@ fn load_bzimage(
 /// Puts the RAM disk at the end of low memory. Returns its address and size.
 fn load_initrd(
     memory: &GuestMemory,
-    path: &Path,
+    image: &mut Image,
     kernel: &Kernel,
 ) -> Result<(u32, u32), LinuxImageError> {
+    let Image { path, file } = image;
     let read = |source| LinuxImageError::Read { path: path.to_owned(), source };
-    let mut file = File::open(path).map_err(read)?;
+    file.rewind().map_err(read)?;
     let bytes = file.metadata().map_err(read)?.len();
     let limit = low_ram_end(memory).min(u64::from(kernel.header.initrd_addr_max) + 1);
     let does_not_fit = LinuxImageError::DoesNotFit { kernel_end: kernel.end, initrd: bytes, limit };
@@ -224,7 +245,7 @@ fn load_initrd(
     };
     memory
         .regions()
-        .read_exact_volatile_from(GuestAddress(start), &mut file, bytes as usize)
+        .read_exact_volatile_from(GuestAddress(start), file, bytes as usize)
         .map_err(|e| read(io::Error::other(e)))?;
     // Below `limit`, which is below 4 GiB.
     Ok((start as u32, size))

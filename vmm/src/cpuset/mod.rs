@@ -41,6 +41,7 @@ pub mod mounts;
 mod setup;
 
 use std::io::{self, Write};
+use std::path::PathBuf;
 
 use takt_scheduler::schedules::Schedules;
 use takt_scheduler::table::Cpu;
@@ -175,6 +176,12 @@ impl Domains {
             tell(&format!("CPU {cpu} is left alone in the host's scheduling domain"));
         }
         Ok(Self { setup: Some(setup) })
+    }
+
+    /// The folder of the root cgroup, if anything in it is to be undone.
+    #[must_use]
+    pub fn root(&self) -> Option<PathBuf> {
+        self.setup.as_ref().map(Setup::root)
     }
 
     /// What a thread must enter before it is pinned to `cpu`; `None` if it may stay where it is.

@@ -5,6 +5,7 @@
 //! most of its CPUs back is better than one that has none.
 
 use std::io;
+use std::path::PathBuf;
 
 use takt_scheduler::table::Cpu;
 
@@ -176,6 +177,11 @@ impl<K: Kernel> Setup<K> {
             }
         }
         Ok(own)
+    }
+
+    /// The folder of the root cgroup.
+    pub fn root(&self) -> PathBuf {
+        self.kernel.full_path("")
     }
 
     fn dissolve(&self, path: &str) -> Result<(), CpusetError> {

@@ -8,6 +8,9 @@
 //! the guardian then writes is the last word. If the run has ended in order, it is told so, and
 //! goes.
 //!
+//! It keeps one privilege, to take ports when it has to write, and is shut in otherwise as all threads
+//! of Takt are.
+//!
 //! It is forked before there are guests, their memory and any other thread, and closes everything but
 //! the pipe: it holds nothing of Takt's but the mappings of devices. It is in a session of its own,
 //! so that what is sent to Takt's terminal or process group does not reach it, and is the last
@@ -21,6 +24,7 @@ use std::io::{self, Read, Write};
 use std::os::fd::{AsRawFd, FromRawFd, RawFd};
 
 use super::safe_values::SafeValues;
+use crate::sandbox::{self, Kind, Mode};
 
 /// Told to the guardian when all has ended in order.
 const IN_ORDER: u8 = 1;
@@ -36,7 +40,7 @@ impl Guardian {
     ///
     /// # Errors
     /// If the host gives no pipe or no process.
-    pub fn start(all: &[SafeValues]) -> io::Result<Option<Guardian>> {
+    pub fn start(all: &[SafeValues], mode: Mode) -> io::Result<Option<Guardian>> {
         if all.iter().all(SafeValues::is_empty) {
             return Ok(None);
         }
@@ -47,14 +51,15 @@ impl Guardian {
         }
         // SAFETY: both are new and nobody else's.
         let [read, write] = ends.map(|fd| unsafe { File::from_raw_fd(fd) });
-        // SAFETY: the child uses nothing that another thread could have held at this moment: it
-        // neither allocates nor locks, and ends without running anything of its parent's.
+        // SAFETY: the child uses nothing that another thread could have held at this moment, of
+        // which there is none in a run; the C library's heap is in order after a fork anyway. It ends
+        // without running anything of its parent's.
         match unsafe { libc::fork() } {
             -1 => Err(io::Error::last_os_error()),
             0 => {
                 // Whoever can still write keeps the pipe open.
                 drop(write);
-                watch(read, all);
+                watch(read, all, mode);
                 // SAFETY: ends this process, which is a copy, and nothing else.
                 unsafe { libc::_exit(0) }
             }
@@ -73,8 +78,10 @@ impl Drop for Guardian {
 }
 
 /// The guardian's life.
-fn watch(mut pipe: File, all: &[SafeValues]) {
+fn watch(mut pipe: File, all: &[SafeValues], mode: Mode) {
     leave_everything_but(pipe.as_raw_fd());
+    // With fewer privileges if that can be had, but with them if not.
+    let _ = sandbox::enter(Kind::Guardian, mode, "guardian", &[]);
     let mut word = [0];
     loop {
         match pipe.read(&mut word) {
@@ -121,7 +128,7 @@ mod tests {
         let memory = Arc::new(Mapping::new(&file, 0, 4096).unwrap());
         let target = Target::Register(memory, 0);
         let values = SafeValues::new(vec![Value { target, width: Width::Four, value: 7 }]);
-        let guardian = Guardian::start(&[SafeValues::default(), values]).unwrap();
+        let guardian = Guardian::start(&[SafeValues::default(), values], Mode::Enforce).unwrap();
         (file, guardian.unwrap())
     }
 
@@ -151,7 +158,29 @@ mod tests {
     }
 
     #[test]
+    fn it_is_shut_in_while_it_waits() {
+        let (_file, guardian) = guarded("shut-in");
+        let path = format!("/proc/{}/status", guardian.process);
+        let deadline = std::time::Instant::now() + std::time::Duration::from_secs(20);
+        // The filter is the last of it, so the rest holds when that does.
+        let status = loop {
+            let status = fs::read_to_string(&path).unwrap();
+            if status.contains("Seccomp:\t2\n") {
+                break status;
+            }
+            assert!(std::time::Instant::now() < deadline, "{status}");
+            std::thread::yield_now();
+        };
+        // That for ports, and where the limit of locked memory holds, the one for that.
+        const KEPT: u64 = 1 << 17 | 1 << 14;
+        let capabilities = status.lines().find_map(|line| line.strip_prefix("CapPrm:\t")).unwrap();
+        let capabilities = u64::from_str_radix(capabilities, 16).unwrap();
+        assert_eq!(capabilities & !KEPT, 0, "{status}");
+        assert!(status.contains("NoNewPrivs:\t1\n"), "{status}");
+    }
+
+    #[test]
     fn without_values_there_is_no_guardian() {
-        assert!(Guardian::start(&[SafeValues::default()]).unwrap().is_none());
+        assert!(Guardian::start(&[SafeValues::default()], Mode::Enforce).unwrap().is_none());
     }
 }

@@ -15,6 +15,7 @@
 
 pub mod error;
 pub mod guardian;
+pub mod last_work;
 pub mod mapping;
 pub mod pci;
 pub mod ports;
@@ -23,7 +24,7 @@ pub mod safe_values;
 mod source;
 pub mod uio;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use kvm_ioctls::VmFd;
@@ -35,24 +36,26 @@ use crate::config::{
 };
 use crate::interrupts::line::Line;
 use crate::memory::MemoryError;
+use crate::sandbox::Mode;
 use crate::vcpu::Control;
 use crate::vcpu::port_access::Width;
 use error::DeviceError;
 use guardian::Guardian;
+use last_work::Armed;
 use mapping::Mapping;
 use pci::{Function, Terms};
 use ports::{PortMap, PortRange};
 use real_ports::RealPorts;
-use safe_values::{PanicGuard, SafeValues, Target, Write};
+use safe_values::{SafeValues, Target, Write};
 
 const PCI_DEVICES: &str = "/sys/bus/pci/devices";
 
 /// The devices of all partitions. Dropping it gives them back to the host, so it has to outlive
 /// the guests.
 pub struct Devices {
-    /// By partition. Before `_functions`: mappings go before what they are of.
+    /// By partition. Before `functions`: mappings go before what they are of.
     granted: Vec<Granted>,
-    _functions: Vec<Function>,
+    functions: Vec<Function>,
 }
 
 /// What one partition has been given.
@@ -98,7 +101,7 @@ impl Devices {
         }
         let mut found = Found::default();
         let granted = file.partitions().iter().map(|p| found.grant(p, &functions));
-        Ok(Self { granted: granted.collect::<Result<_, _>>()?, _functions: functions })
+        Ok(Self { granted: granted.collect::<Result<_, _>>()?, functions })
     }
 
     /// What a partition has been given; `None` for one of another file.
@@ -107,11 +110,12 @@ impl Devices {
         self.granted.get(partition.0)
     }
 
-    /// Makes a panic end all guests, which run on these threads, and write the safe values of all
-    /// partitions, for as long as the guard lives.
+    /// Makes a panic and a forbidden system call end all guests and write the safe values of all
+    /// partitions, for as long as the guard lives. The partitions' threads are those of `threads`, in
+    /// their order.
     #[must_use]
-    pub fn guard(&self, threads: Vec<Arc<Control>>) -> PanicGuard {
-        PanicGuard::new(self.safe_values(), threads)
+    pub fn guard(&self, threads: &[Arc<Control>]) -> Armed {
+        Armed::new(self.safe_values().into_iter().zip(threads.iter().cloned()))
     }
 
     /// Makes the end of this process write the safe values of all partitions, whatever it dies of,
@@ -119,12 +123,18 @@ impl Devices {
     ///
     /// # Errors
     /// [`DeviceError::Guardian`].
-    pub fn guardian(&self) -> Result<Option<Guardian>, DeviceError> {
-        Guardian::start(&self.safe_values()).map_err(DeviceError::Guardian)
+    pub fn guardian(&self, mode: Mode) -> Result<Option<Guardian>, DeviceError> {
+        Guardian::start(&self.safe_values(), mode).map_err(DeviceError::Guardian)
     }
 
     fn safe_values(&self) -> Vec<SafeValues> {
         self.granted.iter().map(|granted| granted.safe_values.clone()).collect()
+    }
+
+    /// Folders in which something is written when the devices are given back.
+    #[must_use]
+    pub fn folders(&self) -> Vec<PathBuf> {
+        self.functions.iter().flat_map(Function::folders).collect()
     }
 }
 

@@ -136,6 +136,15 @@ impl Function {
         Some(name.to_string_lossy().into_owned())
     }
 
+    /// Folders in which something is written when it is given back.
+    pub fn folders(&self) -> impl Iterator<Item = PathBuf> {
+        let uio = self.uio.as_ref().map(Bound::driver);
+        [Some(self.folder.as_path()), self.driver.as_deref(), uio]
+            .into_iter()
+            .flatten()
+            .map(Path::to_owned)
+    }
+
     /// The file through which the memory behind a register is mapped.
     #[must_use]
     pub fn resource_file(&self, bar: u8) -> PathBuf {

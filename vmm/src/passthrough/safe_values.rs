@@ -6,22 +6,17 @@
 //! whenever Linux lets it.
 //!
 //! All ends of a run come through there, since every thread is let go and joined at its end,
-//! whatever went wrong. What does not is a panic: it ends the process, but not before its message is
-//! on the screen, which takes long enough for many a scan. So a hook that runs first takes all guests
-//! off their processors and writes all values of all partitions. A guest that was in the middle of
-//! an access on another CPU can be later than that; its own thread then writes once more. What takes
-//! the process away without asking is the [guardian](super::guardian)'s business.
+//! whatever went wrong. What does not is a panic, or a system call that a thread may not make: both
+//! end the process, and [last work](super::last_work) comes before. What takes the process away
+//! without asking is the [guardian](super::guardian)'s business.
 //!
 //! Writing allocates nothing, waits for nobody, and may be repeated.
 
-use std::panic;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::mapping::Mapping;
 use super::ports::Ports;
 use super::real_ports::{RealPorts, grant};
-use crate::vcpu::Control;
 use crate::vcpu::port_access::Width;
 
 /// One value.
@@ -66,10 +61,15 @@ impl SafeValues {
         self.write_with(&mut RealPorts, |_, _| true);
     }
 
-    /// Writes all of them, from any thread.
+    /// Writes all of them, from a thread that may take the privilege for the ports.
     pub(super) fn write_from_anywhere(&self) {
         let may = |first, last| grant(first, last).is_ok();
         self.write_with(&mut RealPorts, may);
+    }
+
+    /// Writes those that need no privilege.
+    pub(super) fn write_registers(&self) {
+        self.write_with(&mut RealPorts, |_, _| false);
     }
 
     /// A port for which the privilege is refused is left out: the access would end the process.
@@ -84,36 +84,6 @@ impl SafeValues {
                 Target::Register(memory, offset) => memory.write(*offset, *width, *value),
             }
         }
-    }
-}
-
-/// For as long as it lives, a panic writes safe values.
-pub struct PanicGuard(Arc<AtomicBool>);
-
-impl PanicGuard {
-    /// Those of all partitions, whose threads these are.
-    #[must_use]
-    pub fn new(all: Vec<SafeValues>, threads: Vec<Arc<Control>>) -> Self {
-        let live = Arc::new(AtomicBool::new(true));
-        let guard = Self(live.clone());
-        if all.iter().any(|values| !values.is_empty()) {
-            let next = panic::take_hook();
-            panic::set_hook(Box::new(move |panic| {
-                if live.load(Ordering::SeqCst) {
-                    Control::stop_all(&threads);
-                    all.iter().for_each(SafeValues::write_from_anywhere);
-                }
-                next(panic);
-            }));
-        }
-        guard
-    }
-}
-
-impl Drop for PanicGuard {
-    fn drop(&mut self) {
-        // The devices go back to the host, and are no business of ours then.
-        self.0.store(false, Ordering::SeqCst);
     }
 }
 

@@ -58,6 +58,12 @@ impl Bound {
         open(&devices.join(device), &self.name)
     }
 
+    /// The folder of the driver, in which it is unbound.
+    #[must_use]
+    pub fn driver(&self) -> &Path {
+        &self.driver
+    }
+
     fn give_back(&self) -> io::Result<()> {
         // Also of a function that could not be bound: the choice of the driver was made before.
         let unbound = fs::write(self.driver.join("unbind"), &self.name);

@@ -11,6 +11,7 @@ use super::port_access::PortAccess;
 use super::record::Scan;
 use crate::boot::StartMode;
 use crate::health::Detail;
+use crate::sandbox;
 
 /// Why a guest runs no more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -111,6 +112,9 @@ pub enum Step {
 
 /// A guest, as seen by the thread that runs its vCPU.
 pub trait Guest {
+    /// What its thread may do.
+    const THREAD: sandbox::Kind;
+
     /// Tells the guest of the window that comes, and of what comes after it.
     fn announce(&mut self, release: &Release, next: &Slot, base: &Timebase);
 

@@ -14,6 +14,7 @@ use takt_scheduler::timetable::{Release, Slot};
 use super::guest::{End, Guest, Step, handle_common};
 use super::record::Scan;
 use crate::disk;
+use crate::sandbox;
 
 /// A Linux guest.
 pub struct LinuxGuest {
@@ -60,6 +61,8 @@ fn width(bytes: usize) -> usize {
 }
 
 impl Guest for LinuxGuest {
+    const THREAD: sandbox::Kind = sandbox::Kind::Linux;
+
     /// An unmodified Linux knows nothing of windows.
     fn announce(&mut self, _: &Release, _: &Slot, _: &Timebase) {}
 

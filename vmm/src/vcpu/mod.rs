@@ -48,6 +48,8 @@ pub struct Control {
     kicked: AtomicU64,
     /// Kernel's id of the thread; 0 before it has one.
     thread: AtomicI32,
+    /// Whether its guest may still do something.
+    guest: AtomicBool,
 }
 
 impl Control {
@@ -61,6 +63,29 @@ impl Control {
         for control in controls {
             control.kick();
         }
+    }
+
+    /// The kernel's id of the thread; 0 before it has one.
+    #[must_use]
+    pub fn thread(&self) -> i32 {
+        self.thread.load(Ordering::SeqCst)
+    }
+
+    /// The thread is about to run its guest. Must come before it looks whether it is to stop.
+    pub fn enter_guest(&self) {
+        self.guest.store(true, Ordering::SeqCst);
+    }
+
+    /// The guest has left for good, unless it is started anew, and its safe values are written.
+    pub fn leave_guest(&self) {
+        self.guest.store(false, Ordering::SeqCst);
+    }
+
+    /// Whether its guest may still do something. Once the thread has been asked to stop, this does
+    /// not become true again for a guest that could.
+    #[must_use]
+    pub fn has_guest(&self) -> bool {
+        self.guest.load(Ordering::SeqCst)
     }
 
     /// Asks this thread to leave its guest, whatever that does, and to wait for a new start.

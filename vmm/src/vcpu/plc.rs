@@ -15,6 +15,7 @@ use crate::boot::{Start, StartMode, StartReason};
 use crate::health::{Detail, Text};
 use crate::memory::{GuestMemory, Page};
 use crate::passthrough::Granted;
+use crate::sandbox;
 
 /// A PLC guest.
 pub struct PlcGuest {
@@ -132,6 +133,8 @@ impl PlcGuest {
 }
 
 impl Guest for PlcGuest {
+    const THREAD: sandbox::Kind = sandbox::Kind::Plc;
+
     fn announce(&mut self, release: &Release, next: &Slot, base: &Timebase) {
         let page = &mut self.announced;
         page.release = release.sequence;

@@ -20,6 +20,7 @@ use super::Control;
 use super::kick::{self, Kickable};
 use crate::cpuset::Entry;
 use crate::passthrough::real_ports::grant;
+use crate::sandbox::{self, Kind, Mode, SandboxError};
 
 /// All memory is locked, so a stack costs what it may grow to; these threads need little.
 const STACK: usize = 128 * 1024;
@@ -35,6 +36,8 @@ pub struct Place {
     pub reservation: Option<Reservation>,
     /// Ranges of the host's I/O ports that it may use, both ends included.
     pub ports: Vec<[u16; 2]>,
+    /// What it may do once it is ready.
+    pub doors: (Kind, Mode),
 }
 
 /// A thread could not be made what it has to be.
@@ -93,6 +96,14 @@ pub enum ThreadError {
         last: u16,
         /// What the host said.
         source: io::Error,
+    },
+    /// The thread could not be shut in.
+    #[error("thread {name}: {source}")]
+    Shut {
+        /// The thread.
+        name: String,
+        /// What is refused.
+        source: SandboxError,
     },
     /// KVM could not run the vCPU at all.
     #[error("thread {name} cannot run its vCPU: {source}")]
@@ -201,7 +212,8 @@ fn spawn<P, T: Send + 'static>(
         let prepared = pin(&thread_name, &place)
             .and_then(|()| allow_ports(&thread_name, &place))
             .and_then(|()| prepare())
-            .and_then(|p| reserve(&thread_name, &place).map(|()| p));
+            .and_then(|p| reserve(&thread_name, &place).map(|()| p))
+            .and_then(|p| shut_in(&thread_name, &place).map(|()| p));
         match prepared {
             Err(error) => {
                 let _ = report.send(Err(error));
@@ -253,7 +265,7 @@ fn allow_ports(name: &str, place: &Place) -> Result<(), ThreadError> {
     })
 }
 
-/// Last, since a deadline thread may not do much of what comes before.
+/// After what a deadline thread may not do.
 fn reserve(name: &str, place: &Place) -> Result<(), ThreadError> {
     let Some(reservation) = place.reservation else { return Ok(()) };
     become_deadline(reservation).map_err(|source| ThreadError::Deadline {
@@ -262,6 +274,14 @@ fn reserve(name: &str, place: &Place) -> Result<(), ThreadError> {
         reservation,
         source,
     })
+}
+
+/// After all that needs a privilege.
+fn shut_in(name: &str, place: &Place) -> Result<(), ThreadError> {
+    let (kind, mode) = place.doors;
+    sandbox::enter(kind, mode, name, &[])
+        .map(drop)
+        .map_err(|source| ThreadError::Shut { name: name.to_owned(), source })
 }
 
 /// Clock of a thread's CPU time: `make_thread_cpuclock(tid, CPUCLOCK_SCHED)` in the kernel's

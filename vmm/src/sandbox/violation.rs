@@ -1,0 +1,135 @@
+//! What follows from a system call that is not in a thread's list.
+//!
+//! It is an error in Takt, or the work of somebody who has found one. Either way the process is not
+//! to go on; but ending it at once, as the kernel can, would leave the outputs as they are. So the
+//! kernel sends a signal instead, in the place of the call, and its handler has the safe values written,
+//! says which thread it was, and ends the process. It allocates nothing and takes no lock, and what
+//! it calls is in every list. If even that goes wrong, the kernel ends the process: the signal is
+//! blocked in its own handler.
+
+use std::cell::Cell;
+use std::ffi::{c_int, c_void};
+use std::fmt::{self, Write};
+use std::io;
+use std::sync::OnceLock;
+
+use vmm_sys_util::signal::register_signal_handler;
+
+/// Exit status of a process that was ended so.
+pub const STATUS: u8 = 5;
+/// Longest name of a thread that is shown.
+const NAME_MAX: usize = 32;
+
+thread_local! {
+    /// The name of this thread, and its length.
+    static NAME: Cell<([u8; NAME_MAX], usize)> = const { Cell::new(([0; NAME_MAX], 0)) };
+}
+
+/// What is to be done before the end.
+static LAST_WORK: OnceLock<fn() -> bool> = OnceLock::new();
+
+/// The name under which the calling thread is shown.
+pub fn set_name(name: &str) {
+    let mut bytes = [0; NAME_MAX];
+    let length = name.len().min(NAME_MAX);
+    for (to, from) in bytes.iter_mut().zip(name.bytes()) {
+        *to = from;
+    }
+    NAME.set((bytes, length));
+}
+
+/// Installs the handler, which calls `last_work` first: it must be safe in a signal handler, and tells
+/// whether it has been done.
+///
+/// # Errors
+/// What `sigaction` says.
+pub fn install(last_work: fn() -> bool) -> io::Result<()> {
+    LAST_WORK.get_or_init(|| last_work);
+    register_signal_handler(libc::SIGSYS, handler)
+        .map_err(|e| io::Error::from_raw_os_error(e.errno()))
+}
+
+/// The part of `siginfo_t` that is filled in for a filter's signal: `_sigsys` of
+/// `include/uapi/asm-generic/siginfo.h`.
+#[repr(C)]
+struct Forbidden {
+    signal: c_int,
+    errno: c_int,
+    code: c_int,
+    instruction: *const c_void,
+    call: c_int,
+    architecture: u32,
+}
+
+extern "C" fn handler(_: c_int, info: *mut libc::siginfo_t, _: *mut c_void) {
+    let done = LAST_WORK.get().is_none_or(|last_work| last_work());
+    // SAFETY: the kernel hands a filled-in structure to a handler with SA_SIGINFO, which lives as
+    // long as the handler runs; this is how its first bytes are laid out for this signal.
+    let (call, instruction) = unsafe {
+        let info = info.cast::<Forbidden>();
+        ((*info).call, (*info).instruction)
+    };
+    let values = if done {
+        "safe values are written"
+    } else {
+        "a guest has not left its processor: its safe values are left to the guardian"
+    };
+    let mut text = Text::default();
+    let (name, length) = NAME.get();
+    let name = name.get(..length).and_then(|name| std::str::from_utf8(name).ok()).unwrap_or("?");
+    // What does not fit is cut off.
+    let _ = writeln!(
+        text,
+        "\ntakt: thread {name} made the system call {call} at {instruction:p}, which its list does not have; {values}, and this is the end"
+    );
+    // SAFETY: writes from the live buffer; then nothing of the process is left.
+    unsafe {
+        libc::write(libc::STDERR_FILENO, text.bytes.as_ptr().cast(), text.length);
+        libc::_exit(STATUS.into())
+    }
+}
+
+/// Text of bounded length.
+struct Text {
+    bytes: [u8; 320],
+    length: usize,
+}
+
+impl Default for Text {
+    fn default() -> Self {
+        Self { bytes: [0; 320], length: 0 }
+    }
+}
+
+impl Write for Text {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        for (to, from) in self.bytes.iter_mut().skip(self.length).zip(text.bytes()) {
+            *to = from;
+            self.length += 1;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_text_that_is_too_long_is_cut_off() {
+        let mut text = Text::default();
+        for _ in 0..100 {
+            text.write_str("abcdefg").unwrap();
+        }
+        assert_eq!(text.length, 320);
+        assert_eq!(&text.bytes[315..], b"abcde");
+    }
+
+    #[test]
+    fn a_long_name_is_cut_off() {
+        set_name(&"x".repeat(100));
+        assert_eq!(NAME.get(), ([b'x'; NAME_MAX], NAME_MAX));
+        set_name("plc");
+        assert_eq!(NAME.get().1, 3);
+    }
+}
