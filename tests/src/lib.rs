@@ -253,9 +253,14 @@ impl<'a> Run<'a> {
     }
 }
 
+/// What a text in JSON says; null if it is none.
+#[must_use]
+pub fn parse(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or(Value::Null)
+}
+
 fn read_json(path: &Path) -> Value {
-    let text = fs::read_to_string(path).ok();
-    text.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or(Value::Null)
+    fs::read_to_string(path).map_or(Value::Null, |text| parse(&text))
 }
 
 /// Reads all output, and answers the next cue of the dialogue whenever it appears.

@@ -12,5 +12,6 @@ mod load;
 mod passthrough;
 mod ports;
 mod safe_values;
+mod sandbox;
 mod several_cpus;
 mod timing;

@@ -1,0 +1,370 @@
+//! What the process may do with its host, as the kernel sees it, and what follows if it tries more.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use takt_tests::{File, Value, long, parse, plc_image, root, target};
+
+/// A parallel port, on which 0xa5 is printed when nobody drives it any more.
+const OUTPUTS: &str = r#"
+[[partition.port_io]]
+ports = "0x378-0x37a"
+
+[[partition.safe_value]]
+port = "0x37a"
+width = 1
+value = "0x0c"
+
+[[partition.safe_value]]
+port = "0x378"
+width = 1
+value = "0xa5"
+
+[[partition.safe_value]]
+port = "0x37a"
+width = 1
+value = "0x0d"
+
+[[partition.safe_value]]
+port = "0x37a"
+width = 1
+value = "0x0c"
+"#;
+
+/// What a script of `tests/host` has left.
+struct Looked {
+    folder: PathBuf,
+}
+
+impl Looked {
+    /// Runs the script on a partition file, with what that names.
+    fn by(
+        script: &str,
+        name: &str,
+        file: &Path,
+        files: &[PathBuf],
+        arguments: &[&str],
+        options: &[&str],
+    ) -> Self {
+        let file = file.canonicalize().expect("it is there");
+        let folder = target("tests").join(format!("{name}.out"));
+        let _ = fs::remove_dir_all(&folder);
+        let mut command = Command::new(root().join("scripts/host"));
+        for path in files.iter().chain([&file]) {
+            command.arg("--file").arg(path);
+        }
+        command.args(options).arg("--out").arg(&folder);
+        command.arg(root().join("tests/host").join(script)).arg(&file).args(arguments);
+        let output = command.env("TAKT_TIMEOUT", "900").output().expect("scripts/host starts");
+        let this = Self { folder };
+        let told =
+            String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{told}\n{}", this.read("console"));
+        this
+    }
+
+    fn read(&self, name: &str) -> String {
+        fs::read_to_string(self.folder.join(name)).unwrap_or_default()
+    }
+
+    /// All calls, by thread and in order.
+    fn calls(&self) -> BTreeMap<String, Vec<Call>> {
+        let mut threads: BTreeMap<String, Vec<Call>> = BTreeMap::new();
+        for line in self.read("calls").lines() {
+            let call = Call::of(line).unwrap_or_else(|| panic!("no call: {line}"));
+            threads.entry(call.0).or_default().push(call.1);
+        }
+        threads
+    }
+}
+
+/// A system call: number and arguments.
+#[derive(Clone, Debug, PartialEq)]
+struct Call {
+    number: i64,
+    arguments: Vec<u64>,
+}
+
+impl Call {
+    /// From a line of the kernel's tracer, and the name of the thread:
+    /// `   plc-97    [000] .......     1.228700: sys_enter: NR 33 (b, 1, 0, 0, 0, 0)`
+    fn of(line: &str) -> Option<(String, Call)> {
+        let (thread, rest) = line.trim_start().split_once(" [")?;
+        let (name, _) = thread.trim_end().rsplit_once('-')?;
+        let (_, call) = rest.split_once("sys_enter: NR ")?;
+        let (number, arguments) = call.trim_end().strip_suffix(')')?.split_once(" (")?;
+        let arguments = arguments.split(", ").map(|hex| u64::from_str_radix(hex, 16));
+        let arguments = arguments.collect::<Result<_, _>>().ok()?;
+        Some((name.to_owned(), Call { number: number.parse().ok()?, arguments }))
+    }
+
+    /// Whether a rule of a list is about this call.
+    fn fits(&self, rule: &Value) -> bool {
+        let conditions = rule["args"].as_array().map(Vec::as_slice).unwrap_or_default();
+        number(rule["syscall"].as_str().unwrap_or_default()) == self.number
+            && conditions.iter().all(|condition| {
+                let index = condition["index"].as_u64().unwrap_or(u64::MAX) as usize;
+                let mask = condition["op"]["masked_eq"].as_u64().unwrap_or(u64::MAX);
+                // The lists compare 32 bits.
+                let found = self.arguments[index] as u32 & mask as u32;
+                Some(found) == condition["val"].as_u64().map(|value| value as u32)
+            })
+    }
+}
+
+fn number(name: &str) -> i64 {
+    macro_rules! numbers {
+        ($($name:ident $number:ident),* $(,)?) => {
+            match name {
+                $(stringify!($name) => libc::$number,)*
+                _ => panic!("the test does not know the number of {name}"),
+            }
+        };
+    }
+    numbers! {
+        accept4 SYS_accept4, brk SYS_brk, clock_gettime SYS_clock_gettime,
+        clock_nanosleep SYS_clock_nanosleep, close SYS_close, epoll_create1 SYS_epoll_create1,
+        epoll_ctl SYS_epoll_ctl, getrandom SYS_getrandom, newfstatat SYS_newfstatat, epoll_wait SYS_epoll_wait, exit SYS_exit,
+        exit_group SYS_exit_group, fcntl SYS_fcntl, ftruncate SYS_ftruncate,
+        futex SYS_futex, ioperm SYS_ioperm, getdents64 SYS_getdents64, getpid SYS_getpid, gettid SYS_gettid,
+        ioctl SYS_ioctl, lseek SYS_lseek, madvise SYS_madvise, mmap SYS_mmap,
+        mprotect SYS_mprotect, mremap SYS_mremap,
+        sched_getaffinity SYS_sched_getaffinity, preadv SYS_preadv, pwritev SYS_pwritev, pwrite64 SYS_pwrite64,
+        fdatasync SYS_fdatasync, munmap SYS_munmap, openat SYS_openat, poll SYS_poll,
+        pread64 SYS_pread64, read SYS_read, recvfrom SYS_recvfrom, rmdir SYS_rmdir,
+        rt_sigprocmask SYS_rt_sigprocmask, rt_sigreturn SYS_rt_sigreturn, sendto SYS_sendto,
+        sigaltstack SYS_sigaltstack, statx SYS_statx, tgkill SYS_tgkill,
+        timerfd_settime SYS_timerfd_settime, unlink SYS_unlink, wait4 SYS_wait4, write SYS_write,
+    }
+}
+
+/// A list of `vmm/seccomp`.
+fn list(name: &str) -> Vec<Value> {
+    let path = root().join(format!("vmm/seccomp/{name}.json"));
+    let text = fs::read_to_string(path).expect("the list is there");
+    parse(&text).as_array().cloned().expect("a list is an array")
+}
+
+/// The list of a kind of thread, and the common one.
+fn rules(kind: &str) -> Vec<Value> {
+    [list(kind), list("common")].concat()
+}
+
+/// The calls of a thread from the one on that shuts its doors.
+fn behind_doors(calls: &[Call]) -> &[Call] {
+    let shut = calls.iter().position(|call| call.number == libc::SYS_seccomp);
+    &calls[shut.expect("no thread does without a filter") + 1..]
+}
+
+#[test]
+fn the_doors_are_shut_and_trying_them_ends_the_process_with_safe_values() {
+    let printed = target("tests").join("sandbox.printed");
+    let _ = fs::remove_file(&printed);
+    let device = format!("parallel={}", printed.display());
+    let file = File::new("1ms")
+        .plc("drive", Some(plc_image("outputs")), OUTPUTS)
+        .plc("demo", None, "")
+        .schedule("normal")
+        .window("drive", 0, 200)
+        .window("demo", 300, 300);
+    let looked = Looked::by(
+        "sandbox",
+        "sandbox",
+        &file.save("sandbox"),
+        &[plc_image("outputs")],
+        &["ticks of a write", "1", "drive", "demo", "kicker", "main"],
+        &["--device", &device],
+    );
+
+    let guardian = looked.read("guardian");
+    for line in ["CapPrm:\t0000000000020000", "CapEff:\t0000000000020000", "Seccomp:\t2"] {
+        assert!(guardian.contains(line), "{guardian}");
+    }
+    check_process(&looked.read("process"), &["main", "drive", "demo", "kicker-0"]);
+    let calls = looked.calls();
+    check_cycles(behind_doors(&calls["demo"]));
+
+    // Each thread was ended at the first call, and the last that was printed is the safe value.
+    let printed = fs::read(&printed).expect("QEMU has written the file");
+    let mut runs = printed.split(|byte| *byte == 0xa5).collect::<Vec<_>>();
+    for thread in ["drive", "demo", "kicker", "main"] {
+        let console = looked.read(thread);
+        assert_eq!(looked.read(&format!("{thread}.status")), "5\n", "{console}");
+        let who = if thread == "kicker" { "kicker-0" } else { thread };
+        let said = format!("takt: thread {who} made the system call {} at ", libc::SYS_getppid);
+        assert!(console.contains(&said), "{console}");
+        assert!(console.contains("safe values are written"), "{console}");
+        assert!(console.contains("ticks of a write"), "the outputs were driven: {console}");
+    }
+    // Scans count from 0 in each of the five runs, and their bytes pass 0xa5 every 256.
+    assert_eq!(runs.pop(), Some(&[][..]), "the last byte is the safe value");
+    let starts = runs.iter().filter(|run| run.starts_with(&[0, 1, 2])).count();
+    assert_eq!(starts, 5, "{:?}", runs.iter().map(|run| run.len()).collect::<Vec<_>>());
+}
+
+#[test]
+fn nothing_is_in_a_list_without_being_called_or_a_reason() {
+    if !long() {
+        return;
+    }
+    // A PLC that reaches for what is not its own, one that is started again, and so is Linux.
+    let file = File::new("4ms")
+        .plc("drive", Some(plc_image("outputs")), OUTPUTS)
+        .plc("sweep", Some(plc_image("sweep")), "")
+        .plc(
+            "warm",
+            Some(plc_image("failing-starts")),
+            "restarts = { at_most = 1, within = \"60s\" }",
+        )
+        .linux("reboot -f")
+        .lines("restarts = { at_most = 1, within = \"60s\" }")
+        .health("warm", "numeric-error", "warm-start")
+        .health("linux", "partition-reset", "cold-start")
+        .schedule("normal")
+        .window("drive", 0, 200)
+        .window("sweep", 400, 400)
+        .window("warm", 1_000, 200);
+    let looked = Looked::by(
+        "sandbox",
+        "sandbox-lists",
+        &file.save("sandbox-lists"),
+        &["outputs", "sweep", "failing-starts"]
+            .map(plc_image)
+            .into_iter()
+            .chain(["guest/vmlinuz", "guest/initrd.img"].map(target))
+            .collect::<Vec<_>>(),
+        &["ticks of a write", "8"],
+        &["--device", "parallel=/dev/null", "--memory", "512"],
+    );
+    let calls = looked.calls();
+    let threads = [
+        ("main", &["takt"][..]),
+        ("plc", &["drive", "sweep", "warm"]),
+        ("linux", &["linux"]),
+        ("loader", &["loader"]),
+        ("kicker", &["kicker-0"]),
+        ("guardian", &["takt-guardian"]),
+    ];
+    let mut seen_of_common: Vec<Value> = Vec::new();
+    let mut wrong = Vec::new();
+    for (kind, names) in threads {
+        let made: Vec<&Call> = names.iter().flat_map(|name| behind_doors(&calls[*name])).collect();
+        let rules = rules(kind);
+        let odd = made.iter().find(|call| !rules.iter().any(|rule| call.fits(rule)));
+        assert_eq!(odd, None, "{kind}: in no list");
+        for rule in rules {
+            let seen = made.iter().any(|call| call.fits(&rule));
+            let common = list("common").contains(&rule);
+            if seen && common {
+                seen_of_common.push(rule);
+            } else if !seen && !common && !has_reason(&rule) {
+                wrong.push(format!("{kind}: {rule}"));
+            }
+        }
+    }
+    for rule in list("common") {
+        if !seen_of_common.contains(&rule) && !has_reason(&rule) {
+            wrong.push(format!("common: {rule}"));
+        }
+    }
+    assert!(wrong.is_empty(), "never called, and no reason:\n{}", wrong.join("\n"));
+}
+
+/// Whether a rule says why it is there though no test has it called.
+fn has_reason(rule: &Value) -> bool {
+    rule["comment"].as_str().is_some_and(|comment| comment.starts_with("Unseen: "))
+}
+
+#[test]
+fn a_start_that_fails_at_any_step_leaves_the_machine_as_it_was() {
+    if !long() {
+        return;
+    }
+    let looked = Looked::by(
+        "failing-starts",
+        "failing-starts",
+        &root().join("configs/separate-cpus.toml"),
+        &["guest/vmlinuz", "guest/initrd.img"].map(target),
+        &[],
+        &["--lane", "emulated", "--cpus", "2", "--memory", "768"],
+    );
+    let steps = looked.read("steps");
+    let (failed, status) = steps.trim().split_once(' ').expect("two numbers");
+    assert_eq!(status, "0", "{}", looked.read(failed));
+    let failed: u32 = failed.parse().expect("a number");
+    assert!(failed >= 12, "{failed}");
+    for step in 1..=failed {
+        let shown = looked.read(&step.to_string());
+        assert!(shown.contains("TEST: a step of the start has failed"), "{step}: {shown}");
+        // No guest has said a word.
+        assert!(!shown.contains("[plc]") && !shown.contains("Linux version"), "{step}: {shown}");
+    }
+}
+
+/// What `/proc` tells of the process at work.
+fn check_process(text: &str, threads: &[&str]) {
+    let of = |key: &str| -> Vec<String> {
+        let values = text.lines().filter_map(|line| line.strip_prefix(key));
+        values.map(|value| value.trim().to_owned()).collect()
+    };
+    assert_eq!(of("Name:").len(), threads.len(), "{text}");
+    for set in ["CapInh:", "CapPrm:", "CapEff:", "CapAmb:"] {
+        assert!(of(set).iter().all(|set| set == "0000000000000000"), "{text}");
+    }
+    assert!(of("NoNewPrivs:").iter().all(|value| value == "1"), "{text}");
+    // 2 is "by a filter".
+    assert!(of("Seccomp:").iter().all(|value| value == "2"), "{text}");
+    assert_eq!(of("Seccomp_filters:"), vec!["1"; threads.len()], "{text}");
+    assert!(text.contains("Max core file size        0                    0"), "{text}");
+
+    let memory = of("guest memory: VmFlags:");
+    assert!(!memory.is_empty() && memory.iter().all(|f| f.split(' ').any(|f| f == "dd")), "{text}");
+
+    let mut descriptors: BTreeMap<String, usize> = BTreeMap::new();
+    for descriptor in of("descriptor:") {
+        let kind = descriptor.split([':', ' ']).take(2).collect::<Vec<_>>().join(":");
+        let numbered = ["socket", "pipe"].into_iter().find(|kind| descriptor.starts_with(kind));
+        let kind = numbered.map_or(kind, str::to_owned);
+        *descriptors.entry(kind).or_default() += 1;
+    }
+    let expected = [
+        ("/dev/null", 1),
+        ("/out/console", 2),
+        ("/out/report.json", 1),
+        ("anon_inode:[eventfd]", 3),
+        ("anon_inode:[eventpoll]", 1),
+        ("anon_inode:[signalfd]", 1),
+        ("anon_inode:[timerfd]", 2),
+        ("anon_inode:kvm-vcpu", 2),
+        ("anon_inode:kvm-vcpu-stats", 2),
+        ("pipe", 1),
+        ("socket", 1),
+    ];
+    let expected = expected.map(|(kind, count)| (kind.to_owned(), count));
+    assert_eq!(descriptors, BTreeMap::from(expected), "{text}");
+}
+
+/// What a PLC's thread calls from one sleep to the next: nothing but its guest, KVM's count, and the
+/// next sleep, each once.
+fn check_cycles(calls: &[Call]) {
+    let of = |number: i64| calls.iter().filter(move |call| call.number == number);
+    let sleeps = of(libc::SYS_clock_nanosleep).count();
+    assert!(sleeps > 900, "{sleeps}");
+    let cycles: Vec<&[Call]> =
+        calls.split(|call| call.number == libc::SYS_clock_nanosleep).collect();
+    // Before the first sleep the thread waits for the start, after the last for its end.
+    let steady = &cycles[1..cycles.len() - 1];
+    let plain = [libc::SYS_ioctl, libc::SYS_pread64];
+    let is_plain = |cycle: &[Call]| {
+        let numbers: Vec<i64> = cycle.iter().map(|call| call.number).collect();
+        let (last, runs) = numbers.split_last().expect("a cycle has calls");
+        // A console line is an exit more.
+        *last == plain[1] && !runs.is_empty() && runs.iter().all(|number| *number == plain[0])
+    };
+    let odd = steady.iter().find(|cycle| !is_plain(cycle));
+    assert_eq!(odd, None);
+    let exactly_three = steady.iter().filter(|cycle| cycle.len() == 2).count();
+    assert!(exactly_three * 100 > steady.len() * 98, "{exactly_three} of {}", steady.len());
+}
