@@ -41,7 +41,12 @@ pub fn plc(data: &[u8]) {
 pub fn linux(data: &[u8]) {
     let kernel = scratch::file("kernel", data);
     let initrd = scratch::file("initrd", &[0x55; 5000]);
+    let [Ok(mut kernel), Ok(mut initrd)] = [&kernel, &initrd].map(|path| linux::Image::open(path))
+    else {
+        return;
+    };
     LINUX.with(|memory| {
-        let _ = linux::load(memory, &kernel, Some(&initrd), "console=ttyS0", Fittings::default());
+        let disk = Some(&mut initrd);
+        let _ = linux::load(memory, &mut kernel, disk, "console=ttyS0", Fittings::default());
     });
 }
