@@ -14,6 +14,8 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::Builder;
 
+use kvm_ioctls::VcpuFd;
+
 use crate::board::Board;
 use crate::boot::Start;
 use crate::boot::long_mode::{self, StartError};
@@ -119,31 +121,24 @@ pub struct LinuxRestart {
 type Failure = Arc<Mutex<Option<RunError>>>;
 
 impl LinuxRestart {
-    /// For the Linux on this board; the other part is for its thread. The thread that loads it waits
-    /// from now on: a run starts no threads later.
+    /// For the Linux on this board; the other part is for its thread. The threads that load it and
+    /// that clear away what it leaves wait from now on: a run starts no threads later.
     ///
     /// # Errors
-    /// If there is no such thread.
+    /// If there are no such threads.
     pub fn new(
         board: Board,
         mode: sandbox::Mode,
     ) -> Result<(Self, Receiver<Revival<LinuxGuest>>), RunError> {
         let (orders, ordered) = channel();
         let (thread, revivals) = channel();
-        let (report, reported) = channel();
+        let (replaced, old) = channel();
         let failure = Failure::default();
-        let loader = Loader { board, thread, failure: failure.clone() };
-        let run = move || {
-            let ready = sandbox::enter(sandbox::Kind::Loader, mode, LOADER, &[]);
-            let failed = ready.is_err();
-            if report.send(ready.map(drop)).is_ok() && !failed {
-                loader.run(&ordered);
-            }
-        };
-        let host = |source| RunError::Host { what: "start a thread that loads Linux", source };
-        Builder::new().name(LOADER.to_owned()).stack_size(STACK).spawn(run).map_err(host)?;
-        let died = || host(io::Error::other("it has died"));
-        reported.recv().map_err(|_| died())??;
+        let loader = Loader { board, thread, replaced, failure: failure.clone() };
+        helper("loader", mode, move || loader.run(&ordered))?;
+        // With its processor a machine goes, which takes the kernel so long that the next start should
+        // not have to wait for it.
+        helper("unloader", mode, move || old.iter().for_each(drop))?;
         Ok((Self { orders, failure }, revivals))
     }
 
@@ -153,13 +148,32 @@ impl LinuxRestart {
     }
 }
 
-/// Name of the thread.
-const LOADER: &str = "loader";
+/// Starts a thread of the ordinary class, and waits until it is shut in.
+fn helper(
+    name: &'static str,
+    mode: sandbox::Mode,
+    body: impl FnOnce() + Send + 'static,
+) -> Result<(), RunError> {
+    let (report, reported) = channel();
+    let run = move || {
+        let ready = sandbox::enter(sandbox::Kind::Loader, mode, name, &[]);
+        let failed = ready.is_err();
+        if report.send(ready.map(drop)).is_ok() && !failed {
+            body();
+        }
+    };
+    let host = |source| RunError::Host { what: "start a thread that loads Linux", source };
+    Builder::new().name(name.to_owned()).stack_size(STACK).spawn(run).map_err(host)?;
+    reported.recv().map_err(|_| host(io::Error::other("it has died")))??;
+    Ok(())
+}
 
-/// What the thread has.
+/// What the thread that loads has.
 struct Loader {
     board: Board,
     thread: Sender<Revival<LinuxGuest>>,
+    /// Where processors go that have been replaced.
+    replaced: Sender<VcpuFd>,
     failure: Failure,
 }
 
@@ -171,10 +185,10 @@ impl Loader {
     }
 
     fn load(&mut self) {
-        let (replaced, old) = channel();
         let revival: Revival<LinuxGuest> = match self.board.start_anew() {
             Ok((vcpu, new)) => {
                 let exit_count = ExitCount::of(&vcpu);
+                let replaced = self.replaced.clone();
                 Box::new(move |kickable, guest| {
                     let _ = replaced.send(kickable.replace(vcpu, exit_count));
                     *guest = new;
@@ -187,8 +201,6 @@ impl Loader {
             }
         };
         let _ = self.thread.send(revival);
-        // With its processor the old machine goes, which takes the kernel a while.
-        drop(old.recv());
     }
 }
 
