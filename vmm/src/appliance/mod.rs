@@ -8,7 +8,8 @@
 //!
 //! The command line itself is executed by a child, this program once more. It gives all its
 //! privileges away ([`sandbox`](crate::sandbox)), and what is needed after the run, to use a port and
-//! to switch the machine off, stays with a process that does nothing but wait for it. One that is
+//! to switch the machine off, stays with a process that does nothing but wait for it, and has given
+//! away everything else. One that is
 //! killed leaves its results too, and the machine then starts again, as it does when process 1 dies.
 //!
 //! Results leave through QEMU's debug console port as one cpio archive. A disk or a network would
@@ -35,6 +36,8 @@ use std::time::Duration;
 
 use result_port::ResultPort;
 
+use crate::sandbox::{self, Allowed};
+
 /// Names the modules to load, in order. A line with several names is a choice: the first that the
 /// machine accepts is enough. That this file exists tells the appliance from a container.
 const MODULE_LIST: &str = "/modules/order";
@@ -47,6 +50,8 @@ const WATCHDOGS: &str = "/modules/watchdogs";
 const INTERRUPT_MODULES: &str = "/modules/interrupts";
 /// Whatever a run leaves in this folder is carried out of the machine.
 const OUT: &str = "/out";
+/// What the kernel shows on the console.
+const KERNEL_LOG_LEVEL: &str = "/proc/sys/kernel/printk";
 /// The first word of the command line proper; see [`arguments`].
 const PROGRAM: &str = "takt";
 /// The ordinary process 1.
@@ -159,9 +164,16 @@ pub fn main(arguments: &[OsString]) -> ! {
 fn run(arguments: &[OsString]) -> Result<ExitStatus, Error> {
     let path = std::env::current_exe().unwrap_or_else(|_| Path::new("/init").to_owned());
     let rest = arguments.get(1..).unwrap_or_default();
-    let status = Command::new(&path).arg0(PROGRAM).args(rest).status();
+    let failed = |source| Error::Run { path: path.clone(), source };
+    let mut child = Command::new(&path).arg0(PROGRAM).args(rest).spawn().map_err(failed)?;
+    let allowed = [Allowed::Read(OUT.into()), Allowed::Write(KERNEL_LOG_LEVEL.into())];
+    // A machine that cannot have it is still one for a run, and its user is told.
+    if let Err(error) = sandbox::enter_as_first(&allowed) {
+        eprintln!("takt: appliance: {error}");
+    }
+    let status = child.wait();
     wait_for_orphans();
-    status.map_err(|source| Error::Run { path, source })
+    status.map_err(failed)
 }
 
 /// A takt that was killed leaves its guardian, which has safe values to write before the machine
@@ -294,7 +306,7 @@ fn hand_over(status: u8) -> Result<(), Error> {
 /// last line too.
 fn leave(how: libc::c_int) -> ! {
     // If this fails the kernel's farewell appears on the console, which does no harm.
-    let _ = fs::write("/proc/sys/kernel/printk", "0");
+    let _ = fs::write(KERNEL_LOG_LEVEL, "0");
     // SAFETY: both calls take no pointers. Nothing is left that an end of the machine could harm.
     unsafe {
         libc::tcdrain(libc::STDOUT_FILENO);

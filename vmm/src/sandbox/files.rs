@@ -32,6 +32,8 @@ mod right {
 pub enum Allowed {
     /// Read.
     Read(PathBuf),
+    /// Write a file that is there.
+    Write(PathBuf),
     /// Read and write files that are there: a PCI function that is given back, or its driver.
     GiveBack(PathBuf),
     /// The same, and remove folders: cgroups.
@@ -47,7 +49,7 @@ impl Allowed {
         match self {
             Allowed::GiveBack(_) => privileges::SYS_ADMIN,
             Allowed::WriteAndRemoveFolders(_) => privileges::DAC_OVERRIDE,
-            Allowed::Read(_) | Allowed::RemoveFiles(_) => 0,
+            Allowed::Read(_) | Allowed::Write(_) | Allowed::RemoveFiles(_) => 0,
         }
     }
 
@@ -55,6 +57,7 @@ impl Allowed {
         let write = right::READ_FILE | right::WRITE_FILE | right::TRUNCATE;
         match self {
             Allowed::Read(path) => (path, right::READ_FILE | right::READ_DIR),
+            Allowed::Write(path) => (path, right::WRITE_FILE | right::TRUNCATE),
             Allowed::GiveBack(path) => (path, write),
             Allowed::WriteAndRemoveFolders(path) => (path, write | right::REMOVE_DIR),
             Allowed::RemoveFiles(path) => (path, right::REMOVE_FILE),

@@ -79,3 +79,17 @@ pub fn enter(
     filter::install(kind, mode).map_err(cannot("install the filter of system calls"))?;
     Ok(restricted)
 }
+
+/// Leaves to process 1 of the appliance, which has started the run and only waits for its end, what it
+/// needs after that: one port, a machine to switch off, and the paths of `allowed`. It has no filter: it
+/// handles nothing that a guest could have touched until there are no guests any more, and a process 1
+/// that is ended takes the results with it.
+///
+/// # Errors
+/// See [`SandboxError`].
+pub fn enter_as_first(allowed: &[Allowed]) -> Result<(), SandboxError> {
+    privileges::keep_memory_private().map_err(cannot("keep the process's memory to itself"))?;
+    privileges::drop_all(privileges::SYS_RAWIO | privileges::SYS_BOOT)
+        .map_err(cannot("give up privileges"))?;
+    files::restrict(allowed).map(drop).map_err(cannot("leave the file system"))
+}

@@ -37,6 +37,9 @@ pub const SYS_RAWIO: u32 = 1 << 17;
 /// host's driver, which then would wait for interrupts that Takt has switched off.
 pub const SYS_ADMIN: u32 = 1 << 21;
 
+/// `CAP_SYS_BOOT`, as a bit: process 1 of the appliance switches the machine off.
+pub const SYS_BOOT: u32 = 1 << 22;
+
 /// Keeps the memory of the process, and thereby its guests', out of core dumps and from other
 /// programs of the same user (prctl(2), PR_SET_DUMPABLE).
 ///
