@@ -185,6 +185,18 @@ fn the_doors_are_shut_and_trying_them_ends_the_process_with_safe_values() {
     check_process(&looked.read("process"), &["main", "drive", "demo", "kicker-0"]);
     let calls = looked.calls();
     check_cycles(behind_doors(&calls["demo"]));
+    // Process 1 keeps what it takes to use a port and to switch the machine off.
+    let first = looked.read("first");
+    for line in ["CapPrm:\t0000000000420000", "CapEff:\t0000000000420000", "NoNewPrivs:\t1"] {
+        assert!(first.contains(line), "{first}");
+    }
+
+    // Where calls are only logged, this is the only one that the kernel has to tell of.
+    assert_eq!(looked.read("log.status"), "0\n", "{}", looked.read("log"));
+    let audit = looked.read("audit");
+    let told = [" comm=\"drive\" ".to_owned(), format!(" syscall={} ", libc::SYS_getppid)];
+    assert!(told.iter().all(|told| audit.contains(told)), "{audit}");
+    assert_eq!(audit.lines().count(), 1, "{audit}");
 
     // Each thread was ended at the first call, and the last that was printed is the safe value.
     let printed = fs::read(&printed).expect("QEMU has written the file");
@@ -198,10 +210,10 @@ fn the_doors_are_shut_and_trying_them_ends_the_process_with_safe_values() {
         assert!(console.contains("safe values are written"), "{console}");
         assert!(console.contains("ticks of a write"), "the outputs were driven: {console}");
     }
-    // Scans count from 0 in each of the five runs, and their bytes pass 0xa5 every 256.
+    // Scans count from 0 in each of the six runs, and their bytes pass 0xa5 every 256.
     assert_eq!(runs.pop(), Some(&[][..]), "the last byte is the safe value");
     let starts = runs.iter().filter(|run| run.starts_with(&[0, 1, 2])).count();
-    assert_eq!(starts, 5, "{:?}", runs.iter().map(|run| run.len()).collect::<Vec<_>>());
+    assert_eq!(starts, 6, "{:?}", runs.iter().map(|run| run.len()).collect::<Vec<_>>());
 }
 
 #[test]
@@ -209,6 +221,9 @@ fn nothing_is_in_a_list_without_being_called_or_a_reason() {
     if !long() {
         return;
     }
+    let disk = target("tests/sandbox-lists.img");
+    fs::create_dir_all(target("tests")).expect("the target folder is writable");
+    fs::write(&disk, [0; 4096]).expect("the disk can be made");
     // A PLC that reaches for what is not its own, one that is started again, and so is Linux.
     let file = File::new("4ms")
         .plc("drive", Some(plc_image("outputs")), OUTPUTS)
@@ -218,8 +233,12 @@ fn nothing_is_in_a_list_without_being_called_or_a_reason() {
             Some(plc_image("failing-starts")),
             "restarts = { at_most = 1, within = \"60s\" }",
         )
-        .linux("reboot -f")
+        .linux(
+            "dd if=/dev/vda of=/dev/null count=8; \
+             dd if=/dev/zero of=/dev/vda count=8 conv=fsync; reboot -f",
+        )
         .lines("restarts = { at_most = 1, within = \"60s\" }")
+        .lines(&format!("[[partition.disk]]\npath = {disk:?}\nread_only = false"))
         .health("warm", "numeric-error", "warm-start")
         .health("linux", "partition-reset", "cold-start")
         .schedule("normal")
@@ -234,6 +253,7 @@ fn nothing_is_in_a_list_without_being_called_or_a_reason() {
             .map(plc_image)
             .into_iter()
             .chain(["guest/vmlinuz", "guest/initrd.img"].map(target))
+            .chain([disk.clone()])
             .collect::<Vec<_>>(),
         &["ticks of a write", "8"],
         &["--device", "parallel=/dev/null", "--memory", "512"],
@@ -243,8 +263,9 @@ fn nothing_is_in_a_list_without_being_called_or_a_reason() {
         ("main", &["takt"][..]),
         ("plc", &["drive", "sweep", "warm"]),
         ("linux", &["linux"]),
-        ("loader", &["loader"]),
+        ("loader", &["loader", "unloader"]),
         ("kicker", &["kicker-0"]),
+        ("disk", &["disk-0"]),
         ("guardian", &["takt-guardian"]),
     ];
     let mut seen_of_common: Vec<Value> = Vec::new();
@@ -282,14 +303,68 @@ fn a_start_that_fails_at_any_step_leaves_the_machine_as_it_was() {
     if !long() {
         return;
     }
-    let looked = Looked::by(
-        "failing-starts",
-        "failing-starts",
-        &root().join("configs/separate-cpus.toml"),
-        &["guest/vmlinuz", "guest/initrd.img"].map(target),
-        &[],
-        &["--lane", "emulated", "--cpus", "2", "--memory", "768"],
-    );
+    let file = root().join("configs/separate-cpus.toml");
+    let files = ["guest/vmlinuz", "guest/initrd.img"].map(target);
+    let options = ["--lane", "emulated", "--cpus", "2", "--memory", "768"];
+    fail_at_each_step("failing-starts", &file, &files, &[], &options);
+}
+
+#[test]
+fn a_start_that_fails_at_any_step_gives_devices_back() {
+    if !long() {
+        return;
+    }
+    // The card is its driver's, which has to give it away and gets it back.
+    const CARD: &str = r#"
+[[partition.port_io]]
+ports = "0x2400-0x247f"
+pci = "0000:00:10.0"
+bar = 0
+unbind = true
+
+[[partition.interrupt]]
+vector = 64
+pci = "0000:00:10.0"
+"#;
+    const CHANNEL: &str = r#"
+[[channel]]
+name = "level"
+kind = "sampling"
+message_bytes = 8
+source = "drive:level"
+destinations = ["host:level"]
+refresh_period = "1s"
+host_socket = "/tmp/level.sock"
+"#;
+    let disk = target("tests/failing-starts.img");
+    fs::create_dir_all(target("tests")).expect("the target folder is writable");
+    fs::write(&disk, [0; 4096]).expect("the disk can be made");
+    let file = File::new("1ms")
+        .watchdog("5s")
+        .plc("drive", Some(plc_image("outputs")), &format!("{CARD}{OUTPUTS}"))
+        .linux("")
+        .lines(&format!("[[partition.disk]]\npath = {disk:?}\nread_only = false"))
+        .lines(CHANNEL)
+        .schedule("normal")
+        .window("drive", 0, 200)
+        .save("failing-devices");
+    let files = [plc_image("outputs"), disk, target("guest/vmlinuz"), target("guest/initrd.img")];
+    let modules = ["kvaser_pci", "uio_pci_generic", "i6300esb"];
+    let mut options = vec!["--memory", "512", "--device", "parallel=/dev/null"];
+    options.extend(["--device", "can", "--device", "watchdog"]);
+    options.extend(modules.iter().flat_map(|module| ["--module", module]));
+    fail_at_each_step("failing-devices", &file, &files, &modules, &options);
+}
+
+/// Fails unless each start that fails leaves the machine as it was, and so does the run that does not.
+fn fail_at_each_step(
+    name: &str,
+    file: &Path,
+    files: &[PathBuf],
+    modules: &[&str],
+    options: &[&str],
+) {
+    let looked = Looked::by("failing-starts", name, file, files, modules, options);
     let steps = looked.read("steps");
     let (failed, status) = steps.trim().split_once(' ').expect("two numbers");
     assert_eq!(status, "0", "{}", looked.read(failed));
@@ -318,6 +393,9 @@ fn check_process(text: &str, threads: &[&str]) {
     assert!(of("Seccomp:").iter().all(|value| value == "2"), "{text}");
     assert_eq!(of("Seccomp_filters:"), vec!["1"; threads.len()], "{text}");
     assert!(text.contains("Max core file size        0                    0"), "{text}");
+
+    // Both are nobody else's to change, and the socket nobody else's to use.
+    assert_eq!(of("file:"), ["600 0 /tmp/takt.sock", "644 0 /out/report.json"], "{text}");
 
     let memory = of("guest memory: VmFlags:");
     assert!(!memory.is_empty() && memory.iter().all(|f| f.split(' ').any(|f| f == "dd")), "{text}");
