@@ -26,7 +26,7 @@ fn bad_neighbours(duration: &str) -> Outcome {
 #[test]
 fn bad_neighbours_are_confined_counted_and_reported() {
     let frames = 1_750;
-    let outcome = bad_neighbours("3500ms");
+    let outcome = bad_neighbours("3800ms");
 
     // The good one notices nothing, and Linux gets to its shell.
     outcome.assert_kept_its_time("plc", frames - 5);
