@@ -240,28 +240,38 @@ fn nothing_is_in_a_list_without_being_called_or_a_reason() {
         .lines("restarts = { at_most = 1, within = \"60s\" }")
         .lines(&format!("[[partition.disk]]\npath = {disk:?}\nread_only = false"))
         .health("warm", "numeric-error", "warm-start")
+        .plc("never-done", Some(plc_image("never-done")), "")
         .health("linux", "partition-reset", "cold-start")
+        .health("linux", "illegal-request", "log")
         .schedule("normal")
         .window("drive", 0, 200)
         .window("sweep", 400, 400)
-        .window("warm", 1_000, 200);
+        .window("warm", 1_000, 200)
+        .window("never-done", 1_400, 100);
     let looked = Looked::by(
         "sandbox",
         "sandbox-lists",
         &file.save("sandbox-lists"),
-        &["outputs", "sweep", "failing-starts"]
+        &["outputs", "sweep", "failing-starts", "never-done"]
             .map(plc_image)
             .into_iter()
             .chain(["guest/vmlinuz", "guest/initrd.img"].map(target))
             .chain([disk.clone()])
             .collect::<Vec<_>>(),
         &["ticks of a write", "8"],
-        &["--device", "parallel=/dev/null", "--memory", "512"],
+        &[
+            "--device",
+            "parallel=/dev/null",
+            "--memory",
+            "512",
+            "--program",
+            env!("CARGO_BIN_EXE_talk"),
+        ],
     );
     let calls = looked.calls();
     let threads = [
         ("main", &["takt"][..]),
-        ("plc", &["drive", "sweep", "warm"]),
+        ("plc", &["drive", "sweep", "warm", "never-done"]),
         ("linux", &["linux"]),
         ("loader", &["loader", "unloader"]),
         ("kicker", &["kicker-0"]),
