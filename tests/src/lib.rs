@@ -111,6 +111,22 @@ impl Outcome {
         let releases = self.number(partition, "releases");
         assert!(releases >= at_least, "{releases} releases\n{}", self.output);
     }
+
+    /// Fails unless Takt had no more descriptors at the end than at the start, and no more memory but
+    /// `figures`: what those of the report need on their way. Distributions take more the longer their
+    /// values are, 80 KiB each for values of a second.
+    pub fn assert_not_grown(&self, figures: u64) {
+        let of = |when: &str, what: &str| self.report["process"][when][what].as_u64();
+        assert!(of("start", "descriptors").is_some(), "{}", self.report["process"]);
+        assert!(
+            of("end", "descriptors") <= of("start", "descriptors"),
+            "{}",
+            self.report["process"]
+        );
+        let grown = of("end", "anonymous_bytes").zip(of("start", "anonymous_bytes"));
+        let grown = grown.map(|(end, start)| end.saturating_sub(start));
+        assert!(grown.is_some_and(|bytes| bytes < figures), "{grown:?}");
+    }
 }
 
 /// The repository.

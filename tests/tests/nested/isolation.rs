@@ -68,6 +68,7 @@ fn bad_neighbours_are_confined_counted_and_reported() {
     assert!(told <= 5 * 5, "{told} lines\n{}", outcome.output);
     assert!(outcome.number("flood", "illegal_accesses") >= 1000, "{}", outcome.output);
     assert!(outcome.number("flood", "console_dropped") > 0, "{}", outcome.output);
+    outcome.assert_not_grown(1 << 20);
 }
 
 #[test]

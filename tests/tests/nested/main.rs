@@ -6,6 +6,7 @@ mod disk;
 mod doctor;
 mod functional;
 mod health;
+mod hostile;
 mod isolation;
 mod linux_ports;
 mod load;
