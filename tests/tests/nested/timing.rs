@@ -160,8 +160,8 @@ fn three_plcs_of_different_periods_and_linux_share_a_cpu() {
 }
 
 #[test]
-fn sixteen_partitions_share_a_cpu() {
-    let names: Vec<String> = (1..=15).map(|n| format!("plc-{n}")).collect();
+fn sixteen_plcs_and_linux_share_a_cpu() {
+    let names: Vec<String> = (1..=16).map(|n| format!("plc-{n}")).collect();
     let file = names.iter().fold(File::new("4ms"), |file, name| file.plc(name, None, ""));
     let file = file.linux("").schedule("normal");
     let file = (0..).zip(&names).fold(file, |file, (n, name)| file.window(name, n * 250, 100));

@@ -15,7 +15,7 @@ use takt::samples::{self, Course, POINTS_MAX, Samples};
 
 use crate::error::{JitterError, reading};
 
-/// Largest file that is read. The samples of 16 partitions have 5 MB at most.
+/// Largest file that is read. The samples of 32 partitions have 10 MB at most.
 const FILE_MAX: u64 = 64 << 20;
 
 /// All that is shown.

@@ -19,7 +19,7 @@ use super::units::{Bytes, Duration};
 use super::{Kind, Partition, ScheduleChange};
 
 /// Most partitions of one file.
-pub const PARTITIONS_MAX: usize = 16;
+pub const PARTITIONS_MAX: usize = 32;
 /// CPU numbers end here: `cpu_set_t` of the C library, which carries the affinity, has 1024 bits.
 const CPUS: usize = 1024;
 /// A PLC's memory: its image needs at least a page above the structures that start its vCPU.
