@@ -5,7 +5,7 @@ mod beside;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use clap::{Parser, Subcommand};
 use takt::config::{self, PartitionFile};
@@ -108,6 +108,7 @@ struct Run {
 
 impl Run {
     fn run(self) -> u8 {
+        let began = Instant::now();
         if let Err(error) = descriptors::close_inherited() {
             eprintln!("takt: cannot close what is open: {error}; Linux 5.9 or newer is needed");
             return status::HOST_CANNOT;
@@ -120,13 +121,14 @@ impl Run {
                     return status::BAD_FILE_OR_USAGE;
                 }
             }
-            run_partitions(&file, &self.options())
+            run_partitions(&file, &self.options(began))
         })
     }
 
-    fn options(&self) -> Options {
+    fn options(&self, began: Instant) -> Options {
         Options {
             duration: self.duration,
+            began: Some(began),
             report: self.report.clone(),
             trace: self.trace.clone(),
             samples: self.samples.clone(),

@@ -7,6 +7,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{Receiver, Sender, TryRecvError};
+use std::time::{Duration, Instant};
 
 use kvm_ioctls::{Kvm, VcpuFd};
 use rtrb::{Consumer, RingBuffer};
@@ -26,7 +27,7 @@ use crate::boot::StartMode;
 use crate::boot::linux::Image;
 use crate::boot::long_mode::{self, StartError};
 use crate::boot::plc::PlcImage;
-use crate::boot::touch::touch;
+use crate::boot::touch::{TouchError, touch};
 use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile, ScheduleChange};
 use crate::control::Orders;
@@ -113,6 +114,8 @@ pub struct Preparation<'a> {
     pub board: Arc<SwitchBoard>,
     /// The first machine's, for all: a kernel refines its figure for some time after it has booted.
     pub frequency: Option<TscFrequency>,
+    /// How long it has taken to clear the guests' memory.
+    pub clearing: Duration,
     /// The serial port of the Linux guest, once there is one.
     pub console: Option<Console>,
     /// What sources ring to wake the Linux guest.
@@ -135,6 +138,14 @@ pub struct Finish {
     pub console: Option<Console>,
     /// `None` if no PLC has any.
     pub interrupts: Option<Interrupts>,
+    /// As in [`Preparation`].
+    pub clearing: Duration,
+}
+
+/// A virtual processor, and what its thread has to do for it before it is ready.
+struct Processor<R> {
+    vcpu: VcpuFd,
+    ready: R,
 }
 
 /// What a guest's thread keeps for as long as the guest exists.
@@ -165,11 +176,10 @@ impl Preparation<'_> {
         let bytes = partition.memory_bytes();
         let image = PlcImage::read(image, bytes).map_err(unfit)?;
         let ports = self.channels.of(partition.id(), partition.kind());
-        let memory = GuestMemory::for_plc(bytes, &ports.views)?;
+        let memory = self.clear(|| GuestMemory::for_plc(bytes, &ports.views))?;
         let devices = self.devices.of(partition.id()).cloned();
         let interrupts = devices.as_ref().is_some_and(Granted::interrupts);
-        let mut machine = machine::for_plc(&self.kvm, &memory, interrupts)?;
-        touch(&mut machine.vcpu, &memory)?;
+        let machine = machine::for_plc(&self.kvm, &memory, interrupts)?;
         if let Some(devices) = &devices {
             devices.map_into(&machine.vm)?;
         }
@@ -183,10 +193,7 @@ impl Preparation<'_> {
             region.format(&memory)?;
         }
         doorbell::attach_sources(&machine.vm, &ports.table, &self.doorbell)?;
-        long_mode::start(&machine.vcpu, memory.regions(), entry)?;
-        if interrupts {
-            apic::reset(&machine.vcpu).map_err(StartError::from)?;
-        }
+        long_mode::write_tables(memory.regions()).map_err(StartError::from)?;
         let lines = devices.as_ref().map_or(&[][..], |devices| &devices.lines);
         self.interrupts.attach(partition.name(), machine.vm, lines)?;
         let (console, output) = output::dropping();
@@ -195,7 +202,17 @@ impl Preparation<'_> {
             .ok_or(MachineError::Missing("the PLC guest's pages"))?
             .with_devices(devices);
         let (restart, revivals) = PlcRestart::new(memory.clone(), image, ports.own);
-        let mut prepared = self.spawn(partition, machine.vcpu, memory, guest, output, revivals)?;
+        let touched = memory.clone();
+        let ready = move |vcpu: &mut VcpuFd| -> Result<(), TouchError> {
+            touch(vcpu, &touched)?;
+            long_mode::set_registers(vcpu, entry)?;
+            if interrupts {
+                apic::reset(vcpu).map_err(StartError::from)?;
+            }
+            Ok(())
+        };
+        let processor = Processor { vcpu: machine.vcpu, ready };
+        let mut prepared = self.spawn(partition, processor, memory, guest, output, revivals)?;
         prepared.account.restart = Some(Restart::Plc(restart));
         Ok(prepared)
     }
@@ -210,7 +227,7 @@ impl Preparation<'_> {
         let unfit = |source| RunError::Linux { partition: partition.name().to_owned(), source };
         let pci = Pci::new(self.channels.of(partition.id(), partition.kind()))?;
         let views = pci.as_ref().map(Pci::views).unwrap_or_default();
-        let memory = GuestMemory::for_linux(partition.memory_bytes(), &views)?;
+        let memory = self.clear(|| GuestMemory::for_linux(partition.memory_bytes(), &views))?;
         let irq = eventfd()?;
         let watchdog = partition.watchdog().map(board::timer);
         let (writer, output) = output::waiting(self.closing.clone());
@@ -250,7 +267,8 @@ impl Preparation<'_> {
         let (vcpu, guest) = board.start()?;
         self.frequency = board.frequency;
         let (restart, revivals) = LinuxRestart::new(board, self.mode)?;
-        let mut prepared = self.spawn(partition, vcpu, memory, guest, output, revivals)?;
+        let processor = Processor { vcpu, ready: |_: &mut VcpuFd| Ok(()) };
+        let mut prepared = self.spawn(partition, processor, memory, guest, output, revivals)?;
         prepared.account.restart = Some(Restart::Linux(restart));
         prepared.account.is_terminal = true;
         prepared.account.watchdog = watchdog;
@@ -259,16 +277,28 @@ impl Preparation<'_> {
         Ok(prepared)
     }
 
+    /// Makes a guest's memory, most of which is to clear it, and takes the time.
+    fn clear<T>(&mut self, make: impl FnOnce() -> T) -> T {
+        let before = Instant::now();
+        let memory = make();
+        self.clearing += before.elapsed();
+        memory
+    }
+
     /// Makes the thread of a partition: in its windows, or in the background.
-    fn spawn<G: Guest + Send + 'static>(
+    fn spawn<G, R>(
         &mut self,
         partition: &Partition,
-        vcpu: VcpuFd,
+        Processor { vcpu, ready }: Processor<R>,
         memory: GuestMemory,
         guest: G,
         output: output::OutputEnd,
         revivals: Receiver<Revival<G>>,
-    ) -> Result<Prepared, RunError> {
+    ) -> Result<Prepared, RunError>
+    where
+        G: Guest + Send + 'static,
+        R: FnOnce(&mut VcpuFd) -> Result<(), TouchError> + Send + 'static,
+    {
         let (id, cpu, name) = (partition.id(), partition.cpu(), partition.name().to_owned());
         let control: Arc<Control> = Arc::default();
         let (health, reporter) = Watch::new(partition.health());
@@ -307,13 +337,13 @@ impl Preparation<'_> {
                     let windowed = Windowed::new(plan, base, producer);
                     body.run_windowed(windowed, kickable, guest, &revivals);
                 };
-                (thread::vcpu(&name, place, control.clone(), vcpu, run)?, Some(consumer))
+                (thread::vcpu(&name, place, control.clone(), vcpu, ready, run)?, Some(consumer))
             }
             None => {
                 let run = move |kickable: &mut Kickable, _: Timebase| {
                     body.run_background(kickable, guest, &revivals);
                 };
-                (thread::vcpu(&name, place, control.clone(), vcpu, run)?, None)
+                (thread::vcpu(&name, place, control.clone(), vcpu, ready, run)?, None)
             }
         };
         let account = Account {
@@ -343,9 +373,9 @@ impl Preparation<'_> {
     /// What is needed beyond the preparation. The rest is closed: the way to make machines, for one.
     #[must_use]
     pub fn finish(self) -> Finish {
-        let Self { closing, board, console, interrupts, .. } = self;
+        let Self { closing, board, console, interrupts, clearing, .. } = self;
         let interrupts = Some(interrupts).filter(|interrupts| !interrupts.is_empty());
-        Finish { closing, board, console, interrupts }
+        Finish { closing, board, console, interrupts, clearing }
     }
 
     /// One thread per CPU with windows, to end them.

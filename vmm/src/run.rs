@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::switch::SwitchBoard;
@@ -20,7 +20,7 @@ use takt_scheduler::table::{Cpu, Role};
 use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 
 use crate::account::Account;
-use crate::appliance;
+use crate::appliance::{self, hurry::Hurry};
 use crate::channels::Channels;
 use crate::config::{HostPort, Kind, Partition, PartitionFile};
 use crate::control::Operators;
@@ -47,14 +47,19 @@ use crate::unix_socket::{Listener, SocketKind};
 use crate::vcpu::thread::Running;
 use crate::vcpu::{Control, kick};
 
-/// From the moment that all threads are ready to the epoch: time for all of them to fall asleep.
-const START_DELAY: Nanos = Nanos::from_millis(10);
+/// From the moment that all threads are ready to the epoch: time to open the accounts of this many
+/// partitions, and for all threads to fall asleep. One that is late begins with its next window.
+const fn start_delay(partitions: usize) -> Nanos {
+    Nanos::from_micros(2_000 + 500 * partitions as u64)
+}
 
 /// What the command line adds to the partition file.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
     /// End by itself after this time.
     pub duration: Option<Duration>,
+    /// When Takt began, for the report.
+    pub began: Option<Instant>,
     /// Write the report here as JSON.
     pub report: Option<PathBuf>,
     /// Write a trace of every window here.
@@ -133,6 +138,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let operators =
         control.map(|listener| Operators::new(listener, file, &channels)).transpose()?;
     steps.pass()?;
+    let hurry = Hurry::begin();
     // Dropped after all threads have been let go.
     let domains = Domains::set_up(file.schedules())?;
     steps.pass()?;
@@ -150,6 +156,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         closing: Arc::default(),
         board: Arc::new(SwitchBoard::new(schedules.frame(), schedules.tables().len())),
         frequency: None,
+        clearing: Duration::ZERO,
         console: None,
         doorbell: eventfd()?,
         interrupts: Interrupts::new()?,
@@ -177,13 +184,14 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     steps.pass()?;
     let raw = terminal::make_raw()
         .map_err(|source| RunError::Host { what: "put the terminal into raw mode", source })?;
-    let Finish { closing, board, console, interrupts } = preparation.finish();
+    let Finish { closing, board, console, interrupts, clearing } = preparation.finish();
     let given_back = given_back(file, options, &devices, &domains);
     let host = Host::current(frequency.khz());
     let mut run = Run {
         file,
         options,
         frequency,
+        clearing,
         closing,
         board,
         host_ports,
@@ -200,6 +208,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     if let Some(after) = options.panic_after {
         panic_after(after, options.seccomp)?;
     }
+    drop(hurry);
     let result = run.start(prepared, kickers, console, screen, signals, Endings { bell, ends });
     drop(guard);
     terminal::restore();
@@ -215,6 +224,8 @@ struct Run<'a> {
     file: &'a PartitionFile,
     options: &'a Options,
     frequency: TscFrequency,
+    /// How long it took to clear the guests' memory.
+    clearing: Duration,
     closing: Arc<AtomicBool>,
     board: Arc<SwitchBoard>,
     /// Until the supervisor has them.
@@ -242,8 +253,13 @@ impl Run<'_> {
         signals: fs::File,
         endings: Endings,
     ) -> Result<Report, RunError> {
-        let epoch = Tsc::now().after(self.frequency.ticks(START_DELAY));
+        let delay = start_delay(prepared.len());
+        let epoch = Tsc::now().after(self.frequency.ticks(delay));
         let base = Timebase { epoch, frequency: self.frequency };
+        let starting = report::Starting {
+            first_release_ns: self.options.began.map(|began| nanos(began.elapsed()) + delay.0),
+            clearing_ns: nanos(self.clearing),
+        };
         let trace =
             self.options.trace.as_ref().map(|path| self.create_trace(path, base)).transpose()?;
         let desk = ScheduleDesk::new(self.board.clone(), self.file.schedule_names(), base);
@@ -275,6 +291,7 @@ impl Run<'_> {
             "takt",
             &format!("{}: starting {}; Ctrl-] q ends the run", self.file.name(), names.join(", ")),
         );
+        supervisor.screen.line("takt", &starting.to_string());
         if self.options.without_kick {
             supervisor.screen.line("takt", "TEST: windows are not ended by kicks");
         }
@@ -307,7 +324,7 @@ impl Run<'_> {
         }
         let start = Footprint::now();
         let supervised = supervisor.supervise(self.options.duration);
-        let process = report::Process { start, end: Footprint::now() };
+        let process = report::Process { start, end: Footprint::now(), starting };
         let duration = self.frequency.nanos(Tsc::now().since(epoch));
         self.closing.store(true, Ordering::Relaxed);
         Control::stop_all(&controls);
@@ -462,6 +479,10 @@ fn panic_after(time: Duration, mode: sandbox::Mode) -> Result<(), RunError> {
     thread::Builder::new().name(NAME.to_owned()).spawn(body).map_err(host)?;
     reported.recv().map_err(|_| host(io::Error::other("it has died")))??;
     Ok(())
+}
+
+fn nanos(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
 /// Locks all memory, now and later: no page of a guest or of Takt is ever missing.

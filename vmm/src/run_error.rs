@@ -10,7 +10,6 @@ use thiserror::Error;
 use crate::boot::linux::LinuxImageError;
 use crate::boot::long_mode::StartError;
 use crate::boot::plc::PlcImageError;
-use crate::boot::touch::TouchError;
 use crate::channels::ChannelError;
 use crate::control::ViewError;
 use crate::cpuset::CpusetError;
@@ -48,8 +47,6 @@ pub enum RunError {
     Disk(#[from] DiskError),
     #[error(transparent)]
     Start(#[from] StartError),
-    #[error(transparent)]
-    Touch(#[from] TouchError),
     #[error(transparent)]
     Cpuset(#[from] CpusetError),
     #[error(transparent)]

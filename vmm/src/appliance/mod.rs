@@ -21,6 +21,7 @@
 //! initramfs is memory anyway and a mount on `/tmp` would hide partition files put there.
 
 mod archive;
+pub mod hurry;
 mod result_port;
 
 use std::ffi::{CStr, OsString};

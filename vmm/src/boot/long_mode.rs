@@ -18,7 +18,8 @@ use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress, GuestMemoryError, GuestMemoryMmap};
 
 const GDT: u64 = 0x500;
-const STACK_TOP: u64 = 0x8ff0;
+/// Top of the first stack. What is below it in its page is the stack.
+pub const STACK_TOP: u64 = 0x8ff0;
 const PML4: u64 = 0x9000;
 const PDPT: u64 = 0xa000;
 const DIRECTORIES: u64 = 0xb000;

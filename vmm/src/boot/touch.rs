@@ -6,15 +6,22 @@
 //! have ended 0.2 ms late for that, at their neighbours' expense. So a few instructions run in the
 //! guest's place and read a byte of each page. KVM maps a page that the host may write as writable
 //! at the first read (`hva_to_pfn_fast` in the kernel's virt/kvm/kvm_main.c).
+//!
+//! It is the vCPU's own thread that does so. KVM remembers which thread ran a vCPU last, and the
+//! first run by another one waits until no processor can know the former any more
+//! (`synchronize_rcu` at `KVM_RUN` in virt/kvm/kvm_main.c): some 20 ms of each start.
 
 use kvm_ioctls::{VcpuExit, VcpuFd};
-use takt_abi::memory::{IMAGE_BASE, PAGE};
+use takt_abi::memory::PAGE;
 use takt_abi::port;
 use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress};
 
-use super::long_mode::{self, Entry, StartError};
+use super::long_mode::{self, Entry, STACK_TOP, StartError};
 use crate::memory::GuestMemory;
+
+/// Where the code lies: in the page of the first stack, which nobody has used yet.
+const CODE_START: u64 = STACK_TOP & !(PAGE - 1);
 
 /// `1: mov al, [rdi]; add rdi, 4096; dec rsi; jnz 1b; mov dx, 0x7a00; out dx, eax`. Not a halt, which
 /// is no exit where there is an interrupt controller.
@@ -37,17 +44,18 @@ pub enum TouchError {
     Strayed(String),
 }
 
-/// Touches every page of `memory`, which is otherwise unchanged. The vCPU has to be started anew.
+/// Touches every page of `memory`, which is otherwise unchanged. The tables of [`long_mode`] must lie
+/// there already; the vCPU's registers have to be set anew.
 ///
 /// # Errors
 /// See [`TouchError`].
 pub fn touch(vcpu: &mut VcpuFd, memory: &GuestMemory) -> Result<(), TouchError> {
     let regions = memory.regions();
-    let code = GuestAddress(IMAGE_BASE);
+    let code = GuestAddress(CODE_START);
     regions.write_slice(&CODE, code).map_err(StartError::from)?;
     for (start, length) in memory.ranges() {
-        let entry = Entry { rip: IMAGE_BASE, rdi: start, rsi: length / PAGE };
-        long_mode::start(vcpu, regions, entry)?;
+        let entry = Entry { rip: CODE_START, rdi: start, rsi: length / PAGE };
+        long_mode::set_registers(vcpu, entry)?;
         loop {
             match vcpu.run() {
                 Ok(VcpuExit::IoOut(port::DONE, _)) => break,

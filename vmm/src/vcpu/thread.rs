@@ -18,6 +18,7 @@ use thiserror::Error;
 
 use super::Control;
 use super::kick::{self, Kickable};
+use crate::boot::touch::TouchError;
 use crate::cpuset::Entry;
 use crate::passthrough::real_ports::grant;
 use crate::sandbox::{self, Kind, Mode, SandboxError};
@@ -105,6 +106,14 @@ pub enum ThreadError {
         /// What is refused.
         source: SandboxError,
     },
+    /// The guest could not be made ready to start.
+    #[error("thread {name} cannot make its guest ready: {source}")]
+    Touch {
+        /// The thread.
+        name: String,
+        /// Why not.
+        source: TouchError,
+    },
     /// KVM could not run the vCPU at all.
     #[error("thread {name} cannot run its vCPU: {source}")]
     Vcpu {
@@ -164,7 +173,7 @@ impl<T> Running<T> {
     }
 }
 
-/// Starts a thread that runs a vCPU.
+/// Starts a thread that runs a vCPU, once `ready` has made it ready.
 ///
 /// # Errors
 /// See [`ThreadError`].
@@ -173,11 +182,15 @@ pub fn vcpu<T: Send + 'static>(
     place: Place,
     control: Arc<Control>,
     vcpu: VcpuFd,
+    ready: impl FnOnce(&mut VcpuFd) -> Result<(), TouchError> + Send + 'static,
     body: impl FnOnce(&mut Kickable, Timebase) -> T + Send + 'static,
 ) -> Result<Ready<T>, ThreadError> {
     let failed = name.to_owned();
     let prepare = move || {
         let mut kickable = Kickable::new(vcpu);
+        if let Err(source) = ready(kickable.vcpu()) {
+            return Err(ThreadError::Touch { name: failed, source });
+        }
         kickable.prime().map_err(|source| ThreadError::Vcpu { name: failed, source })?;
         Ok(kickable)
     };
