@@ -30,14 +30,16 @@ impl Hurry {
     /// only later.
     #[must_use]
     pub fn begin() -> Hurry {
+        if Path::new(MODULE_LIST).exists() { Self::by(&SETTINGS) } else { Self::by(&[]) }
+    }
+
+    fn by(settings: &[(&str, &str)]) -> Hurry {
         let mut before = Vec::new();
-        if Path::new(MODULE_LIST).exists() {
-            for (path, hurried) in SETTINGS {
-                let Ok(was) = fs::read_to_string(path) else { continue };
-                let Ok(mut file) = OpenOptions::new().write(true).open(path) else { continue };
-                if file.write_all(hurried.as_bytes()).is_ok() {
-                    before.push((file, was));
-                }
+        for (path, hurried) in settings {
+            let Ok(was) = fs::read_to_string(path) else { continue };
+            let Ok(mut file) = OpenOptions::new().write(true).open(path) else { continue };
+            if file.write_all(hurried.as_bytes()).is_ok() {
+                before.push((file, was));
             }
         }
         Hurry { before }
@@ -50,5 +52,22 @@ impl Drop for Hurry {
             // What could be set can be set back.
             let _ = file.write_all(was.trim_end().as_bytes());
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_set_before_is_set_again() {
+        let file = std::env::temp_dir().join(format!("takt-hurry-{}", std::process::id()));
+        fs::write(&file, "1\n").unwrap();
+        let hurry = Hurry::by(&[("/no/such/setting", "0"), (file.to_str().unwrap(), "0")]);
+        assert_eq!(fs::read_to_string(&file).unwrap(), "0\n");
+        drop(hurry);
+        // The kernel takes each write for itself; a plain file keeps them one behind the other.
+        assert_eq!(fs::read_to_string(&file).unwrap(), "01");
+        fs::remove_file(file).unwrap();
     }
 }
