@@ -50,7 +50,7 @@ use crate::vcpu::{Control, kick};
 /// From the moment that all threads are ready to the epoch: time to open the accounts of this many
 /// partitions, and for all threads to fall asleep. One that is late begins with its next window.
 const fn start_delay(partitions: usize) -> Nanos {
-    Nanos::from_micros(2_000 + 500 * partitions as u64)
+    Nanos::from_micros(1_500 + 500 * partitions as u64)
 }
 
 /// What the command line adds to the partition file.

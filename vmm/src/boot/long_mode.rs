@@ -87,10 +87,9 @@ pub fn write_tables(memory: &GuestMemoryMmap) -> Result<(), GuestMemoryError> {
     for gib in 0..GIB_MAPPED {
         let directory = DIRECTORIES + (gib << 12);
         put(PDPT + gib * 8, directory | PRESENT_WRITABLE)?;
-        for entry in 0..512 {
-            let page = (gib << 30) + (entry << 21);
-            put(directory + entry * 8, page | PRESENT_WRITABLE | LARGE_PAGE)?;
-        }
+        let entry = |n: u64| ((gib << 30) + (n << 21)) | PRESENT_WRITABLE | LARGE_PAGE;
+        let entries: Vec<u8> = (0..512).flat_map(|n| entry(n).to_le_bytes()).collect();
+        memory.write_slice(&entries, GuestAddress(directory))?;
     }
     Ok(())
 }
