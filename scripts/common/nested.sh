@@ -32,7 +32,7 @@ run_appliance() {
     done
     machine_options
     options+=(-m "$(machine_memory)M" -nodefaults -no-user-config -display none -no-reboot
-        -kernel "$appliance/vmlinux" -initrd "$work/initrd" -append "$words"
+        -kernel "$appliance/vmlinux" -initrd "$work/initrd"
         # Without signal=off, Ctrl-C would end QEMU instead of reaching takt.
         -chardev "stdio,id=console,signal=off,logfile=$work/console.log" -serial chardev:console
         # Where takt leaves its results; its other end is vmm/src/appliance/result_port.rs.
@@ -42,6 +42,7 @@ run_appliance() {
     for device in "${devices[@]}"; do
         device_options "$device"
     done
+    options+=(-append "$words")
 
     remember_terminal
     claim_cpu
@@ -128,6 +129,11 @@ device_options() {
         ;;
     watchdog) options+=(-device "i6300esb,addr=0x7" -action "watchdog=reset") ;;
     edu) options+=(-device "edu,addr=0x6") ;;
+    iommu)
+        # What looks like an AMD machine has Intel's: the kernel goes by the firmware's tables.
+        options+=(-device "intel-iommu,intremap=on")
+        words="intel_iommu=on $words"
+        ;;
     *) fail "unknown device $1; see scripts/run --help" ;;
     esac
 }
