@@ -196,12 +196,16 @@ impl Preparation<'_> {
         long_mode::write_tables(memory.regions()).map_err(StartError::from)?;
         let lines = devices.as_ref().map_or(&[][..], |devices| &devices.lines);
         self.interrupts.attach(partition.name(), machine.vm, lines)?;
+        let space = devices.as_ref().and_then(|devices| devices.space.clone());
+        if let Some(space) = &space {
+            space.start(&memory)?;
+        }
         let (console, output) = output::dropping();
         let frame = self.file.schedules().frame();
         let guest = PlcGuest::new(&memory, bytes, tsc.khz(), frame, console)
             .ok_or(MachineError::Missing("the PLC guest's pages"))?
             .with_devices(devices);
-        let (restart, revivals) = PlcRestart::new(memory.clone(), image, ports.own);
+        let (restart, revivals) = PlcRestart::new(memory.clone(), image, ports.own, space);
         let touched = memory.clone();
         let ready = move |vcpu: &mut VcpuFd| -> Result<(), TouchError> {
             touch(vcpu, &touched)?;

@@ -23,6 +23,7 @@ use crate::boot::plc::PlcImage;
 use crate::channels::OwnRegion;
 use crate::interrupts::apic;
 use crate::memory::GuestMemory;
+use crate::passthrough::vfio::Space;
 use crate::run_error::RunError;
 use crate::sandbox;
 use crate::vcpu::exit_count::ExitCount;
@@ -77,6 +78,8 @@ pub struct PlcRestart {
     image: PlcImage,
     /// What the guest may have damaged and needs to be whole.
     channels: Vec<OwnRegion>,
+    /// What may still write to the memory when the guest has ended.
+    space: Option<Arc<Space>>,
     thread: Sender<Revival<PlcGuest>>,
 }
 
@@ -87,17 +90,24 @@ impl PlcRestart {
         memory: GuestMemory,
         image: PlcImage,
         channels: Vec<OwnRegion>,
+        space: Option<Arc<Space>>,
     ) -> (Self, Receiver<Revival<PlcGuest>>) {
         let (thread, revivals) = channel();
-        (Self { memory, image, channels, thread }, revivals)
+        (Self { memory, image, channels, space, thread }, revivals)
     }
 
     fn start(&self, start: Start) -> Result<(), RunError> {
+        if let Some(space) = &self.space {
+            space.stop()?;
+        }
         let entry = self.image.reload(&self.memory, start.mode).map_err(RunError::Reload)?;
         for region in &self.channels {
             region.format(&self.memory)?;
         }
         long_mode::write_tables(self.memory.regions()).map_err(StartError::from)?;
+        if let Some(space) = &self.space {
+            space.resume()?;
+        }
         let revival = move |kickable: &mut Kickable, guest: &mut PlcGuest| {
             guest.start_anew(start);
             // What the last exit has left to be done must not happen to the new guest.

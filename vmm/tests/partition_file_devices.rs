@@ -24,9 +24,11 @@ fn a_good_file_says_what_each_partition_gets() {
     assert_eq!(it.ports[0].bar, None);
     let bar = it.ports[1].bar.as_ref().unwrap();
     assert_eq!((bar.function.name(), bar.bar), ("0000:00:10.0", 1));
-    assert!(bar.unbind && !bar.trusted_dma);
+    assert!(bar.unbind && bar.vfio && !bar.trusted_dma);
     let [card, timer, coupler] = &it.memory[..] else { panic!() };
-    assert!(matches!(&card.source, MemorySource::Pci(bar) if bar.trusted_dma && !bar.unbind));
+    assert!(
+        matches!(&card.source, MemorySource::Pci(bar) if bar.trusted_dma && !bar.vfio && !bar.unbind)
+    );
     assert_eq!(timer.source, MemorySource::Physical { address: 0xfed0_0000 });
     assert_eq!((coupler.address, coupler.bytes), (0xd000_2000, 0x2000));
     assert_eq!(coupler.source, MemorySource::Uio { device: "uio0".into(), map: 1 });
@@ -53,7 +55,7 @@ fn the_report_lists_the_devices_last() {
     let (_, devices) = report.split_once("\ndevices of this machine\n").unwrap();
     let expected = "  plc
     ports 0x378 to 0x37a
-    ports 0x2000 to 0x207f: register 1 of 0000:00:10.0, taken from its driver, no DMA
+    ports 0x2000 to 0x207f: register 1 of 0000:00:10.0, taken from its driver, DMA to the partition's memory
     card at 0xd0000000 to 0xd0000fff: register 0 of 0000:00:06.0, trusted with DMA
     timer at 0xd0001000 to 0xd0001fff: physical 0xfed00000
     coupler at 0xd0002000 to 0xd0003fff: map 1 of uio0

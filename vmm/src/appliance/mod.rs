@@ -49,6 +49,8 @@ const WATCHDOGS: &str = "/modules/watchdogs";
 /// As [`MODULE_LIST`], for interrupts of devices: they are loaded only for a partition file that
 /// names some.
 const INTERRUPT_MODULES: &str = "/modules/interrupts";
+/// Those that a device behind an IOMMU needs.
+const VFIO_MODULES: &str = "/modules/vfio";
 /// Whatever a run leaves in this folder is carried out of the machine.
 const OUT: &str = "/out";
 /// What the kernel shows on the console.
@@ -214,6 +216,17 @@ pub fn load_for_interrupts() -> io::Result<()> {
         return Ok(());
     }
     load_modules(Path::new(INTERRUPT_MODULES)).map_err(io::Error::other)
+}
+
+/// Loads what devices behind an IOMMU need, if this is the appliance.
+///
+/// # Errors
+/// What is wrong with the list or a module.
+pub fn load_for_vfio() -> io::Result<()> {
+    if !is_its_child() {
+        return Ok(());
+    }
+    load_modules(Path::new(VFIO_MODULES)).map_err(io::Error::other)
 }
 
 fn make_folder(path: &Path) -> Result<(), Error> {

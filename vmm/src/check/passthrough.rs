@@ -59,6 +59,10 @@ fn bar(bar: &Bar) -> String {
     if bar.unbind {
         text.push_str(", taken from its driver");
     }
-    text.push_str(if bar.trusted_dma { ", trusted with DMA" } else { ", no DMA" });
+    text.push_str(match (bar.trusted_dma, bar.vfio) {
+        (true, _) => ", trusted with DMA",
+        (false, true) => ", DMA to the partition's memory",
+        (false, false) => ", no DMA",
+    });
     text
 }

@@ -100,6 +100,7 @@ pub struct PortIo {
     pub bar: Option<Spanned<i64>>,
     pub unbind: Option<Spanned<bool>>,
     pub trusted_dma: Option<Spanned<bool>>,
+    pub vfio: Option<Spanned<bool>>,
 }
 
 #[derive(Debug, serde::Deserialize)]
@@ -112,6 +113,7 @@ pub struct Mmio {
     pub bar: Option<Spanned<i64>>,
     pub unbind: Option<Spanned<bool>>,
     pub trusted_dma: Option<Spanned<bool>>,
+    pub vfio: Option<Spanned<bool>>,
     pub uio: Option<Spanned<String>>,
     pub map: Option<Spanned<i64>>,
     pub physical: Option<Spanned<String>>,

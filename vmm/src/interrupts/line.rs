@@ -1,16 +1,20 @@
-//! The line of one device, as the host hands it over: a UIO device, one interrupt at a time.
+//! The line of one device, as the host hands it over: by UIO or VFIO, one interrupt at a time.
 //!
 //! UIO tells of an interrupt by a file that can be read, and leaves it to the user how the line is
 //! opened again (`Documentation/driver-api/uio-howto.rst` of the kernel). The kernel's driver for
 //! PCI functions closes it by a bit of the command register, which is opened through configuration
-//! space; drivers for other devices take a 1 or a 0.
+//! space; drivers for other devices take a 1 or a 0. VFIO closes a line with each interrupt, and has an
+//! eventfd for either way, one of which is KVM's at the same time.
 
 use std::fs::File;
 use std::io::{self, Read, Write};
-use std::os::fd::{AsRawFd, RawFd};
 use std::os::unix::fs::FileExt;
+use std::sync::Arc;
+
+use vmm_sys_util::eventfd::EventFd;
 
 use crate::passthrough::pci::COMMAND;
+use crate::passthrough::vfio::device::Device;
 
 /// Where a device interrupts.
 #[derive(Debug)]
@@ -26,6 +30,13 @@ pub enum Line {
     },
     /// That of a device whose own driver opens and closes it.
     Uio(File),
+    /// A PCI function's, with the driver `vfio-pci`.
+    Vfio {
+        /// The function.
+        device: Arc<Device>,
+        /// A write opens the line.
+        opener: EventFd,
+    },
 }
 
 impl Line {
@@ -37,6 +48,28 @@ impl Line {
         match self {
             Line::Pci { config, armed, .. } => config.write_all_at(&armed.to_le_bytes(), COMMAND),
             Line::Uio(uio) => switch(uio, true),
+            Line::Vfio { opener, .. } => opener.write(1),
+        }
+    }
+
+    /// Lets the device write to `signal` by itself, if it can. Otherwise see
+    /// [`teller`](Self::teller).
+    ///
+    /// # Errors
+    /// What the host says.
+    pub fn connect(&self, signal: &EventFd) -> io::Result<()> {
+        match self {
+            Line::Vfio { device, .. } => device.connect(signal),
+            Line::Pci { .. } | Line::Uio(_) => Ok(()),
+        }
+    }
+
+    /// What can be read when the device has interrupted; `None` if nobody needs to.
+    #[must_use]
+    pub fn teller(&self) -> Option<&File> {
+        match self {
+            Line::Pci { uio, .. } | Line::Uio(uio) => Some(uio),
+            Line::Vfio { .. } => None,
         }
     }
 
@@ -45,10 +78,10 @@ impl Line {
     /// # Errors
     /// What the host says, other than that nothing has happened.
     pub fn take(&self) -> io::Result<bool> {
-        let (Line::Pci { uio, .. } | Line::Uio(uio)) = self;
+        let Some(mut teller) = self.teller() else { return Ok(false) };
         // How many interrupts there have been, ever.
         let mut count = [0; 4];
-        match (&mut &*uio).read(&mut count) {
+        match teller.read(&mut count) {
             Ok(4) => {}
             Ok(_) => return Err(io::ErrorKind::UnexpectedEof.into()),
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(false),
@@ -59,13 +92,6 @@ impl Line {
             switch(uio, false)?;
         }
         Ok(true)
-    }
-}
-
-impl AsRawFd for Line {
-    fn as_raw_fd(&self) -> RawFd {
-        let (Line::Pci { uio, .. } | Line::Uio(uio)) = self;
-        uio.as_raw_fd()
     }
 }
 

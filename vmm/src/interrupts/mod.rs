@@ -14,6 +14,9 @@
 //! [`PER_TICK`] times in a tick at most: whatever device and guest do, the host takes no more
 //! interrupts than that.
 //!
+//! VFIO closes the line and signals by itself: there the way in leads past the event thread, and only
+//! the way out through it.
+//!
 //! A vCPU that is outside its window is not in KVM, and nothing of all this wakes its thread: what
 //! has arrived meanwhile waits in its interrupt controller.
 
@@ -105,7 +108,9 @@ impl Interrupts {
         let wires = route::attach(&vm, lines.iter().map(|(vector, _)| *vector))?;
         for ((vector, line), route::Wires { signal, asked }) in lines.iter().zip(wires) {
             let index = self.sources.len() as u64;
-            for (fd, which) in [(line.as_raw_fd(), LINE), (asked.as_raw_fd(), ASKED)] {
+            line.connect(&signal).map_err(cannot("connect an interrupt"))?;
+            let teller = line.teller().map(|teller| (teller.as_raw_fd(), LINE));
+            for (fd, which) in teller.into_iter().chain([(asked.as_raw_fd(), ASKED)]) {
                 let event = EpollEvent::new(EventSet::IN, index << 1 | which);
                 let added = self.epoll.ctl(ControlOperation::Add, fd, event);
                 added.map_err(cannot("watch an interrupt"))?;
@@ -221,7 +226,8 @@ impl Source {
     /// Nothing of it wakes anybody any more.
     fn give_up(&mut self, epoll: &Epoll, error: &io::Error) -> String {
         self.state = State::GivenUp;
-        for fd in [self.line.as_raw_fd(), self.asked.as_raw_fd()] {
+        let teller = self.line.teller().map(AsRawFd::as_raw_fd);
+        for fd in teller.into_iter().chain([self.asked.as_raw_fd()]) {
             let _ = epoll.ctl(ControlOperation::Delete, fd, EpollEvent::default());
         }
         format!("{}: given up: {error}", self.name)

@@ -32,8 +32,7 @@ fn source() -> (Source, File, File) {
 }
 
 fn reading_end(source: &Source) -> File {
-    let (Line::Pci { uio, .. } | Line::Uio(uio)) = &*source.line;
-    uio.try_clone().unwrap()
+    source.line.teller().unwrap().try_clone().unwrap()
 }
 
 /// Whether the line has been opened since this was asked last.
@@ -45,7 +44,9 @@ fn opened(config: &File) -> bool {
 
 fn interrupts(source: Source) -> Interrupts {
     let mut all = Interrupts::new().unwrap();
-    for (fd, which) in [(source.line.as_raw_fd(), LINE), (source.asked.as_raw_fd(), ASKED)] {
+    for (fd, which) in
+        [(source.line.teller().unwrap().as_raw_fd(), LINE), (source.asked.as_raw_fd(), ASKED)]
+    {
         all.epoll.ctl(ControlOperation::Add, fd, EpollEvent::new(EventSet::IN, which)).unwrap();
     }
     all.sources.push(source);

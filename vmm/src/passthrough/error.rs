@@ -57,6 +57,62 @@ pub enum DeviceError {
         "the interrupt of {0} needs the host's driver uio_pci_generic: `modprobe uio_pci_generic`"
     )]
     NoUio(String),
+    /// There is no VFIO.
+    #[error("{0} with `vfio` needs the host's driver vfio-pci: `modprobe vfio-pci`")]
+    NoVfio(String),
+    /// VFIO without its part for this kind of address spaces.
+    #[error("`vfio` needs the host's vfio_iommu_type1: `modprobe vfio_iommu_type1`")]
+    NoType1,
+    /// It would reach all memory.
+    #[error(
+        "{0} is behind no IOMMU: switch VT-d or AMD-Vi on in the firmware, and add `intel_iommu=on` to the kernel's command line on Intel"
+    )]
+    NoIommu(String),
+    /// Functions only go together.
+    #[error(
+        "{function} is in IOMMU group {group} with {fellow}, and a group has one address space: give the partition registers of {fellow} with `vfio = true` too"
+    )]
+    SharedGroup {
+        /// The function.
+        function: String,
+        /// Number of the group.
+        group: u32,
+        /// Another function.
+        fellow: String,
+    },
+    /// VFIO says so, and not why.
+    #[error("{function} is in IOMMU group {group}, of which a driver of the host's has a function")]
+    NotViable {
+        /// The function.
+        function: String,
+        /// Number of the group.
+        group: u32,
+    },
+    /// It could write messages that are interrupts of the host.
+    #[error(
+        "{0} could forge interrupts of the host: its IOMMU does not remap interrupts; switch that on in the firmware"
+    )]
+    NoRemapping(String),
+    /// Memory that devices reach is locked.
+    #[error(
+        "cannot lock {bytes} bytes of guest memory for a device: run as root, or raise the limit (ulimit -l unlimited)"
+    )]
+    LockLimit {
+        /// Of the region.
+        bytes: u64,
+    },
+    /// The address space has no room for it.
+    #[error(
+        "no device can be let reach {bytes:#x} bytes of guest memory at {start:#x}: {source}; addresses that firmware keeps are in /sys/kernel/iommu_groups/*/reserved_regions"
+    )]
+    Reach {
+        /// Guest-physical start.
+        start: u64,
+        /// Of the region.
+        bytes: u64,
+        /// What the host said.
+        source: io::Error,
+    },
     /// A UIO driver that cannot open and close the line.
     #[error(
         "the driver of {device} cannot switch its interrupt off: {source}; a PCI function is named by `pci`"

@@ -6,13 +6,14 @@
 //! is mapped into the guest and costs no exit; an access to a port is an exit, and the partition's
 //! own thread makes the same access on the host.
 //!
-//! What would be the alternative, VFIO, gives the ports and memory of a whole function, with an
-//! I/O memory management unit to confine its DMA. It does not know the ports of a board that is no
-//! PCI function, and it needs that unit.
+//! [`vfio`] gives the memory of a function and its DMA as well, confined by an I/O memory management
+//! unit. It does not know the ports of a board that is no PCI function, and it needs that unit: so it
+//! is for those functions of which the file says it.
 //!
 //! All that can fail is done before a partition starts, by [`Devices::take`]; what is left for the
 //! guest's thread are loads, stores, `in` and `out`.
 
+mod bound;
 pub mod error;
 pub mod guardian;
 pub mod last_work;
@@ -23,6 +24,7 @@ pub mod real_ports;
 pub mod safe_values;
 mod source;
 pub mod uio;
+pub mod vfio;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -47,6 +49,7 @@ use pci::{Function, Terms};
 use ports::{PortMap, PortRange};
 use real_ports::RealPorts;
 use safe_values::{SafeValues, Target, Write};
+use vfio::Space;
 
 const PCI_DEVICES: &str = "/sys/bus/pci/devices";
 
@@ -69,6 +72,8 @@ pub struct Granted {
     pub memory: Vec<(u64, Arc<Mapping>)>,
     /// Vectors, and on which lines they come.
     pub lines: Vec<(u8, Arc<Line>)>,
+    /// Functions that may master the bus, and what they reach.
+    pub space: Option<Arc<Space>>,
 }
 
 impl Granted {
@@ -95,12 +100,13 @@ impl Devices {
     /// # Errors
     /// See [`DeviceError`].
     pub fn take(file: &PartitionFile) -> Result<Self, DeviceError> {
-        let mut functions = Vec::new();
+        let (mut functions, mut spaces) = (Vec::new(), Vec::new());
         for partition in file.partitions() {
-            take_functions(partition, &mut functions)?;
+            spaces.push(take_functions(partition, &mut functions)?.map(Arc::new));
         }
         let mut found = Found::default();
-        let granted = file.partitions().iter().map(|p| found.grant(p, &functions));
+        let partitions = file.partitions().iter().zip(spaces);
+        let granted = partitions.map(|(p, space)| found.grant(p, &functions, space));
         Ok(Self { granted: granted.collect::<Result<_, _>>()?, functions })
     }
 
@@ -138,13 +144,22 @@ impl Devices {
     }
 }
 
-fn take_functions(partition: &Partition, functions: &mut Vec<Function>) -> Result<(), DeviceError> {
+/// Takes the functions of a partition; the space is that of those which may master the bus.
+fn take_functions(
+    partition: &Partition,
+    functions: &mut Vec<Function>,
+) -> Result<Option<Space>, DeviceError> {
+    let devices = Path::new(PCI_DEVICES);
     let Passthrough { ports, memory, interrupts, .. } = partition.passthrough();
     let of_memory = memory.iter().filter_map(|memory| match &memory.source {
         MemorySource::Pci(bar) => Some(bar),
         _ => None,
     });
     let bars: Vec<&Bar> = ports.iter().filter_map(|p| p.bar.as_ref()).chain(of_memory).collect();
+    let confined: Vec<&str> =
+        bars.iter().filter(|bar| bar.vfio).map(|bar| bar.function.name()).collect();
+    // Of a group all have to be bound before one can be opened.
+    let mut groups = Vec::new();
     for bar in &bars {
         let name = bar.function.name();
         if functions.iter().any(|function| function.name() == name) {
@@ -155,21 +170,38 @@ fn take_functions(partition: &Partition, functions: &mut Vec<Function>) -> Resul
         let terms = Terms {
             unbind: same().any(|bar| bar.unbind),
             trusted_dma: same().any(|bar| bar.trusted_dma),
+            vfio: same().any(|bar| bar.vfio),
             interrupt: interrupts.iter().any(|i| i.source.is_of(&bar.function)),
         };
-        let function = Function::take(Path::new(PCI_DEVICES), name, terms)?;
+        if terms.vfio {
+            let group = vfio::group::of(devices, name, &confined)?;
+            groups.push((functions.len(), group, terms.interrupt));
+        }
+        let function = Function::take(devices, name, terms)?;
         let driver = function
             .driver()
             .map_or(String::new(), |driver| format!("taken from the host's driver {driver}, "));
         let master = if terms.trusted_dma {
             "it may master the bus and so reach all memory of this machine"
+        } else if terms.vfio {
+            "it may master the bus and reaches the memory of its partition"
         } else {
             "bus mastering is off"
         };
         eprintln!("takt: {name} for {}: {driver}{master}", partition.name());
         functions.push(function);
     }
-    Ok(())
+    if groups.is_empty() {
+        return Ok(None);
+    }
+    let devices = Path::new("/dev");
+    let mut space = Space::open(devices)?;
+    for (index, group, interrupt) in groups {
+        if let Some(function) = functions.get_mut(index) {
+            function.confine(&mut space, devices, group, interrupt)?;
+        }
+    }
+    Ok(Some(space))
 }
 
 /// Where things were found on the host: a name for what, whose it is, and from where to where.
@@ -184,6 +216,7 @@ impl Found {
         &mut self,
         partition: &Partition,
         functions: &[Function],
+        space: Option<Arc<Space>>,
     ) -> Result<Granted, DeviceError> {
         let Passthrough { ports, memory, safe_values, interrupts } = partition.passthrough();
         let mut ranges = Vec::with_capacity(ports.len());
@@ -221,6 +254,7 @@ impl Found {
             safe_values,
             memory: mappings,
             lines,
+            space,
         })
     }
 }

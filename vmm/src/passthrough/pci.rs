@@ -13,18 +13,26 @@ use std::fs::{self, File};
 use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use super::bound::{Bound, HostDriver};
 use super::error::DeviceError;
-use super::uio::Bound;
+use super::uio;
+use super::vfio::Space;
+use super::vfio::device::Device;
 use crate::interrupts::line::Line;
 
 /// Offset of the command register in the configuration space, and its bits (PCI Local Bus 3.0,
 /// 6.2.2).
 pub const COMMAND: u64 = 4;
-const COMMAND_PORTS: u16 = 1;
-const COMMAND_MEMORY: u16 = 1 << 1;
-const COMMAND_MASTER: u16 = 1 << 2;
-const COMMAND_NO_INTERRUPT: u16 = 1 << 10;
+/// Decodes ports.
+pub const COMMAND_PORTS: u16 = 1;
+/// Decodes memory.
+pub const COMMAND_MEMORY: u16 = 1 << 1;
+/// Masters the bus.
+pub const COMMAND_MASTER: u16 = 1 << 2;
+/// Does not use its interrupt line.
+pub const COMMAND_NO_INTERRUPT: u16 = 1 << 10;
 /// Kinds of a resource (`include/linux/ioport.h`).
 const RESOURCE_PORTS: u64 = 0x100;
 const RESOURCE_MEMORY: u64 = 0x200;
@@ -36,6 +44,8 @@ pub struct Terms {
     pub unbind: bool,
     /// Leave it able to master the bus.
     pub trusted_dma: bool,
+    /// Hand it to VFIO, to master the bus behind an IOMMU.
+    pub vfio: bool,
     /// Make its interrupt available.
     pub interrupt: bool,
 }
@@ -53,7 +63,10 @@ pub struct Function {
     command: Option<u16>,
     /// The command register while a guest has the function, its interrupt switched off.
     taken: u16,
-    uio: Option<Bound>,
+    /// The driver that it has meanwhile.
+    bound: Option<Bound>,
+    /// Once it is [confined](Self::confine).
+    vfio: Option<Arc<Device>>,
 }
 
 /// Where the kernel has put what is behind a register.
@@ -99,17 +112,46 @@ impl Function {
             enabled: false,
             command: None,
             taken: 0,
-            uio: None,
+            bound: None,
+            vfio: None,
         };
         this.unbind(terms)?;
+        let drivers = devices.with_file_name("drivers");
+        if terms.vfio {
+            // That enables it too.
+            this.bound = Some(Bound::bind(HostDriver::Vfio, &this.folder, &drivers, name)?);
+            return Ok(this);
+        }
         this.write("enable", "1").map_err(|e| this.cannot("enable", e))?;
         this.enabled = true;
         if terms.interrupt {
-            let drivers = devices.with_file_name("drivers");
-            this.uio = Some(Bound::bind(&this.folder, &drivers, name)?);
+            this.bound = Some(Bound::bind(HostDriver::Uio, &this.folder, &drivers, name)?);
         }
         this.set_command(terms)?;
         Ok(this)
+    }
+
+    /// Puts it into the address space of its partition, with all registers and, if
+    /// asked for, its interrupt. It must have been taken for VFIO, as all of its group; `devices` is
+    /// `/dev`.
+    ///
+    /// # Errors
+    /// See [`DeviceError`].
+    pub fn confine(
+        &mut self,
+        space: &mut Space,
+        devices: &Path,
+        group: u32,
+        interrupt: bool,
+    ) -> Result<(), DeviceError> {
+        self.vfio = Some(space.add(devices, &self.name, group, interrupt)?);
+        Ok(())
+    }
+
+    /// Where its memory is mapped, if that is VFIO's business.
+    #[must_use]
+    pub fn confined(&self) -> Option<&Device> {
+        self.vfio.as_deref()
     }
 
     /// The line on which it interrupts, closed; `devices` is `/dev`.
@@ -117,10 +159,15 @@ impl Function {
     /// # Errors
     /// If there is none, or the host refuses.
     pub fn line(&self, devices: &Path) -> Result<Line, DeviceError> {
-        let bound = self.uio.as_ref().ok_or_else(|| DeviceError::NoUio(self.name.clone()))?;
+        if let Some(device) = &self.vfio {
+            let cannot = |e| self.cannot("use the interrupt line of", e);
+            let opener = device.opener().map_err(cannot)?;
+            return Ok(Line::Vfio { device: device.clone(), opener });
+        }
+        let bound = self.bound.as_ref().ok_or_else(|| DeviceError::NoUio(self.name.clone()))?;
         let config = self.config().map_err(|e| self.cannot("open the configuration of", e))?;
         let armed = self.taken & !COMMAND_NO_INTERRUPT;
-        Ok(Line::Pci { uio: bound.open(devices)?, config, armed })
+        Ok(Line::Pci { uio: uio::of_function(bound, &self.name, devices)?, config, armed })
     }
 
     /// As the file names it.
@@ -138,8 +185,8 @@ impl Function {
 
     /// Folders in which something is written when it is given back.
     pub fn folders(&self) -> impl Iterator<Item = PathBuf> {
-        let uio = self.uio.as_ref().map(Bound::driver);
-        [Some(self.folder.as_path()), self.driver.as_deref(), uio]
+        let bound = self.bound.as_ref().map(Bound::driver);
+        [Some(self.folder.as_path()), self.driver.as_deref(), bound]
             .into_iter()
             .flatten()
             .map(Path::to_owned)
@@ -220,10 +267,18 @@ impl Function {
             // A device that the guest has left asking for an interrupt must not ask the host, which
             // has no handler for it. A driver of the host's switches it on again
             // (`do_pci_enable_device` in the kernel's drivers/pci/pci.c).
-            let quiet = if self.uio.is_some() { COMMAND_NO_INTERRUPT } else { 0 };
+            let quiet = if self.bound.is_some() { COMMAND_NO_INTERRUPT } else { 0 };
             write_command(&self.config()?, command | quiet)?;
         }
-        self.uio = None;
+        // With its file VFIO ends all transfers, and the kernel waits for that file to be closed before
+        // it lets go of the function: one that is still in use would be waited for without end.
+        if self.vfio.take().is_some_and(|device| Arc::into_inner(device).is_none()) {
+            if let Some(bound) = self.bound.take() {
+                std::mem::forget(bound);
+            }
+            return Err(io::ErrorKind::ResourceBusy.into());
+        }
+        self.bound = None;
         if self.enabled {
             self.write("enable", "0")?;
         }

@@ -37,6 +37,10 @@ impl Sysfs {
         std::os::unix::fs::symlink(&driver, self.function().join("driver")).unwrap();
     }
 
+    fn vfio(&self) {
+        fs::create_dir_all(self.0.join("drivers/vfio-pci")).unwrap();
+    }
+
     /// The driver for interrupts, and the device that it makes.
     fn uio(&self) {
         fs::create_dir_all(self.0.join("drivers/uio_pci_generic")).unwrap();
@@ -177,4 +181,34 @@ fn a_host_without_the_driver_for_interrupts_is_told_which() {
     // A function without an interrupt has no line.
     let function = sysfs.take(Terms::default()).unwrap();
     assert!(matches!(function.line(&sysfs.0), Err(DeviceError::NoUio(_))));
+}
+
+#[test]
+fn a_function_for_vfio_has_its_driver_and_is_otherwise_left_to_it() {
+    let sysfs = Sysfs::new(0x407);
+    let terms = Terms { unbind: true, vfio: true, interrupt: true, ..Terms::default() };
+    let error = sysfs.take(terms).unwrap_err().to_string();
+    assert!(error.contains("`modprobe vfio-pci`"), "{error}");
+
+    sysfs.bind();
+    sysfs.vfio();
+    let function = sysfs.take(terms).unwrap();
+    let overridden = || sysfs.text(&format!("devices/{NAME}/driver_override"));
+    assert_eq!(
+        (overridden().as_str(), sysfs.text("drivers/vfio-pci/bind").as_str()),
+        ("vfio-pci", NAME)
+    );
+    assert_eq!(
+        (sysfs.command(), fs::read(sysfs.function().join("enable")).unwrap().len()),
+        (0x407, 0)
+    );
+    assert!(function.confined().is_none());
+
+    drop(function);
+    assert_eq!(
+        (overridden().as_str(), sysfs.text("drivers/vfio-pci/unbind").as_str()),
+        ("\n", NAME)
+    );
+    assert_eq!(sysfs.text("drivers/some/bind"), NAME);
+    assert_eq!(sysfs.command(), 0x407);
 }

@@ -20,6 +20,11 @@ pub fn map_bar(function: &Function, bar: u8, bytes: u64) -> Result<(Mapping, u64
     let resource = function.resource(bar)?.filter(|r| r.is_memory()).ok_or_else(kind)?;
     let device = format!("register {bar} of {name}");
     check_fit(&device, resource.start, resource.length, bytes)?;
+    if let Some(confined) = function.confined() {
+        let cannot = |source| DeviceError::Host { what: "map", device: device.clone(), source };
+        let (file, offset) = confined.memory(bar).map_err(cannot)?.ok_or_else(kind)?;
+        return Ok((map(file, offset, bytes, &device)?, resource.start));
+    }
     let file = open(&function.resource_file(bar), &device)?;
     Ok((map(&file, 0, bytes, &device)?, resource.start))
 }

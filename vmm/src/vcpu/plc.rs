@@ -343,6 +343,7 @@ mod tests {
             safe_values: SafeValues::default(),
             memory: Vec::new(),
             lines: Vec::new(),
+            space: None,
         }));
         assert_eq!(guest.io_ranges(), [[0x1378, 0x137a]]);
         assert!(guest.has_port(0x37a) && !guest.has_port(0x37b) && !guest.has_port(0x1378));

@@ -128,6 +128,7 @@ fn check_source(
         bar: &raw.bar,
         unbind: &raw.unbind,
         trusted_dma: &raw.trusted_dma,
+        vfio: &raw.vfio,
         header: table.span(),
     };
     if let Some(bar) = check_bar(&keys, partition, taken)? {

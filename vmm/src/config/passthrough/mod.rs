@@ -83,6 +83,8 @@ struct Taken {
     memory: Vec<Owned>,
     /// By name.
     devices: Vec<(String, String, Span)>,
+    /// Functions that master the bus, and which key lets them.
+    masters: Vec<(PciFunction, &'static str, Span)>,
 }
 
 /// A range of numbers, both ends included.
@@ -137,6 +139,24 @@ impl Taken {
             );
         }
         self.devices.push((name.to_owned(), partition.to_owned(), place));
+        Ok(())
+    }
+
+    /// Lets a function master the bus, by one key and no other.
+    fn masters_bus(
+        &mut self,
+        function: &PciFunction,
+        key: &'static str,
+        place: Span,
+    ) -> Result<(), Diagnostic> {
+        let other = self.masters.iter().find(|(f, other, _)| f == function && *other != key);
+        if let Some((_, other, there)) = other {
+            let found = format!("{function} has both `{key}` and `{other}`");
+            let allowed = "`vfio = true`, if it is to reach the memory of its partition, or \
+                           `trusted_dma = true`, if it may reach all memory of the machine";
+            return Err(Diagnostic::new(place, found, allowed).and(there.clone(), "the other one"));
+        }
+        self.masters.push((function.clone(), key, place));
         Ok(())
     }
 

@@ -43,6 +43,7 @@ pub fn check(
             bar: &raw.bar,
             unbind: &raw.unbind,
             trusted_dma: &raw.trusted_dma,
+            vfio: &raw.vfio,
             header: table.span(),
         };
         let bar = check_bar(&keys, partition, taken)?;

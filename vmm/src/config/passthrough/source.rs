@@ -50,6 +50,8 @@ pub struct Bar {
     pub unbind: bool,
     /// The device may master the bus, and so reach all memory.
     pub trusted_dma: bool,
+    /// The device may master the bus, and reaches the partition's memory.
+    pub vfio: bool,
 }
 
 /// The keys of a table that say which PCI function it is.
@@ -58,6 +60,7 @@ pub struct PciKeys<'a> {
     pub bar: &'a Option<Spanned<i64>>,
     pub unbind: &'a Option<Spanned<bool>>,
     pub trusted_dma: &'a Option<Spanned<bool>>,
+    pub vfio: &'a Option<Spanned<bool>>,
     /// The table they stand in.
     pub header: Span,
 }
@@ -102,6 +105,7 @@ pub fn check_bar(
             ("bar", keys.bar.as_ref().map(Spanned::span)),
             ("unbind", keys.unbind.as_ref().map(Spanned::span)),
             ("trusted_dma", keys.trusted_dma.as_ref().map(Spanned::span)),
+            ("vfio", keys.vfio.as_ref().map(Spanned::span)),
         ];
         for (key, span) in needs_pci {
             if let Some(span) = span {
@@ -125,11 +129,17 @@ pub fn check_bar(
     }
     take_function(&function, pci, partition, taken)?;
     let is_set = |key: &Option<Spanned<bool>>| key.as_ref().is_some_and(|key| *key.get_ref());
+    for (key, name) in [(keys.trusted_dma, "trusted_dma"), (keys.vfio, "vfio")] {
+        if let Some(key) = key.as_ref().filter(|key| *key.get_ref()) {
+            taken.masters_bus(&function, name, key.span())?;
+        }
+    }
     Ok(Some(Bar {
         function,
         bar: number as u8,
         unbind: is_set(keys.unbind),
         trusted_dma: is_set(keys.trusted_dma),
+        vfio: is_set(keys.vfio),
     }))
 }
 

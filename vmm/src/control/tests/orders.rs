@@ -23,7 +23,7 @@ const RAM: u64 = 4 << 20;
 fn account() -> (Account, Receiver<Revival<PlcGuest>>) {
     let memory = GuestMemory::for_plc(RAM, &[]).unwrap();
     let image = PlcImage::read(None, RAM).unwrap();
-    let (restart, revivals) = PlcRestart::new(memory, image, Vec::new());
+    let (restart, revivals) = PlcRestart::new(memory, image, Vec::new(), None);
     let (_, output) = output::dropping();
     let account = Account {
         name: "plc".into(),

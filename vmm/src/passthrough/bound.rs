@@ -1,0 +1,105 @@
+//! Binding a PCI function to a driver of the kernel's that hands it to a process, by its address, since
+//! numbers of devices depend on who came first.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::error::DeviceError;
+use crate::appliance;
+
+/// A driver that knows no function of its own and takes what it is told to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HostDriver {
+    /// `uio_pci_generic`: interrupts.
+    Uio,
+    /// `vfio-pci`: everything.
+    Vfio,
+}
+
+impl HostDriver {
+    const fn name(self) -> &'static str {
+        match self {
+            HostDriver::Uio => "uio_pci_generic",
+            HostDriver::Vfio => "vfio-pci",
+        }
+    }
+
+    fn load(self) -> io::Result<()> {
+        match self {
+            HostDriver::Uio => appliance::load_for_interrupts(),
+            HostDriver::Vfio => appliance::load_for_vfio(),
+        }
+    }
+
+    fn missing(self, function: &str) -> DeviceError {
+        match self {
+            HostDriver::Uio => DeviceError::NoUio(function.to_owned()),
+            HostDriver::Vfio => DeviceError::NoVfio(function.to_owned()),
+        }
+    }
+}
+
+/// A PCI function that is bound to such a driver, until this is dropped.
+#[derive(Debug)]
+pub struct Bound {
+    function: PathBuf,
+    driver: PathBuf,
+    name: String,
+}
+
+impl Bound {
+    /// Binds the function `name`, of the folder `function`, to a driver in `drivers`.
+    ///
+    /// # Errors
+    /// See [`DeviceError`].
+    pub fn bind(
+        driver: HostDriver,
+        function: &Path,
+        drivers: &Path,
+        name: &str,
+    ) -> Result<Self, DeviceError> {
+        let cannot =
+            |what| move |source| DeviceError::Host { what, device: name.to_owned(), source };
+        let folder = drivers.join(driver.name());
+        if !folder.exists() {
+            driver.load().map_err(cannot("load the host's driver for"))?;
+        }
+        if !folder.exists() {
+            return Err(driver.missing(name));
+        }
+        let this = Self { function: function.to_owned(), driver: folder, name: name.to_owned() };
+        // From here on the drop undoes it.
+        fs::write(this.function.join("driver_override"), driver.name())
+            .map_err(cannot("choose the host's driver for"))?;
+        fs::write(this.driver.join("bind"), name).map_err(cannot("bind the host's driver to"))?;
+        Ok(this)
+    }
+
+    /// The folder of the function.
+    #[must_use]
+    pub fn function(&self) -> &Path {
+        &self.function
+    }
+
+    /// The folder of the driver, in which it is unbound.
+    #[must_use]
+    pub fn driver(&self) -> &Path {
+        &self.driver
+    }
+
+    fn give_back(&self) -> io::Result<()> {
+        // Also of a function that could not be bound: the choice of the driver was made before.
+        let unbound = fs::write(self.driver.join("unbind"), &self.name);
+        fs::write(self.function.join("driver_override"), "\n").and(unbound)
+    }
+}
+
+impl Drop for Bound {
+    fn drop(&mut self) {
+        if let Err(error) = self.give_back() {
+            let driver = self.driver.file_name().unwrap_or_default().to_string_lossy();
+            eprintln!("takt: cannot take the driver {driver} from {}: {error}", self.name);
+        }
+    }
+}
