@@ -16,3 +16,4 @@ mod safe_values;
 mod sandbox;
 mod several_cpus;
 mod timing;
+mod vfio;

@@ -140,7 +140,7 @@ pci = "0000:00:06.0"
 "#;
 
 /// The numbers behind `words` in the last line of a partition that has the first of them.
-fn numbers<const N: usize>(outcome: &Outcome, partition: &str, words: [&str; N]) -> [u64; N] {
+pub fn numbers<const N: usize>(outcome: &Outcome, partition: &str, words: [&str; N]) -> [u64; N] {
     let of = format!("[{partition}] ");
     let mut lines = outcome.output.lines().rev();
     let line = lines.find(|line| line.contains(&of) && line.contains(words[0]));
