@@ -5,6 +5,7 @@ use std::io::Write;
 use std::os::fd::{FromRawFd, OwnedFd};
 
 use super::*;
+use crate::passthrough::vfio::device::Device;
 
 const ARMED: u16 = 0x0003;
 
@@ -136,4 +137,44 @@ fn a_line_that_cannot_be_read_any_more_is_given_up_too() {
     device.write_all(&[0; 4]).unwrap();
     all.on_ready();
     assert!(all.take_news().is_empty() && signal.read().is_err());
+}
+
+#[test]
+fn a_line_of_vfios_is_opened_by_an_eventfd_at_the_same_rate_and_tells_nobody() {
+    let (mut source, _device, _config) = source();
+    // SAFETY: the name is a literal; the descriptor is new.
+    let file =
+        unsafe { File::from_raw_fd(libc::memfd_create(c"vfio".as_ptr(), libc::MFD_CLOEXEC)) };
+    let opener = eventfd().unwrap();
+    let opened = opener.try_clone().unwrap();
+    let mut all = Interrupts::new().unwrap();
+    let function = Arc::new(Device::of_file(file, 0, true));
+    source.line = Arc::new(Line::Vfio { device: function, opener });
+    assert!(source.line.teller().is_none() && !source.line.take().unwrap());
+    let asked = source.asked.try_clone().unwrap();
+    all.epoll
+        .ctl(ControlOperation::Add, source.asked.as_raw_fd(), EpollEvent::new(EventSet::IN, ASKED))
+        .unwrap();
+    all.sources.push(source);
+
+    let mut count = 0;
+    for _ in 0..3 * PER_TICK {
+        asked.write(1).unwrap();
+        all.on_ready();
+        count += opened.read().unwrap_or(0);
+    }
+    assert_eq!(count, u64::from(PER_TICK));
+    all.on_tick();
+    assert_eq!(opened.read().unwrap(), 1);
+}
+
+#[test]
+fn a_line_that_cannot_be_connected_is_an_error() {
+    // SAFETY: the name is a literal; the descriptor is new.
+    let file =
+        unsafe { File::from_raw_fd(libc::memfd_create(c"vfio".as_ptr(), libc::MFD_CLOEXEC)) };
+    let device = Arc::new(Device::of_file(file, 0, true));
+    assert!(device.opener().is_err());
+    let line = Line::Vfio { device, opener: eventfd().unwrap() };
+    assert!(line.connect(&eventfd().unwrap()).is_err());
 }

@@ -124,3 +124,70 @@ impl Device {
 fn eventfd() -> io::Result<EventFd> {
     EventFd::new(EFD_NONBLOCK | EFD_CLOEXEC)
 }
+
+#[cfg(test)]
+impl Device {
+    /// A file in the place of a device, with the configuration space at `config`.
+    pub fn of_file(file: File, config: u64, interrupts: bool) -> Self {
+        Self { file, config, resets: false, interrupts }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::fd::FromRawFd;
+
+    const CONFIG: u64 = 7 << 40;
+
+    /// A device whose command register is `command`, and what it has then.
+    fn device(command: u16, interrupts: bool) -> (Device, impl Fn() -> u16) {
+        // SAFETY: the name is a literal; the descriptor is new.
+        let file =
+            unsafe { File::from_raw_fd(libc::memfd_create(c"c".as_ptr(), libc::MFD_CLOEXEC)) };
+        file.write_all_at(&command.to_le_bytes(), CONFIG + COMMAND).unwrap();
+        let seen = file.try_clone().unwrap();
+        let now = move || {
+            let mut bytes = [0; 2];
+            seen.read_exact_at(&mut bytes, CONFIG + COMMAND).unwrap();
+            u16::from_le_bytes(bytes)
+        };
+        (Device::of_file(file, CONFIG, interrupts), now)
+    }
+
+    #[test]
+    fn a_function_masters_the_bus_when_it_is_let_and_decodes_always() {
+        let (device, command) = device(0x0100, true);
+        device.let_master(true).unwrap();
+        assert_eq!(command(), 0x0107);
+        device.let_master(false).unwrap();
+        assert_eq!(command(), 0x0103);
+    }
+
+    #[test]
+    fn a_line_that_nobody_wants_stays_closed() {
+        let (unwanted, command) = device(0, false);
+        unwanted.let_master(true).unwrap();
+        assert_eq!(command(), 0x0407);
+        let (wanted, command) = device(0x0400, true);
+        wanted.let_master(false).unwrap();
+        assert_eq!(command(), 0x0003);
+    }
+
+    #[test]
+    fn a_bit_that_does_not_follow_is_an_error() {
+        let zero = || File::options().read(true).write(true).open("/dev/zero").unwrap();
+        let device = Device::of_file(zero(), 0, false);
+        device.let_master(false).unwrap();
+        assert!(device.let_master(true).unwrap_err().to_string().contains("bus-master"));
+    }
+
+    #[test]
+    fn one_that_cannot_be_reset_is_not() {
+        // A file has no such call, so it would be an error.
+        let (mut device, _) = device(0, false);
+        device.reset().unwrap();
+        device.resets = true;
+        assert!(device.reset().is_err());
+    }
+}
