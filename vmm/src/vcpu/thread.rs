@@ -146,30 +146,42 @@ fn remedy(error: &io::Error) -> &'static str {
     }
 }
 
-/// A thread that is ready and waits for the epoch.
+/// A thread that is ready and waits for the epoch. Dropping it ends the thread, and waits for that: what
+/// a thread has of the host's devices cannot be given back before.
 pub struct Ready<T> {
-    start: Sender<Timebase>,
-    handle: JoinHandle<Option<T>>,
+    waiting: Option<(Sender<Timebase>, JoinHandle<Option<T>>)>,
 }
 
 impl<T> Ready<T> {
     /// Lets it run.
-    pub fn start(self, base: Timebase) -> Running<T> {
-        // If the thread is gone, joining it tells.
-        let _ = self.start.send(base);
-        Running { handle: self.handle }
+    pub fn start(mut self, base: Timebase) -> Running<T> {
+        let handle = self.waiting.take().map(|(start, handle)| {
+            // If the thread is gone, joining it tells.
+            let _ = start.send(base);
+            handle
+        });
+        Running { handle }
+    }
+}
+
+impl<T> Drop for Ready<T> {
+    fn drop(&mut self) {
+        if let Some((start, handle)) = self.waiting.take() {
+            drop(start);
+            let _ = handle.join();
+        }
     }
 }
 
 /// A thread that runs.
 pub struct Running<T> {
-    handle: JoinHandle<Option<T>>,
+    handle: Option<JoinHandle<Option<T>>>,
 }
 
 impl<T> Running<T> {
     /// Waits for its end; `None` if it did not get to run.
     pub fn join(self) -> Option<T> {
-        self.handle.join().ok().flatten()
+        self.handle?.join().ok().flatten()
     }
 }
 
@@ -245,8 +257,11 @@ fn spawn<P, T: Send + 'static>(
         .spawn(run)
         .map_err(|source| ThreadError::Spawn { name: name.to_owned(), source })?;
     match reported.recv() {
-        Ok(Ok(())) => Ok(Ready { start, handle }),
-        Ok(Err(error)) => Err(error),
+        Ok(Ok(())) => Ok(Ready { waiting: Some((start, handle)) }),
+        Ok(Err(error)) => {
+            let _ = handle.join();
+            Err(error)
+        }
         Err(_) => Err(ThreadError::Died { name: name.to_owned() }),
     }
 }
@@ -340,5 +355,19 @@ mod tests {
         drop(end);
         thread.join().unwrap();
         assert_eq!(cpu_time_of(i32::MAX >> 3), None);
+    }
+
+    #[test]
+    fn what_a_thread_has_is_free_when_it_has_not_got_to_run() {
+        let devices = Arc::new(());
+        let own = devices.clone();
+        let (start, started) = channel::<Timebase>();
+        let handle = std::thread::spawn(move || {
+            let base = started.recv().ok()?;
+            drop(own);
+            Some(base)
+        });
+        drop(Ready { waiting: Some((start, handle)) });
+        assert_eq!(Arc::strong_count(&devices), 1);
     }
 }
