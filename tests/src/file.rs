@@ -9,7 +9,7 @@ use crate::{Outcome, Run, scratch, target};
 /// What Linux executes where a test wants it busy: it never idles, in kernel and user mode.
 pub const BUSY: &str = "while :; do cat /proc/kallsyms > /dev/null; done";
 
-/// A partition file that grows. Everything is on CPU 0.
+/// A partition file that grows. Everything is on CPU 0, unless a CPU is named.
 #[derive(Clone, Debug)]
 pub struct File {
     text: String,
@@ -32,12 +32,18 @@ impl File {
 
     /// Adds a PLC; `None` for the built-in image. `more` are further lines of its table.
     #[must_use]
-    pub fn plc(mut self, name: &str, image: Option<PathBuf>, more: &str) -> Self {
+    pub fn plc(self, name: &str, image: Option<PathBuf>, more: &str) -> Self {
         let image = image.map_or(String::new(), |path| format!("image = {path:?}\n"));
+        self.plc_on(0, name, &format!("{image}{more}"))
+    }
+
+    /// Adds a PLC on a CPU. `more` are further lines of its table.
+    #[must_use]
+    pub fn plc_on(mut self, cpu: u32, name: &str, more: &str) -> Self {
         // Writing to a String cannot fail.
         let _ = write!(
             self.text,
-            "[[partition]]\nname = {name:?}\nkind = \"plc\"\ncpu = 0\nmemory = \"4MiB\"\n{image}{more}\n"
+            "[[partition]]\nname = {name:?}\nkind = \"plc\"\ncpu = {cpu}\nmemory = \"4MiB\"\n{more}\n"
         );
         self
     }

@@ -1,6 +1,6 @@
 //! Partitions on CPUs of their own. The lane has several CPUs and no times that mean anything.
 
-use takt_tests::Run;
+use takt_tests::{File, Host, Run, long};
 
 #[test]
 fn a_plc_with_a_cpu_to_itself_runs_beside_linux_and_the_cpu_goes_back() {
@@ -18,4 +18,27 @@ fn a_plc_with_a_cpu_to_itself_runs_beside_linux_and_the_cpu_goes_back() {
     let back = told("[takt] CPU 1 is back in the host's scheduling domain");
     assert!(set_apart.is_some() && set_apart < started && started < back, "{}", outcome.output);
     assert!(!outcome.output.contains("[takt] CPU 0 "), "{}", outcome.output);
+}
+
+#[test]
+fn the_next_takt_removes_what_a_killed_one_has_left_and_the_cpu_goes_back() {
+    if !long() {
+        return;
+    }
+    let file = File::new("1ms")
+        .plc_on(1, "plc", "")
+        .schedule("normal")
+        .window("plc", 0, 300)
+        .save("killed-apart");
+    let outcome = Host::new()
+        .with("--lane", "emulated")
+        .with("--cpus", "2")
+        .with_file(&file)
+        .run("kill-cpuset", &[&file.to_string_lossy()]);
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    assert!(!outcome.output.contains("wrong: "), "{}", outcome.output);
+    outcome.assert_shows("the next takt has found and removed what was left");
+    // It has had the CPU itself, and told so.
+    outcome.assert_shows("[takt] CPU 1 has a scheduling domain of its own");
+    outcome.assert_shows("[takt] CPU 1 is back in the host's scheduling domain");
 }
