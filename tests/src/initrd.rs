@@ -4,7 +4,7 @@
 
 use std::fs;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::{scratch, target};
 
@@ -29,12 +29,27 @@ pub fn initrd_and(name: &str, archive: &[u8]) -> String {
     let mut image = fs::read(target("guest/initrd.img")).expect("scripts/guest-image has run");
     image.resize(image.len().next_multiple_of(4), 0);
     image.extend(archive);
-    let file = format!("{name}.img");
+    write(&format!("{name}.img"), &image);
+    format!("tests/{name}.img")
+}
+
+/// Makes an initial RAM disk of nothing but busybox and this script, which is the first process. It
+/// finds nothing mounted, and no folder but `/dev` with a console, which every kernel has of itself.
+#[must_use]
+pub fn initrd_of(name: &str, script: &str) -> PathBuf {
+    let script = format!("#!/busybox sh\n{script}\n");
+    let busybox = fs::read("/bin/busybox").expect("busybox-static is installed");
+    let files = [("busybox".to_owned(), busybox), ("init".to_owned(), script.into_bytes())];
+    write(&format!("{name}.img"), &archive(&files))
+}
+
+fn write(file: &str, image: &[u8]) -> PathBuf {
+    let path = scratch().join(file);
     // A run that packs the file at this moment must see the old or the new one.
     let new = scratch().join(format!("{file}.new"));
     fs::write(&new, image).expect("the image can be written");
-    fs::rename(&new, scratch().join(&file)).expect("the image can be renamed");
-    format!("tests/{file}")
+    fs::rename(&new, &path).expect("the image can be renamed");
+    path
 }
 
 /// An archive of executable files, by path and contents, in the format `newc`.

@@ -21,8 +21,8 @@ use std::thread;
 
 pub use file::{BUSY, File, System};
 pub use host::Host;
-pub use initrd::{archive, initrd_and, initrd_with};
-pub use kernel::restarting_kernel;
+pub use initrd::{archive, initrd_and, initrd_of, initrd_with};
+pub use kernel::{erring_kernel, restarting_kernel};
 pub use serde_json::Value;
 
 /// Real time after which a run is given up. It is never what a test waits for.
@@ -177,6 +177,7 @@ pub struct Run<'a> {
     options: Vec<&'a str>,
     dialogue: &'a [(&'a str, &'a str)],
     traced: bool,
+    timeout_s: &'a str,
 }
 
 impl<'a> Run<'a> {
@@ -184,7 +185,15 @@ impl<'a> Run<'a> {
     #[must_use]
     pub fn of(file: &str) -> Self {
         let file = root().join(file);
-        Self { verb: None, file, lane: "lab", options: Vec::new(), dialogue: &[], traced: false }
+        Self {
+            verb: None,
+            file,
+            lane: "lab",
+            options: Vec::new(),
+            dialogue: &[],
+            traced: false,
+            timeout_s: TIMEOUT_S,
+        }
     }
 
     /// Of a partition file that is written for the test of this name.
@@ -213,6 +222,12 @@ impl<'a> Run<'a> {
     pub fn with(mut self, option: &'a str) -> Self {
         self.options.push(option);
         self
+    }
+
+    /// Given up after this much real time, in seconds, if not after a quarter of an hour.
+    #[must_use]
+    pub fn given_up_after(self, timeout_s: &'a str) -> Self {
+        Self { timeout_s, ..self }
     }
 
     /// As `scripts/run jitter`.
@@ -255,7 +270,7 @@ impl<'a> Run<'a> {
         if self.traced {
             command.arg("--trace").arg(&trace);
         }
-        command.args(&self.options).env("TAKT_TIMEOUT", TIMEOUT_S);
+        command.args(&self.options).env("TAKT_TIMEOUT", self.timeout_s);
         let stdin = if self.dialogue.is_empty() { Stdio::null() } else { Stdio::piped() };
         let mut child = command
             .stdin(stdin)

@@ -7,6 +7,7 @@ mod doctor;
 mod functional;
 mod health;
 mod hostile;
+mod health_table;
 mod isolation;
 mod linux_ports;
 mod load;
