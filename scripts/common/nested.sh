@@ -133,6 +133,10 @@ device_options() {
         # What looks like an AMD machine has Intel's: the kernel goes by the firmware's tables.
         options+=(-device "intel-iommu,intremap=on")
         words="intel_iommu=on $words"
+    shared=?*)
+        path=${1#*=}
+        options+=(-object "memory-backend-file,id=shared,share=on,size=1M,mem-path=${path//,/,,}"
+            -device "ivshmem-plain,memdev=shared,addr=0x8")
         ;;
     *) fail "unknown device $1; see scripts/run --help" ;;
     esac

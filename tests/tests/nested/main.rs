@@ -2,6 +2,7 @@
 //! there are CPUs.
 
 mod control;
+mod device_memory;
 mod disk;
 mod doctor;
 mod functional;

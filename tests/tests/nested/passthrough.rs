@@ -207,7 +207,7 @@ fn a_storm_of_interrupts_is_bounded_and_moves_no_neighbour() {
 }
 
 /// A count in the last line that the guest `can` has printed.
-fn count(outcome: &Outcome, before: &str) -> u64 {
+pub fn count(outcome: &Outcome, before: &str) -> u64 {
     let line = outcome.output.lines().rfind(|line| line.contains("[plc] cycle "));
     let line = line.unwrap_or_else(|| panic!("it says nothing\n{}", outcome.output));
     let mut words = line.split([' ', ',']).filter(|word| !word.is_empty());
