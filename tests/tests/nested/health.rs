@@ -1,6 +1,6 @@
 //! What the health monitor makes of errors.
 
-use takt_tests::{File, long, plc_image, restarting_kernel};
+use takt_tests::{File, Outcome, initrd_of, long, plc_image, restarting_kernel, target};
 
 #[test]
 fn a_plc_starts_again_as_its_table_says_until_it_does_so_too_often() {
@@ -119,6 +119,63 @@ fn restarts_cost_a_neighbour_nothing_and_takt_does_not_grow() {
     outcome.assert_kept_its_time("good", 100 * starts);
     outcome.assert_punctual("good");
     outcome.assert_not_grown(1 << 20);
+}
+
+#[test]
+fn a_debian_that_restarts_a_hundred_times_costs_a_neighbour_nothing_and_takt_does_not_grow() {
+    if !long() {
+        return;
+    }
+    // It restarts by the reset register, by a triple fault and by a panic, as it happens, and says which
+    // by the kernel's console, which needs no interrupts. The PLC that starts cold and warm in turns
+    // lives nearly as long as a start of the kernel takes.
+    let init = "/busybox mkdir /proc /sys\n\
+                /busybox mount -t proc proc /proc\n\
+                /busybox mount -t sysfs sysfs /sys\n\
+                /busybox mknod /dev/kmsg c 1 11\n\
+                say() { echo \"<0>$* under $(/busybox uname -r)\" >/dev/kmsg; }\n\
+                case $(/busybox head -c 1 /proc/sys/kernel/random/uuid) in\n\
+                [0-5]) say a reset ;;\n\
+                [6-9a]) say a triple fault; echo triple >/sys/kernel/reboot/type ;;\n\
+                *) say a panic; echo c >/proc/sysrq-trigger ;;\n\
+                esac\n\
+                /busybox reboot -f";
+    let starts = 100;
+    let limit = format!("restarts = {{ at_most = {starts}, within = \"86400s\" }}");
+    let mut file = File::new("16ms")
+        .plc("good", None, "")
+        .plc("turns", Some(plc_image("alternating-starts")), &limit)
+        .lines(&format!(
+            "[[partition]]\nname = \"linux\"\nkind = \"linux\"\ncpu = 0\nbackground = true\n\
+             memory = \"96MiB\"\nkernel = {:?}\ninitrd = {:?}\n\
+             cmdline = \"console=ttyS0 loglevel=1 panic=-1\"\n{limit}",
+            target("guest/vmlinuz"),
+            initrd_of("restarting", init),
+        ))
+        .health("linux", "processor-shutdown", "cold-start")
+        .health("turns", "numeric-error", "warm-start")
+        .health("turns", "illegal-request", "cold-start")
+        .schedule("normal")
+        .window("turns", 1_000, 200);
+    for quarter in [0, 4_000, 8_000, 12_000] {
+        file = file.window("good", quarter, 200);
+    }
+    let outcome = file.run("debian-restarts").lasting("200s").given_up_after("5400").run();
+    assert_eq!(outcome.status, 4, "{}", outcome.output);
+    for name in ["turns", "linux"] {
+        assert_eq!(outcome.number(name, "restarts"), starts, "{}", outcome.output);
+    }
+    let ends = |error: &str| outcome.number("linux", &format!("events.totals.{error}"));
+    let (resets, faults) = (ends("partition-reset"), ends("processor-shutdown"));
+    assert_eq!(resets + faults, starts + 1, "{}", outcome.output);
+    let said = |what: &str| outcome.output.matches(&format!("{what} under 6.1.0-")).count() as u64;
+    let (reset, fault, panic) = (said("a reset"), said("a triple fault"), said("a panic"));
+    assert_eq!((reset + panic, fault), (resets, faults), "{}", outcome.output);
+    outcome.assert_kept_its_time("turns", 100 * starts);
+    outcome.assert_kept_its_time("good", 400 * starts);
+    outcome.assert_punctual("good");
+    outcome.assert_not_grown(1 << 20);
+    assert!([reset, fault, panic].iter().all(|count| *count > 10), "{reset}, {fault}, {panic}");
 }
 
 #[test]
