@@ -49,10 +49,12 @@ impl Host {
     pub fn run_each(self, name: &str, duration: &str, files: &[PathBuf]) -> Vec<Outcome> {
         let out = scratch().join(format!("{name}.out"));
         let _ = fs::remove_dir_all(&out);
-        let paths = files.iter().map(|file| file.to_str().expect("a path of ours is text"));
-        let arguments: Vec<&str> = [duration].into_iter().chain(paths).collect();
-        let host = files.iter().fold(self, |host, file| host.with_file(file));
-        let machine = host.leaving(&out, "run-each", &arguments);
+        let lines = files.iter().map(|file| format!("{}\n", file.display()));
+        let list = scratch().join(format!("{name}.list"));
+        fs::write(&list, lines.collect::<String>()).expect("the list can be written");
+        let list = list.canonicalize().expect("the list is there");
+        let host = files.iter().fold(self.with_file(&list), |host, file| host.with_file(file));
+        let machine = host.leaving(&out, "run-each", &[duration, &list.to_string_lossy()]);
         assert_eq!(machine.status, 0, "{}", machine.output);
         let outcome = |file: &PathBuf| {
             let left = |kind| out.join(file.file_name().unwrap_or_default()).with_extension(kind);
