@@ -1,6 +1,6 @@
 //! What the health monitor makes of errors.
 
-use takt_tests::{File, Outcome, initrd_of, long, plc_image, restarting_kernel, target};
+use takt_tests::{File, initrd_of, long, plc_image, restarting_kernel, target};
 
 #[test]
 fn a_plc_starts_again_as_its_table_says_until_it_does_so_too_often() {
