@@ -169,12 +169,15 @@ fn the_doors_are_shut_and_trying_them_ends_the_process_with_safe_values() {
         .schedule("normal")
         .window("drive", 0, 200)
         .window("demo", 300, 300);
+    // Those that a test has to be content with: one with safe values, and one that has no guest.
+    let threads: &[&str] =
+        if long() { &["drive", "demo", "kicker", "main"] } else { &["drive", "main"] };
     let looked = Looked::by(
         "sandbox",
         "sandbox",
         &file.save("sandbox"),
         &[plc_image("outputs")],
-        &["ticks of a write", "1", "drive", "demo", "kicker", "main"],
+        &[&["ticks of a write", "1"], threads].concat(),
         &["--device", &device],
     );
 
@@ -201,19 +204,24 @@ fn the_doors_are_shut_and_trying_them_ends_the_process_with_safe_values() {
     // Each thread was ended at the first call, and the last that was printed is the safe value.
     let printed = fs::read(&printed).expect("QEMU has written the file");
     let mut runs = printed.split(|byte| *byte == 0xa5).collect::<Vec<_>>();
-    for thread in ["drive", "demo", "kicker", "main"] {
+    for thread in threads {
         let console = looked.read(thread);
         assert_eq!(looked.read(&format!("{thread}.status")), "5\n", "{console}");
-        let who = if thread == "kicker" { "kicker-0" } else { thread };
+        let who = if *thread == "kicker" { "kicker-0" } else { thread };
         let said = format!("takt: thread {who} made the system call {} at ", libc::SYS_getppid);
         assert!(console.contains(&said), "{console}");
         assert!(console.contains("safe values are written"), "{console}");
         assert!(console.contains("ticks of a write"), "the outputs were driven: {console}");
     }
-    // Scans count from 0 in each of the six runs, and their bytes pass 0xa5 every 256.
+    // Scans count from 0 in each of the runs, one of which is looked at and one logged, and their bytes pass 0xa5 every 256.
     assert_eq!(runs.pop(), Some(&[][..]), "the last byte is the safe value");
     let starts = runs.iter().filter(|run| run.starts_with(&[0, 1, 2])).count();
-    assert_eq!(starts, 6, "{:?}", runs.iter().map(|run| run.len()).collect::<Vec<_>>());
+    assert_eq!(
+        starts,
+        threads.len() + 2,
+        "{:?}",
+        runs.iter().map(|run| run.len()).collect::<Vec<_>>()
+    );
 }
 
 #[test]
