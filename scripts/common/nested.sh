@@ -133,6 +133,7 @@ device_options() {
         # What looks like an AMD machine has Intel's: the kernel goes by the firmware's tables.
         options+=(-device "intel-iommu,intremap=on")
         words="intel_iommu=on $words"
+        ;;
     shared=?*)
         path=${1#*=}
         options+=(-object "memory-backend-file,id=shared,share=on,size=1M,mem-path=${path//,/,,}"
