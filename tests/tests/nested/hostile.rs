@@ -5,6 +5,8 @@ use std::path::PathBuf;
 
 use takt_tests::{File, initrd_with, long, plc_image, target};
 
+use crate::devices::{EDU, EDU_INTERRUPT};
+
 /// Where a Linux takes the registers of its first disk from their driver and gives them back.
 const DRIVER: &str = "/sys/bus/platform/drivers/virtio-mmio";
 
@@ -17,30 +19,16 @@ fn disk(name: &str) -> String {
 }
 
 /// Each PLC that has been written to do harm, and what it needs for that.
-const HOSTILE: [(&str, &str); 8] = [
-    ("never-done", ""),
-    ("fault", ""),
-    ("stack-overflow", ""),
-    ("write-information", ""),
-    ("flood", ""),
-    ("sweep", ""),
-    ("hostile-peer", ""),
-    ("storm", STORM),
+const HOSTILE: [(&str, &[&str]); 8] = [
+    ("never-done", &[]),
+    ("fault", &[]),
+    ("stack-overflow", &[]),
+    ("write-information", &[]),
+    ("flood", &[]),
+    ("sweep", &[]),
+    ("hostile-peer", &[]),
+    ("storm", &[EDU, EDU_INTERRUPT]),
 ];
-
-/// A device that interrupts.
-const STORM: &str = r#"
-[[partition.mmio]]
-name = "edu"
-address = "0xd0000000"
-size = "4KiB"
-pci = "0000:00:06.0"
-bar = 0
-
-[[partition.interrupt]]
-vector = 64
-pci = "0000:00:06.0"
-"#;
 
 /// All of them at once for a minute, again and again from the start, and a Linux that does its worst in
 /// turns. No time of this lane means anything; that Takt is there at the end, and as it was, does.
@@ -68,7 +56,7 @@ fn takt_survives_a_minute_of_all_hostile_guests_and_does_not_grow() {
     let again = "restarts = { at_most = 100, within = \"60s\" }";
     let file =
         HOSTILE.iter().fold(File::new("40ms").plc("good", None, ""), |file, (name, needs)| {
-            file.plc(name, Some(plc_image(name)), &format!("{again}\n{needs}"))
+            file.plc(name, Some(plc_image(name)), &format!("{again}\n{}", needs.concat()))
         });
     let mut file = file
         .linux_with(&initrd_with("all-hostile", &programs), &exec)

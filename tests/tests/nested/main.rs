@@ -3,6 +3,7 @@
 
 mod control;
 mod device_memory;
+mod devices;
 mod disk;
 mod doctor;
 mod functional;

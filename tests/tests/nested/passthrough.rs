@@ -6,45 +6,14 @@ use std::path::{Path, PathBuf};
 
 use takt_tests::{File, Host, Outcome, Run, long, plc_image, target};
 
-/// A parallel port, the registers of QEMU's `edu`, and what is printed at the end: the byte 0xa5. The
-/// guest may be stopped with the strobe on, so that goes off first.
-const DEVICES: &str = r#"
-[[partition.port_io]]
-ports = "0x378-0x37a"
+use crate::devices::{EDU, EDU_INTERRUPT, PRINTER};
 
-[[partition.mmio]]
-name = "edu"
-address = "0xd0000000"
-size = "4KiB"
-pci = "0000:00:06.0"
-bar = 0
-
-[[partition.safe_value]]
-mmio = "edu"
-offset = "0x4"
-width = 4
-value = "0x0"
-
-[[partition.safe_value]]
-port = "0x37a"
-width = 1
-value = "0x0c"
-
-[[partition.safe_value]]
-port = "0x378"
-width = 1
-value = "0xa5"
-
-[[partition.safe_value]]
-port = "0x37a"
-width = 1
-value = "0x0d"
-
-[[partition.safe_value]]
-port = "0x37a"
-width = 1
-value = "0x0c"
-"#;
+/// A printer, the registers of QEMU's `edu`, and the value for one of these.
+fn devices() -> String {
+    let value =
+        "[[partition.safe_value]]\nmmio = \"edu\"\noffset = \"0x4\"\nwidth = 4\nvalue = \"0x0\"\n";
+    format!("{EDU}{value}{PRINTER}")
+}
 
 /// Ports but those that are Takt's, and large pages of the devices' area.
 const PLACES: u64 = 0x1_0000 - 0x100 + 128;
@@ -72,7 +41,7 @@ fn assert_printed(outcome: &Outcome, partition: &str, printed: &Path) {
 fn outputs_are_what_a_plc_writes_and_a_neighbour_reaches_none_of_them() {
     let (printed, device) = printer("passthrough.printed");
     let outcome = File::new("1ms")
-        .plc("drive", Some(plc_image("outputs")), DEVICES)
+        .plc("drive", Some(plc_image("outputs")), &devices())
         .plc("sweep", Some(plc_image("sweep")), "")
         .schedule("normal")
         .window("drive", 0, 200)
@@ -126,18 +95,9 @@ fn what_a_plc_prints_beside_a_linux_arrives_byte_for_byte() {
 }
 
 /// The registers of QEMU's `edu`, and its interrupt.
-const INTERRUPT: &str = r#"
-[[partition.mmio]]
-name = "edu"
-address = "0xd0000000"
-size = "4KiB"
-pci = "0000:00:06.0"
-bar = 0
-
-[[partition.interrupt]]
-vector = 64
-pci = "0000:00:06.0"
-"#;
+fn interrupting() -> String {
+    format!("{EDU}{EDU_INTERRUPT}")
+}
 
 /// The numbers behind `words` in the last line of a partition that has the first of them.
 pub fn numbers<const N: usize>(outcome: &Outcome, partition: &str, words: [&str; N]) -> [u64; N] {
@@ -155,7 +115,7 @@ pub fn numbers<const N: usize>(outcome: &Outcome, partition: &str, words: [&str;
 #[test]
 fn interrupts_reach_their_plc_also_after_a_restart_and_no_neighbour() {
     let outcome = File::new("1ms")
-        .plc("drive", Some(plc_image("interrupts")), INTERRUPT)
+        .plc("drive", Some(plc_image("interrupts")), &interrupting())
         .plc("neighbour", None, "")
         .health("drive", "partition-ended", "cold-start")
         .schedule("normal")
@@ -187,7 +147,7 @@ fn a_storm_of_interrupts_is_bounded_and_moves_no_neighbour() {
         return;
     }
     let outcome = File::new("500us")
-        .plc("storm", Some(plc_image("storm")), INTERRUPT)
+        .plc("storm", Some(plc_image("storm")), &interrupting())
         .plc("neighbour", None, "")
         .schedule("normal")
         .window("storm", 0, 100)

@@ -7,31 +7,7 @@ use std::process::Command;
 
 use takt_tests::{File, Value, long, parse, plc_image, root, target};
 
-/// A parallel port, on which 0xa5 is printed when nobody drives it any more.
-const OUTPUTS: &str = r#"
-[[partition.port_io]]
-ports = "0x378-0x37a"
-
-[[partition.safe_value]]
-port = "0x37a"
-width = 1
-value = "0x0c"
-
-[[partition.safe_value]]
-port = "0x378"
-width = 1
-value = "0xa5"
-
-[[partition.safe_value]]
-port = "0x37a"
-width = 1
-value = "0x0d"
-
-[[partition.safe_value]]
-port = "0x37a"
-width = 1
-value = "0x0c"
-"#;
+use crate::devices::PRINTER;
 
 /// What a script of `tests/host` has left.
 struct Looked {
@@ -164,7 +140,7 @@ fn the_doors_are_shut_and_trying_them_ends_the_process_with_safe_values() {
     let _ = fs::remove_file(&printed);
     let device = format!("parallel={}", printed.display());
     let file = File::new("1ms")
-        .plc("drive", Some(plc_image("outputs")), OUTPUTS)
+        .plc("drive", Some(plc_image("outputs")), PRINTER)
         .plc("demo", None, "")
         .schedule("normal")
         .window("drive", 0, 200)
@@ -234,7 +210,7 @@ fn nothing_is_in_a_list_without_being_called_or_a_reason() {
     fs::write(&disk, [0; 4096]).expect("the disk can be made");
     // A PLC that reaches for what is not its own, one that is started again, and so is Linux.
     let file = File::new("4ms")
-        .plc("drive", Some(plc_image("outputs")), OUTPUTS)
+        .plc("drive", Some(plc_image("outputs")), PRINTER)
         .plc("sweep", Some(plc_image("sweep")), "")
         .plc(
             "warm",
@@ -359,7 +335,7 @@ host_socket = "/tmp/level.sock"
     fs::write(&disk, [0; 4096]).expect("the disk can be made");
     let file = File::new("1ms")
         .watchdog("5s")
-        .plc("drive", Some(plc_image("outputs")), &format!("{CARD}{OUTPUTS}"))
+        .plc("drive", Some(plc_image("outputs")), &format!("{CARD}{PRINTER}"))
         .linux("")
         .lines(&format!("[[partition.disk]]\npath = {disk:?}\nread_only = false"))
         .lines(CHANNEL)
