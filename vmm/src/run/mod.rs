@@ -4,33 +4,38 @@
 //! threads with their reservations. Then all partitions start from one epoch, and from there on
 //! nothing is allocated or mapped for a guest.
 
-use std::cell::Cell;
+mod disturbances;
+mod options;
+mod output;
+mod result;
+
 use std::fs;
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::switch::SwitchBoard;
-use takt_scheduler::table::{Cpu, Role};
+use takt_scheduler::table::Cpu;
 use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
+
+use disturbances::{Steps, panic_after, provoke};
+pub use options::Options;
+use output::Output;
 
 use crate::account::Account;
 use crate::appliance::{self, hurry::Hurry};
 use crate::channels::Channels;
-use crate::config::{HostPort, Kind, Partition, PartitionFile};
+use crate::config::{HostPort, Partition, PartitionFile};
 use crate::control::Operators;
 use crate::cpuset::Domains;
 use crate::disk::DiskThread;
 use crate::footprint::Footprint;
-use crate::health::Fault;
-use crate::host_ports::{self, HostPorts};
+use crate::host_ports::HostPorts;
 use crate::host_watchdog::HostWatchdog;
-use crate::init_watch::{Console, InitSeen};
+use crate::init_watch::Console;
 use crate::interrupts::Interrupts;
 use crate::machine::{self, MachineError};
 use crate::passthrough::{Devices, last_work};
@@ -51,56 +56,6 @@ use crate::vcpu::{Control, kick};
 /// partitions, and for all threads to fall asleep. One that is late begins with its next window.
 const fn start_delay(partitions: usize) -> Nanos {
     Nanos::from_micros(1_500 + 500 * partitions as u64)
-}
-
-/// What the command line adds to the partition file.
-#[derive(Clone, Debug, Default)]
-pub struct Options {
-    /// End by itself after this time.
-    pub duration: Option<Duration>,
-    /// When Takt began, for the report.
-    pub began: Option<Instant>,
-    /// Write the report here as JSON.
-    pub report: Option<PathBuf>,
-    /// Write a trace of every window here.
-    pub trace: Option<PathBuf>,
-    /// Write the samples of the releases here as JSON.
-    pub samples: Option<PathBuf>,
-    /// Where the control socket is, instead of what the partition file says.
-    pub control: Option<PathBuf>,
-    /// How Takt was started, for the report.
-    pub lane: String,
-    /// For tests: windows are not ended by kicks, so that only SCHED_DEADLINE is left.
-    pub without_kick: bool,
-    /// For tests: a thread panics after this time.
-    pub panic_after: Option<Duration>,
-    /// For tests: the wake-ups for the release of this number come late.
-    pub late_wake_up: Option<u64>,
-    /// What follows from a system call that a thread may not make.
-    pub seccomp: sandbox::Mode,
-    /// For tests: the thread that makes such a call, a second after the start.
-    pub provoke: Option<String>,
-    /// For tests: the step of the start after which it fails, from 1 on.
-    pub fail_at: Option<u32>,
-}
-
-/// The steps of the start, one of which a test may let fail: all that was taken until then must go
-/// back.
-#[derive(Debug)]
-struct Steps {
-    left: Cell<Option<u32>>,
-}
-
-impl Steps {
-    fn new(fail_at: Option<u32>) -> Self {
-        Self { left: Cell::new(fail_at) }
-    }
-
-    /// A step is done.
-    fn pass(&self) -> Result<(), RunError> {
-        self.left.set(self.left.get().map(|left| left.saturating_sub(1)));
-        if self.left.get() == Some(0) { Err(RunError::Provoked) } else { Ok(()) }
-    }
 }
 
 /// Runs all partitions of `file` until the run is over.
@@ -301,7 +256,7 @@ impl Run<'_> {
         }
 
         if let Some(thread) = &self.options.provoke {
-            self.provoke(thread, &supervisor.accounts, &kickers)?;
+            provoke(thread, &supervisor.accounts, &kickers)?;
         }
         self.steps.pass()?;
         // Nothing of the host is opened any more, and no guest has run yet.
@@ -355,23 +310,6 @@ impl Run<'_> {
         Ok(self.report(&supervisor, &inits, base, duration, host_ports, process))
     }
 
-    fn provoke(
-        &self,
-        name: &str,
-        accounts: &[Account],
-        kickers: &[Kicker],
-    ) -> Result<(), RunError> {
-        let account = accounts.iter().find(|account| account.name == name);
-        let control = match name {
-            "kicker" => kickers.first().map(|kicker| &kicker.control),
-            _ => account.map(|account| &account.control),
-        };
-        // Whoever is none of them is the process itself: its first thread has its number.
-        let thread = control.map_or(std::process::id() as i32, |control| control.thread());
-        sandbox::provoke::arm(thread)
-            .map_err(|source| RunError::Host { what: "set up the test's timer", source })
-    }
-
     fn create_trace(&self, path: &Path, base: Timebase) -> Result<Trace, RunError> {
         let partitions: Vec<(&str, Cpu)> =
             self.file.partitions().iter().map(|p| (p.name(), p.cpu())).collect();
@@ -382,103 +320,6 @@ impl Run<'_> {
             source,
         })
     }
-
-    fn report(
-        &self,
-        supervisor: &Supervisor,
-        inits: &[Option<InitSeen>],
-        base: Timebase,
-        duration: Nanos,
-        host_ports: Vec<host_ports::Account>,
-        process: report::Process,
-    ) -> Report {
-        let partitions = supervisor.accounts.iter().zip(inits).zip(self.file.partitions());
-        let describe = |((account, init), partition): ((&Account, &Option<InitSeen>), _)| {
-            self.describe(account, partition, duration, &supervisor.accounts, init.as_ref(), base)
-        };
-        let status = self.board.status(duration);
-        let schedule = |id: ScheduleId| self.file.schedule_names()[id.0].clone();
-        Report {
-            schema_version: report::SCHEMA_VERSION,
-            lane: self.options.lane.clone(),
-            host: self.host.clone(),
-            system: self.file.name().to_owned(),
-            epoch_tsc: base.epoch.0,
-            duration_ns: duration.0,
-            kick: !self.options.without_kick,
-            schedule: report::Schedule {
-                current: schedule(status.current),
-                next: schedule(status.next),
-                last_switch_ns: status.last_switch.map(|at| at.0),
-            },
-            partitions: partitions.map(describe).collect(),
-            host_ports,
-            process,
-        }
-    }
-
-    fn describe(
-        &self,
-        account: &Account,
-        partition: &Partition,
-        duration: Nanos,
-        all: &[Account],
-        init: Option<&InitSeen>,
-        base: Timebase,
-    ) -> report::Partition {
-        let finished = account.finished;
-        let unrecorded = finished.map_or(0, |f| f.unrecorded);
-        let schedules = self.file.schedules();
-        let cpu_time = finished.map_or(Nanos::ZERO, |f| f.cpu_time);
-        let donation =
-            (schedules.placements()[partition.id().0].role == Role::Background).then(|| {
-                let neighbours = self.file.partitions().iter().zip(all);
-                let occupied = neighbours
-                    .filter(|(p, _)| p.cpu() == partition.cpu())
-                    .fold(Nanos::ZERO, |sum, (_, account)| sum.plus(account.occupied));
-                report::Donation {
-                    offered_ns: duration.less(occupied).0,
-                    received_ns: cpu_time.0,
-                    minimum_share: schedules.guaranteed(partition.id()).0 as f64
-                        / schedules.frame().0 as f64,
-                }
-            });
-        report::Partition {
-            name: account.name.clone(),
-            kind: match partition.kind() {
-                Kind::Plc { .. } => "plc",
-                Kind::Linux { .. } => "linux",
-            },
-            end: account.end().unwrap_or("its thread died".to_owned()),
-            failed: account.ended_run || finished.is_none_or(|f| f.end.is_failure()),
-            restarts: account.restarts,
-            cpu_share: cpu_time.0 as f64 / duration.0.max(1) as f64,
-            events: account.health.report(),
-            illegal_accesses: account.health.count(Fault::IllegalRequest),
-            console_dropped: account.output.dropped(),
-            releases: account.releases.as_ref().map(|r| r.report(unrecorded)),
-            donation,
-            boot_to_init_ns: init.map(|i| i.instant().map(|at| base.offset(at).0)),
-        }
-    }
-}
-
-/// Starts a thread that panics, as any other might, behind doors as narrow as any.
-fn panic_after(time: Duration, mode: sandbox::Mode) -> Result<(), RunError> {
-    const NAME: &str = "panic";
-    let (report, reported) = channel();
-    let body = move || {
-        let entered = sandbox::enter(sandbox::Kind::Kicker, mode, NAME, &[]);
-        let failed = entered.is_err();
-        if report.send(entered.map(drop)).is_ok() && !failed {
-            thread::sleep(time);
-            panic!("asked for, as a test");
-        }
-    };
-    let host = |source| RunError::Host { what: "start a thread that panics", source };
-    thread::Builder::new().name(NAME.to_owned()).spawn(body).map_err(host)?;
-    reported.recv().map_err(|_| host(io::Error::other("it has died")))??;
-    Ok(())
 }
 
 fn nanos(time: Duration) -> u64 {
@@ -513,35 +354,4 @@ fn given_back(
     let cgroups = domains.root().map(Allowed::WriteAndRemoveFolders);
     let devices = devices.folders().into_iter().map(Allowed::GiveBack);
     [figures].into_iter().chain(sockets).chain(cgroups).chain(devices).collect()
-}
-
-/// A file of results, opened while files can be.
-struct Output {
-    what: &'static str,
-    path: PathBuf,
-    file: fs::File,
-}
-
-impl Output {
-    /// Opens it; what it has stays there until it is written.
-    fn create(what: &'static str, path: &Path) -> Result<Self, RunError> {
-        let failed = |source| RunError::Output { what, path: path.to_owned(), source };
-        let mut options = fs::File::options();
-        let file = options.write(true).create(true).truncate(false).open(path).map_err(failed)?;
-        Ok(Self { what, path: path.to_owned(), file })
-    }
-
-    fn write(self, json: serde_json::Result<String>) -> Result<(), RunError> {
-        let Self { what, path, mut file } = self;
-        let failed = |source| RunError::Output { what, path, source };
-        let write = || {
-            let mut json = json?;
-            json.push('\n');
-            if file.metadata()?.is_file() {
-                file.set_len(0)?;
-            }
-            file.write_all(json.as_bytes())
-        };
-        write().map_err(failed)
-    }
 }

@@ -1,0 +1,95 @@
+//! From what a run has left to its report.
+
+use takt_scheduler::schedules::ScheduleId;
+use takt_scheduler::table::Role;
+use takt_scheduler::time::{Nanos, Timebase};
+
+use super::Run;
+use crate::account::Account;
+use crate::config::{Kind, Partition};
+use crate::health::Fault;
+use crate::host_ports;
+use crate::init_watch::InitSeen;
+use crate::report::{self, Report};
+use crate::supervisor::Supervisor;
+
+impl Run<'_> {
+    pub(super) fn report(
+        &self,
+        supervisor: &Supervisor,
+        inits: &[Option<InitSeen>],
+        base: Timebase,
+        duration: Nanos,
+        host_ports: Vec<host_ports::Account>,
+        process: report::Process,
+    ) -> Report {
+        let partitions = supervisor.accounts.iter().zip(inits).zip(self.file.partitions());
+        let describe = |((account, init), partition): ((&Account, &Option<InitSeen>), _)| {
+            self.describe(account, partition, duration, &supervisor.accounts, init.as_ref(), base)
+        };
+        let status = self.board.status(duration);
+        let schedule = |id: ScheduleId| self.file.schedule_names()[id.0].clone();
+        Report {
+            schema_version: report::SCHEMA_VERSION,
+            lane: self.options.lane.clone(),
+            host: self.host.clone(),
+            system: self.file.name().to_owned(),
+            epoch_tsc: base.epoch.0,
+            duration_ns: duration.0,
+            kick: !self.options.without_kick,
+            schedule: report::Schedule {
+                current: schedule(status.current),
+                next: schedule(status.next),
+                last_switch_ns: status.last_switch.map(|at| at.0),
+            },
+            partitions: partitions.map(describe).collect(),
+            host_ports,
+            process,
+        }
+    }
+
+    fn describe(
+        &self,
+        account: &Account,
+        partition: &Partition,
+        duration: Nanos,
+        all: &[Account],
+        init: Option<&InitSeen>,
+        base: Timebase,
+    ) -> report::Partition {
+        let finished = account.finished;
+        let unrecorded = finished.map_or(0, |f| f.unrecorded);
+        let schedules = self.file.schedules();
+        let cpu_time = finished.map_or(Nanos::ZERO, |f| f.cpu_time);
+        let donation =
+            (schedules.placements()[partition.id().0].role == Role::Background).then(|| {
+                let neighbours = self.file.partitions().iter().zip(all);
+                let occupied = neighbours
+                    .filter(|(p, _)| p.cpu() == partition.cpu())
+                    .fold(Nanos::ZERO, |sum, (_, account)| sum.plus(account.occupied));
+                report::Donation {
+                    offered_ns: duration.less(occupied).0,
+                    received_ns: cpu_time.0,
+                    minimum_share: schedules.guaranteed(partition.id()).0 as f64
+                        / schedules.frame().0 as f64,
+                }
+            });
+        report::Partition {
+            name: account.name.clone(),
+            kind: match partition.kind() {
+                Kind::Plc { .. } => "plc",
+                Kind::Linux { .. } => "linux",
+            },
+            end: account.end().unwrap_or("its thread died".to_owned()),
+            failed: account.ended_run || finished.is_none_or(|f| f.end.is_failure()),
+            restarts: account.restarts,
+            cpu_share: cpu_time.0 as f64 / duration.0.max(1) as f64,
+            events: account.health.report(),
+            illegal_accesses: account.health.count(Fault::IllegalRequest),
+            console_dropped: account.output.dropped(),
+            releases: account.releases.as_ref().map(|r| r.report(unrecorded)),
+            donation,
+            boot_to_init_ns: init.map(|i| i.instant().map(|at| base.offset(at).0)),
+        }
+    }
+}
