@@ -32,6 +32,9 @@ const TIMEOUT_S: &str = "900";
 /// 5 us have been seen.
 const INTERRUPT_NS: u64 = 10_000;
 
+/// Starts that are no later than this are not among the late ones of a report.
+const UNTOLD_NS: u64 = 100;
+
 /// What a run left behind.
 #[derive(Debug)]
 pub struct Outcome {
@@ -100,7 +103,11 @@ impl Outcome {
         let late = self.partition(partition)["late_starts"].as_array();
         let causes: Vec<&Value> = late.into_iter().flatten().map(|start| &start["cause"]).collect();
         let explained = causes.iter().all(|cause| **cause == "host_interrupt");
-        assert!(explained && (latest <= 10 || !causes.is_empty()), "{partition}: {causes:?}");
+        // Of an interrupt that ended just behind a release, the report tells no cause.
+        assert!(
+            explained && (latest <= UNTOLD_NS || !causes.is_empty()),
+            "{partition}: {causes:?}"
+        );
     }
 
     /// Fails unless a PLC kept every release, and there were at least so many.

@@ -53,9 +53,10 @@ use crate::vcpu::thread::Running;
 use crate::vcpu::{Control, kick};
 
 /// From the moment that all threads are ready to the epoch: time to open the accounts of this many
-/// partitions, and for all threads to fall asleep. One that is late begins with its next window.
+/// partitions, to shut the last door, and for all threads to fall asleep. One that is late begins with
+/// its next window.
 const fn start_delay(partitions: usize) -> Nanos {
-    Nanos::from_micros(1_500 + 500 * partitions as u64)
+    Nanos::from_micros(3_000 + 500 * partitions as u64)
 }
 
 /// Runs all partitions of `file` until the run is over.
@@ -241,6 +242,29 @@ impl Run<'_> {
             supervisor.watchdog = Some(watchdog.map_err(RunError::Watchdog)?);
         }
         supervisor.interrupts = self.interrupts.take();
+        if let Some(thread) = &self.options.provoke {
+            provoke(thread, &supervisor.accounts, &kickers)?;
+        }
+        self.steps.pass()?;
+        // Nothing of the host is opened any more, and no guest has run yet.
+        let doors = (sandbox::Kind::Main, self.options.seccomp);
+        if !sandbox::enter(doors.0, doors.1, "main", &self.given_back)? {
+            supervisor.screen.line("takt", "this kernel has no Landlock: files stay within reach");
+        }
+        self.steps.pass()?;
+        // Kickers first: no window may begin whose end nobody has been told of.
+        let mut running: Vec<Running<()>> = Vec::new();
+        for Kicker { control, thread } in kickers {
+            controls.push(control);
+            running.push(thread.start(base));
+        }
+        running.extend(threads.into_iter().map(|thread| thread.start(base)));
+        let mut bells = Vec::new();
+        for DiskThread { control, bell, thread } in disks {
+            controls.push(control);
+            bells.push(bell);
+            running.push(thread.start(base));
+        }
         let names: Vec<&str> = self.file.partitions().iter().map(Partition::name).collect();
         supervisor.screen.line(
             "takt",
@@ -253,29 +277,6 @@ impl Run<'_> {
         if let Some(release) = self.options.late_wake_up {
             let text = format!("TEST: the wake-up for release {release} comes late");
             supervisor.screen.line("takt", &text);
-        }
-
-        if let Some(thread) = &self.options.provoke {
-            provoke(thread, &supervisor.accounts, &kickers)?;
-        }
-        self.steps.pass()?;
-        // Nothing of the host is opened any more, and no guest has run yet.
-        let doors = (sandbox::Kind::Main, self.options.seccomp);
-        if !sandbox::enter(doors.0, doors.1, "main", &self.given_back)? {
-            supervisor.screen.line("takt", "this kernel has no Landlock: files stay within reach");
-        }
-        self.steps.pass()?;
-        let mut running: Vec<Running<()>> =
-            threads.into_iter().map(|thread| thread.start(base)).collect();
-        for Kicker { control, thread } in kickers {
-            controls.push(control);
-            running.push(thread.start(base));
-        }
-        let mut bells = Vec::new();
-        for DiskThread { control, bell, thread } in disks {
-            controls.push(control);
-            bells.push(bell);
-            running.push(thread.start(base));
         }
         let start = Footprint::now();
         let supervised = supervisor.supervise(self.options.duration);
