@@ -54,9 +54,9 @@ use crate::vcpu::{Control, kick};
 
 /// From the moment that all threads are ready to the epoch: time to open the accounts of this many
 /// partitions, to shut the last door, and for all threads to fall asleep. One that is late begins with
-/// its next window.
+/// its next window; a kicker that is late lets windows go on, so there is time to spare.
 const fn start_delay(partitions: usize) -> Nanos {
-    Nanos::from_micros(3_000 + 500 * partitions as u64)
+    Nanos::from_millis(8 + partitions as u64)
 }
 
 /// Runs all partitions of `file` until the run is over.
