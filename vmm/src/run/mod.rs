@@ -56,7 +56,7 @@ use crate::vcpu::{Control, kick};
 /// partitions, to shut the last door, and for all threads to fall asleep. One that is late begins with
 /// its next window; a kicker that is late lets windows go on, so there is time to spare.
 const fn start_delay(partitions: usize) -> Nanos {
-    Nanos::from_millis(8 + partitions as u64)
+    Nanos::from_millis(20 + partitions as u64)
 }
 
 /// Runs all partitions of `file` until the run is over.
