@@ -279,7 +279,9 @@ impl Run<'_> {
             supervisor.screen.line("takt", &text);
         }
         let start = Footprint::now();
-        let supervised = supervisor.supervise(self.options.duration);
+        // The time that was asked for is that of the schedule.
+        let ahead = Duration::from_nanos(self.frequency.nanos(epoch.since(Tsc::now())).0);
+        let supervised = supervisor.supervise(self.options.duration.map(|time| time + ahead));
         let process = report::Process { start, end: Footprint::now(), starting };
         let duration = self.frequency.nanos(Tsc::now().since(epoch));
         self.closing.store(true, Ordering::Relaxed);
