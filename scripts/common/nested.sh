@@ -88,7 +88,7 @@ machine_options() {
     # Without constant_tsc, which QEMU's own CPU does not offer, kvm-amd refuses a PREEMPT_RT
     # kernel. Linux takes it for granted on a machine that looks like VMware's.
     local emulated=(-machine "q35,vmport=on" -smbios "type=1,serial=VMware-42"
-        -cpu "max,-hypervisor")
+        -cpu "max,-hypervisor,-erms,-fsrm")
     case $lane in
     nested)
         options=(-accel kvm -machine q35 -cpu host -smp "$cpus")
