@@ -33,7 +33,7 @@ const TIMEOUT_S: &str = "900";
 const INTERRUPT_NS: u64 = 10_000;
 
 /// Starts that are no later than this are not among the late ones of a report.
-const UNTOLD_NS: u64 = 100;
+const UNTOLD_NS: u64 = 10;
 
 /// What a run left behind.
 #[derive(Debug)]
@@ -103,7 +103,6 @@ impl Outcome {
         let late = self.partition(partition)["late_starts"].as_array();
         let causes: Vec<&Value> = late.into_iter().flatten().map(|start| &start["cause"]).collect();
         let explained = causes.iter().all(|cause| **cause == "host_interrupt");
-        // Of an interrupt that ended just behind a release, the report tells no cause.
         assert!(
             explained && (latest <= UNTOLD_NS || !causes.is_empty()),
             "{partition}: {causes:?}"

@@ -302,7 +302,8 @@ impl Partition {
                 describe_summary(text, "kick", r.kick_ns);
                 describe_summary(text, "ran past its end", r.overrun_ns);
             }
-            for start in &r.late_starts {
+            // What would read "0.0 us" is for those who read the JSON.
+            for start in r.late_starts.iter().filter(|start| start.latency_ns >= 100) {
                 let us = start.latency_ns as f64 / 1e3;
                 let _ = writeln!(
                     text,

@@ -59,7 +59,8 @@ fn describe(text: &mut String, measurement: &Measurement, partition: &Partition)
         percentiles(text, &latencies);
         histogram(text, &latencies);
     }
-    for start in &r.late_starts {
+    // What would read "0.0 us" is on the page.
+    for start in r.late_starts.iter().filter(|start| start.latency_ns >= 100) {
         let us = start.latency_ns as f64 / 1e3;
         let words = cause::words(&start.parts);
         let _ = writeln!(text, "  release {} was {us:.1} us late: {words}", start.release);
