@@ -43,7 +43,15 @@ struct SchedAttr {
     period: u64,
 }
 
-/// Makes the calling thread a SCHED_DEADLINE thread.
+/// Makes the calling thread a SCHED_DEADLINE thread; see [`make_deadline`].
+///
+/// # Errors
+/// See there.
+pub fn become_deadline(reservation: Reservation) -> io::Result<()> {
+    make_deadline(0, reservation)
+}
+
+/// Makes a thread a SCHED_DEADLINE thread, by the kernel's id of it; 0 is the calling one.
 ///
 /// Children do not inherit the class (`SCHED_FLAG_RESET_ON_FORK`): without that flag the kernel
 /// refuses every fork of the thread, also the ones that KVM makes on its behalf.
@@ -51,8 +59,8 @@ struct SchedAttr {
 /// # Errors
 /// `EPERM` without the privilege, or where the thread is pinned to fewer CPUs than its root
 /// domain has; `EBUSY` if the CPU's admitted bandwidth is used up; `EINVAL` if the parameters
-/// are outside the kernel's bounds (`sched_deadline_period_{min,max}_us`).
-pub fn become_deadline(reservation: Reservation) -> io::Result<()> {
+/// are outside the kernel's bounds (`sched_deadline_period_{min,max}_us`); `ESRCH` without the thread.
+pub fn make_deadline(thread: i32, reservation: Reservation) -> io::Result<()> {
     const SCHED_DEADLINE: u32 = 6;
     const SCHED_FLAG_RESET_ON_FORK: u64 = 1;
     let attr = SchedAttr {
@@ -65,8 +73,8 @@ pub fn become_deadline(reservation: Reservation) -> io::Result<()> {
         deadline: reservation.period.0,
         period: reservation.period.0,
     };
-    // SAFETY: the kernel reads `size` bytes of the live structure; pid 0 is the calling thread.
-    let result = unsafe { libc::syscall(libc::SYS_sched_setattr, 0, &raw const attr, 0) };
+    // SAFETY: the kernel reads `size` bytes of the live structure.
+    let result = unsafe { libc::syscall(libc::SYS_sched_setattr, thread, &raw const attr, 0) };
     if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 

@@ -38,7 +38,6 @@ mod events;
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
 use std::sync::Arc;
 
 use serde::{Serialize, Serializer};
@@ -122,24 +121,10 @@ impl Serialize for Hex {
     }
 }
 
-impl Trace {
-    /// Begins the file `path`, over what it was. Partitions are given with the CPU of each, by
-    /// [`PartitionId`]; schedules by [`ScheduleId`].
-    ///
-    /// # Errors
-    /// If the file cannot be made.
-    pub fn create(
-        path: &Path,
-        base: Timebase,
-        partitions: &[(&str, Cpu)],
-        schedules: &[&str],
-    ) -> io::Result<Trace> {
-        Ok(Trace::new(BufWriter::new(File::create(path)?), base, partitions, schedules))
-    }
-}
-
 impl<W: Write> Trace<W> {
-    fn new(out: W, base: Timebase, partitions: &[(&str, Cpu)], schedules: &[&str]) -> Self {
+    /// Begins a trace of a whole run. Partitions are given with the CPU of each, by [`PartitionId`];
+    /// schedules by [`ScheduleId`].
+    pub fn new(out: W, base: Timebase, partitions: &[(&str, Cpu)], schedules: &[&str]) -> Self {
         Self::since(out, base, partitions, schedules, Tsc(0), ScheduleId(0))
     }
 

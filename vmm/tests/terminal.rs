@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::mpsc::channel;
 
 use takt::schedule_desk::ScheduleDesk;
-use takt::supervisor::{Endings, Supervisor, take_signals};
+use takt::supervisor::{Endings, Sources, Supervisor, take_signals};
 use takt::terminal::{self, Screen};
 use takt_scheduler::switch::SwitchBoard;
 use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
@@ -63,7 +63,8 @@ fn a_signal_and_the_escape_end_a_run_and_the_terminal_is_put_back() {
         let board = Arc::new(SwitchBoard::new(Nanos::from_millis(1), 1));
         let desk = ScheduleDesk::new(board, &["only".to_owned()], base);
         let endings = Endings { bell, ends };
-        Supervisor::new(Vec::new(), desk, None, screen, None, signals, endings).unwrap()
+        let sources = Sources::new(signals, endings).unwrap();
+        Supervisor::new(Vec::new(), desk, None, screen, None, sources)
     };
     // With neither a duration nor a partition, only the signal can end this.
     let waiting = supervisor();

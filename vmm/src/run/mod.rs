@@ -8,9 +8,10 @@ mod disturbances;
 mod options;
 mod output;
 mod result;
+mod start;
 
 use std::fs;
-use std::io;
+use std::io::{self};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,46 +19,33 @@ use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use takt_scheduler::switch::SwitchBoard;
-use takt_scheduler::table::Cpu;
-use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
+use takt_scheduler::time::{Nanos, Tsc, TscFrequency};
 
-use disturbances::{Steps, panic_after, provoke};
+use disturbances::{Steps, panic_after};
 pub use options::Options;
 use output::Output;
+use start::Started;
 
 use crate::account::Account;
 use crate::appliance::{self, hurry::Hurry};
 use crate::channels::Channels;
-use crate::config::{HostPort, Partition, PartitionFile};
+use crate::config::{HostPort, PartitionFile};
 use crate::control::Operators;
 use crate::cpuset::Domains;
-use crate::disk::DiskThread;
 use crate::footprint::Footprint;
 use crate::host_ports::HostPorts;
-use crate::host_watchdog::HostWatchdog;
-use crate::init_watch::Console;
 use crate::interrupts::Interrupts;
 use crate::machine::{self, MachineError};
 use crate::passthrough::{Devices, last_work};
-use crate::prepare::{Finish, Kicker, Preparation, Prepared, clone, eventfd};
+use crate::prepare::{Finish, Preparation, clone, eventfd};
 use crate::report::{self, Host, Report};
 use crate::run_error::RunError;
 use crate::samples::{self, Samples};
 use crate::sandbox::{self, Allowed};
-use crate::schedule_desk::ScheduleDesk;
-use crate::supervisor::{Endings, Supervisor, take_signals};
+use crate::supervisor::{Endings, Sources, Supervisor, take_signals};
 use crate::terminal::{self, Screen};
-use crate::trace::Trace;
 use crate::unix_socket::{Listener, SocketKind};
-use crate::vcpu::thread::Running;
 use crate::vcpu::{Control, kick};
-
-/// From the moment that all threads are ready to the epoch: time to open the accounts of this many
-/// partitions, to shut the last door, and for all threads to fall asleep. One that is late begins with
-/// its next window; a kicker that is late lets windows go on, so there is time to spare.
-const fn start_delay(partitions: usize) -> Nanos {
-    Nanos::from_millis(20 + partitions as u64)
-}
 
 /// Runs all partitions of `file` until the run is over.
 ///
@@ -137,6 +125,8 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     };
     let report_file = output("report", &options.report)?;
     let samples_file = output("samples", &options.samples)?;
+    let trace_file = options.trace.as_deref().map(create_trace).transpose()?;
+    let sources = Sources::new(signals, Endings { bell, ends })?;
     steps.pass()?;
     let raw = terminal::make_raw()
         .map_err(|source| RunError::Host { what: "put the terminal into raw mode", source })?;
@@ -154,6 +144,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         operators,
         interrupts,
         samples_file,
+        trace_file,
         given_back,
         host,
         steps,
@@ -165,7 +156,9 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         panic_after(after, options.seccomp)?;
     }
     drop(hurry);
-    let result = run.start(prepared, kickers, console, screen, signals, Endings { bell, ends });
+    let result = run
+        .start(prepared, kickers, console, screen, sources)
+        .and_then(|started| run.last(started));
     drop(guard);
     terminal::restore();
     let report = result?;
@@ -192,6 +185,8 @@ struct Run<'a> {
     interrupts: Option<Interrupts>,
     /// Where samples go, until they do.
     samples_file: Option<Output>,
+    /// Where the trace goes, until it does.
+    trace_file: Option<fs::File>,
     /// What of the file system is needed to the end.
     given_back: Vec<Allowed>,
     /// The machine, for the report.
@@ -200,90 +195,18 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    fn start(
-        &mut self,
-        prepared: Vec<Prepared>,
-        kickers: Vec<Kicker>,
-        console: Option<Console>,
-        screen: Screen<io::Stdout>,
-        signals: fs::File,
-        endings: Endings,
-    ) -> Result<Report, RunError> {
-        let delay = start_delay(prepared.len());
-        let epoch = Tsc::now().after(self.frequency.ticks(delay));
-        let base = Timebase { epoch, frequency: self.frequency };
-        let starting = report::Starting {
-            first_release_ns: self.options.began.map(|began| nanos(began.elapsed()) + delay.0),
-            clearing_ns: nanos(self.clearing),
-        };
-        let trace =
-            self.options.trace.as_ref().map(|path| self.create_trace(path, base)).transpose()?;
-        let desk = ScheduleDesk::new(self.board.clone(), self.file.schedule_names(), base);
-        let (mut accounts, mut threads, mut inits) = (Vec::new(), Vec::new(), Vec::new());
-        let mut disks = Vec::new();
-        for Prepared { mut account, thread, init, disks: own } in prepared {
-            disks.extend(own);
-            account.start(base, self.options.samples.is_some());
-            accounts.push(account);
-            threads.push(thread);
-            inits.push(init);
-        }
-        let mut controls: Vec<Arc<Control>> = accounts.iter().map(|a| a.control.clone()).collect();
-        let mut supervisor =
-            Supervisor::new(accounts, desk, trace, screen, console, signals, endings)?;
-        supervisor.host_ports = self.host_ports.take();
-        supervisor.operators = self.operators.take();
-        if let Some(time) = self.file.watchdog() {
-            let windowed = supervisor.accounts.iter().filter(|account| account.records.is_some());
-            let threads = windowed.map(|account| account.control.clone());
-            let threads = threads.chain(kickers.iter().map(|kicker| kicker.control.clone()));
-            let frame = self.file.schedules().frame();
-            let watchdog = HostWatchdog::start(time, frame, threads.collect());
-            supervisor.watchdog = Some(watchdog.map_err(RunError::Watchdog)?);
-        }
-        supervisor.interrupts = self.interrupts.take();
-        if let Some(thread) = &self.options.provoke {
-            provoke(thread, &supervisor.accounts, &kickers)?;
-        }
-        self.steps.pass()?;
-        // Nothing of the host is opened any more, and no guest has run yet.
-        let doors = (sandbox::Kind::Main, self.options.seccomp);
-        if !sandbox::enter(doors.0, doors.1, "main", &self.given_back)? {
-            supervisor.screen.line("takt", "this kernel has no Landlock: files stay within reach");
-        }
-        self.steps.pass()?;
-        // Kickers first: no window may begin whose end nobody has been told of.
-        let mut running: Vec<Running<()>> = Vec::new();
-        for Kicker { control, thread } in kickers {
-            controls.push(control);
-            running.push(thread.start(base));
-        }
-        running.extend(threads.into_iter().map(|thread| thread.start(base)));
-        let mut bells = Vec::new();
-        for DiskThread { control, bell, thread } in disks {
-            controls.push(control);
-            bells.push(bell);
-            running.push(thread.start(base));
-        }
-        let names: Vec<&str> = self.file.partitions().iter().map(Partition::name).collect();
-        supervisor.screen.line(
-            "takt",
-            &format!("{}: starting {}; Ctrl-] q ends the run", self.file.name(), names.join(", ")),
-        );
-        supervisor.screen.line("takt", &starting.to_string());
-        if self.options.without_kick {
-            supervisor.screen.line("takt", "TEST: windows are not ended by kicks");
-        }
-        if let Some(release) = self.options.late_wake_up {
-            let text = format!("TEST: the wake-up for release {release} comes late");
-            supervisor.screen.line("takt", &text);
-        }
+    /// Looks after the run until it is over.
+    fn last(&mut self, started: Started) -> Result<Report, RunError> {
+        let Started { supervisor, running, controls, bells, inits, base, starting } = started;
         let start = Footprint::now();
         // The time that was asked for is that of the schedule.
-        let ahead = Duration::from_nanos(self.frequency.nanos(epoch.since(Tsc::now())).0);
-        let supervised = supervisor.supervise(self.options.duration.map(|time| time + ahead));
+        let left = self.options.duration.map(|time| {
+            let end = base.instant(Nanos(nanos(time)));
+            Duration::from_nanos(self.frequency.nanos(end.since(Tsc::now())).0)
+        });
+        let supervised = supervisor.supervise(left);
         let process = report::Process { start, end: Footprint::now(), starting };
-        let duration = self.frequency.nanos(Tsc::now().since(epoch));
+        let duration = base.offset(Tsc::now());
         self.closing.store(true, Ordering::Relaxed);
         Control::stop_all(&controls);
         for bell in bells {
@@ -312,17 +235,15 @@ impl Run<'_> {
         let host_ports = supervisor.host_ports.as_mut().map_or_else(Vec::new, HostPorts::accounts);
         Ok(self.report(&supervisor, &inits, base, duration, host_ports, process))
     }
+}
 
-    fn create_trace(&self, path: &Path, base: Timebase) -> Result<Trace, RunError> {
-        let partitions: Vec<(&str, Cpu)> =
-            self.file.partitions().iter().map(|p| (p.name(), p.cpu())).collect();
-        let schedules: Vec<&str> = self.file.schedule_names().iter().map(String::as_str).collect();
-        Trace::create(path, base, &partitions, &schedules).map_err(|source| RunError::Output {
-            what: "trace",
-            path: path.to_owned(),
-            source,
-        })
-    }
+/// The trace's file; what it was is gone.
+fn create_trace(path: &Path) -> Result<fs::File, RunError> {
+    fs::File::create(path).map_err(|source| RunError::Output {
+        what: "trace",
+        path: path.to_owned(),
+        source,
+    })
 }
 
 fn nanos(time: Duration) -> u64 {

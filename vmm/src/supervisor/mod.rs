@@ -49,6 +49,28 @@ pub struct Endings {
     pub ends: Receiver<(PartitionId, Finished)>,
 }
 
+/// What wakes the event thread besides people and devices.
+pub struct Sources {
+    signals: File,
+    endings: Endings,
+    tick: TimerFd,
+    deadline: TimerFd,
+}
+
+impl Sources {
+    /// Opens what is not open yet.
+    ///
+    /// # Errors
+    /// If the host gives no timers.
+    pub fn new(signals: File, endings: Endings) -> Result<Self, SupervisorError> {
+        let timer = || {
+            TimerFd::new()
+                .map_err(|e| cannot("make a timer")(io::Error::from_raw_os_error(e.errno())))
+        };
+        Ok(Self { signals, endings, tick: timer()?, deadline: timer()? })
+    }
+}
+
 /// The state of the event thread.
 pub struct Supervisor {
     /// All partitions, by [`PartitionId`].
@@ -71,32 +93,22 @@ pub struct Supervisor {
     console: Option<Console>,
     /// Typed bytes that the guest has not taken yet.
     typed: Vec<u8>,
-    signals: File,
-    tick: TimerFd,
-    deadline: TimerFd,
-    endings: Endings,
+    sources: Sources,
     running: bool,
 }
 
 impl Supervisor {
     /// A supervisor of these partitions.
-    ///
-    /// # Errors
-    /// If the host gives no timers.
+    #[must_use]
     pub fn new(
         accounts: Vec<Account>,
         desk: ScheduleDesk,
         trace: Option<Trace>,
         screen: Screen<Stdout>,
         console: Option<Console>,
-        signals: File,
-        endings: Endings,
-    ) -> Result<Self, SupervisorError> {
-        let timer = || {
-            TimerFd::new()
-                .map_err(|e| cannot("make a timer")(io::Error::from_raw_os_error(e.errno())))
-        };
-        Ok(Self {
+        sources: Sources,
+    ) -> Self {
+        Self {
             accounts,
             screen,
             trace,
@@ -109,12 +121,9 @@ impl Supervisor {
             stdin: io::stdin(),
             console,
             typed: Vec::new(),
-            signals,
-            tick: timer()?,
-            deadline: timer()?,
-            endings,
+            sources,
             running: true,
-        })
+        }
     }
 
     /// Looks after the run until it has lasted `duration` (if given), the user ends it, or no
@@ -129,9 +138,9 @@ impl Supervisor {
                 .map_err(|e| cannot("arm a timer")(io::Error::from_raw_os_error(e.errno())))
         };
         let mut this = self;
-        arm(&mut this.tick, TICK, Some(TICK))?;
+        arm(&mut this.sources.tick, TICK, Some(TICK))?;
         if let Some(duration) = duration {
-            arm(&mut this.deadline, duration.max(Duration::from_nanos(1)), None)?;
+            arm(&mut this.sources.deadline, duration.max(Duration::from_nanos(1)), None)?;
         }
         let mut events = EventManager::new().map_err(SupervisorError::Events)?;
         let id = events.add_subscriber(this);
@@ -193,7 +202,7 @@ impl Supervisor {
 
     /// Takes note of the partitions whose threads have ended.
     pub fn note_endings(&mut self) {
-        while let Ok((id, finished)) = self.endings.ends.try_recv() {
+        while let Ok((id, finished)) = self.sources.endings.ends.try_recv() {
             // What it said last comes before the news of its end.
             self.drain();
             let start = self.judge(id, &finished);
@@ -355,10 +364,10 @@ const STDIN: RawFd = libc::STDIN_FILENO;
 impl MutEventSubscriber for Supervisor {
     fn init(&mut self, ops: &mut EventOps) {
         let fds = [
-            self.signals.as_raw_fd(),
-            self.tick.as_raw_fd(),
-            self.deadline.as_raw_fd(),
-            self.endings.bell.as_raw_fd(),
+            self.sources.signals.as_raw_fd(),
+            self.sources.tick.as_raw_fd(),
+            self.sources.deadline.as_raw_fd(),
+            self.sources.endings.bell.as_raw_fd(),
         ];
         let host_ports = self.host_ports.as_ref().map(AsRawFd::as_raw_fd);
         let interrupts = self.interrupts.as_ref().map(AsRawFd::as_raw_fd);
@@ -379,8 +388,8 @@ impl MutEventSubscriber for Supervisor {
             if !self.on_key() {
                 let _ = ops.remove(Events::empty_raw(STDIN));
             }
-        } else if fd == self.tick.as_raw_fd() {
-            let _ = self.tick.wait();
+        } else if fd == self.sources.tick.as_raw_fd() {
+            let _ = self.sources.tick.wait();
             self.drain();
             if let Some(watchdog) = &mut self.watchdog {
                 watchdog.serve(self.desk.now());
@@ -395,14 +404,14 @@ impl MutEventSubscriber for Supervisor {
             self.serve_host_ports(HostPorts::on_ready);
         } else if self.interrupts.as_ref().is_some_and(|i| fd == i.as_raw_fd()) {
             self.serve_interrupts(Interrupts::on_ready);
-        } else if fd == self.endings.bell.as_raw_fd() {
-            let _ = self.endings.bell.read();
+        } else if fd == self.sources.endings.bell.as_raw_fd() {
+            let _ = self.sources.endings.bell.read();
             self.note_endings();
             // What an operator has stopped he may start again.
             let goes_on = |a: &Account| a.finished.is_none() || a.orders.stopped();
             self.running &= self.accounts.iter().any(goes_on);
         } else {
-            Self::acknowledge(&mut self.signals);
+            Self::acknowledge(&mut self.sources.signals);
             self.running = false;
         }
     }

@@ -2,6 +2,10 @@
 //!
 //! Each thread does everything that can fail, reports, and then waits for the epoch. If one
 //! fails, the others are let go without ever having entered their guest.
+//!
+//! Its reservation it gets from outside, when it has nothing left to do but wait. Under a budget that
+//! is meant for a kick each millisecond, shutting itself in would take some ten periods, and what it
+//! had used beyond the budget it would still owe at the epoch.
 
 use std::io;
 use std::sync::Arc;
@@ -10,7 +14,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::{Builder, JoinHandle};
 
 use kvm_ioctls::VcpuFd;
-use takt_scheduler::enforce::{become_deadline, pin_to};
+use takt_scheduler::enforce::{make_deadline, pin_to};
 use takt_scheduler::reservation::Reservation;
 use takt_scheduler::table::Cpu;
 use takt_scheduler::time::{Nanos, Timebase};
@@ -232,12 +236,13 @@ fn spawn<P, T: Send + 'static>(
     let (report, reported) = channel();
     let (start, started): (Sender<Timebase>, Receiver<Timebase>) = channel();
     let thread_name = name.to_owned();
+    let (own, thread_place) = (control.clone(), place.clone());
     let run = move || {
-        control.thread.store(kick::this_thread(), Ordering::SeqCst);
+        let place = thread_place;
+        own.thread.store(kick::this_thread(), Ordering::SeqCst);
         let prepared = pin(&thread_name, &place)
             .and_then(|()| allow_ports(&thread_name, &place))
             .and_then(|()| prepare())
-            .and_then(|p| reserve(&thread_name, &place).map(|()| p))
             .and_then(|p| shut_in(&thread_name, &place).map(|()| p));
         match prepared {
             Err(error) => {
@@ -257,7 +262,11 @@ fn spawn<P, T: Send + 'static>(
         .spawn(run)
         .map_err(|source| ThreadError::Spawn { name: name.to_owned(), source })?;
     match reported.recv() {
-        Ok(Ok(())) => Ok(Ready { waiting: Some((start, handle)) }),
+        Ok(Ok(())) => {
+            // Refused, it lets the thread go.
+            let ready = Ready { waiting: Some((start, handle)) };
+            reserve(name, control.thread(), &place).map(|()| ready)
+        }
         Ok(Err(error)) => {
             let _ = handle.join();
             Err(error)
@@ -293,10 +302,9 @@ fn allow_ports(name: &str, place: &Place) -> Result<(), ThreadError> {
     })
 }
 
-/// After what a deadline thread may not do.
-fn reserve(name: &str, place: &Place) -> Result<(), ThreadError> {
+fn reserve(name: &str, thread: i32, place: &Place) -> Result<(), ThreadError> {
     let Some(reservation) = place.reservation else { return Ok(()) };
-    become_deadline(reservation).map_err(|source| ThreadError::Deadline {
+    make_deadline(thread, reservation).map_err(|source| ThreadError::Deadline {
         name: name.to_owned(),
         cpu: place.cpu,
         reservation,

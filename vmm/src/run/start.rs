@@ -1,0 +1,149 @@
+//! From threads that wait to guests that run: the last door, the epoch, and who is told first.
+
+use std::fs;
+use std::io::{self, BufWriter};
+use std::sync::Arc;
+
+use takt_scheduler::table::Cpu;
+use takt_scheduler::time::{Nanos, Timebase, Tsc};
+use vmm_sys_util::eventfd::EventFd;
+
+use super::disturbances::provoke;
+use super::{Run, nanos};
+use crate::account::Account;
+use crate::config::Partition;
+use crate::disk::DiskThread;
+use crate::host_watchdog::HostWatchdog;
+use crate::init_watch::{Console, InitSeen};
+use crate::prepare::{Kicker, Prepared};
+use crate::report;
+use crate::run_error::RunError;
+use crate::sandbox;
+use crate::schedule_desk::ScheduleDesk;
+use crate::supervisor::{Sources, Supervisor};
+use crate::terminal::Screen;
+use crate::trace::Trace;
+use crate::vcpu::Control;
+use crate::vcpu::thread::{Ready, Running};
+
+/// From the moment that all threads wait to the epoch: time to tell this many of them, and for each to
+/// fall asleep until its first window. One that is late begins with its next window; a kicker that is
+/// late lets windows go on, so there is time to spare.
+const fn start_delay(threads: usize) -> Nanos {
+    Nanos::from_micros(2000 + 100 * threads as u64)
+}
+
+/// A run whose threads have been told the epoch.
+pub(super) struct Started {
+    pub supervisor: Supervisor,
+    pub running: Vec<Running<()>>,
+    /// Of all that run.
+    pub controls: Vec<Arc<Control>>,
+    /// To be rung for those that wait for one.
+    pub bells: Vec<EventFd>,
+    pub inits: Vec<Option<InitSeen>>,
+    pub base: Timebase,
+    pub starting: report::Starting,
+}
+
+impl Run<'_> {
+    /// Shuts the last door, chooses the epoch and tells all threads.
+    pub(super) fn start(
+        &mut self,
+        prepared: Vec<Prepared>,
+        kickers: Vec<Kicker>,
+        console: Option<Console>,
+        mut screen: Screen<io::Stdout>,
+        sources: Sources,
+    ) -> Result<Started, RunError> {
+        let (mut accounts, mut inits, mut disks) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut windowed, mut others) = (Vec::new(), Vec::new());
+        for Prepared { account, thread, init, disks: own } in prepared {
+            let kin = if account.records.is_some() { &mut windowed } else { &mut others };
+            kin.push(thread);
+            accounts.push(account);
+            inits.push(init);
+            disks.extend(own);
+        }
+        let watchdog = self.watchdog(&accounts, &kickers)?;
+        if let Some(thread) = &self.options.provoke {
+            provoke(thread, &accounts, &kickers)?;
+        }
+        self.steps.pass()?;
+        // Nothing of the host is opened any more, and no guest has run yet.
+        let doors = (sandbox::Kind::Main, self.options.seccomp);
+        if !sandbox::enter(doors.0, doors.1, "main", &self.given_back)? {
+            screen.line("takt", "this kernel has no Landlock: files stay within reach");
+        }
+        self.steps.pass()?;
+
+        let (kickers, mut controls): (Vec<_>, Vec<_>) =
+            kickers.into_iter().map(|Kicker { control, thread }| (thread, control)).unzip();
+        controls.extend(accounts.iter().map(|account| account.control.clone()));
+        let mut bells = Vec::new();
+        for DiskThread { control, bell, thread } in disks {
+            controls.push(control);
+            bells.push(bell);
+            others.push(thread);
+        }
+        let delay = start_delay(controls.len());
+        let starting = report::Starting {
+            first_release_ns: self.options.began.map(|began| nanos(began.elapsed()) + delay.0),
+            clearing_ns: nanos(self.clearing),
+        };
+        let epoch = Tsc::now().after(self.frequency.ticks(delay));
+        let base = Timebase { epoch, frequency: self.frequency };
+        // No window may begin whose end nobody has been told of, and who has no windows may take the
+        // processor from this thread as soon as he is told.
+        let threads = kickers.into_iter().chain(windowed).chain(others);
+        let running: Vec<_> = threads.map(|thread| Ready::start(thread, base)).collect();
+
+        for account in &mut accounts {
+            account.start(base, self.options.samples.is_some());
+        }
+        let trace = self.trace_file.take().map(|file| self.begin_trace(file, base));
+        let desk = ScheduleDesk::new(self.board.clone(), self.file.schedule_names(), base);
+        let mut supervisor = Supervisor::new(accounts, desk, trace, screen, console, sources);
+        supervisor.host_ports = self.host_ports.take();
+        supervisor.operators = self.operators.take();
+        supervisor.interrupts = self.interrupts.take();
+        supervisor.watchdog = watchdog;
+        self.tell(&mut supervisor.screen, starting);
+        Ok(Started { supervisor, running, controls, bells, inits, base, starting })
+    }
+
+    /// Tells people what begins.
+    fn tell(&self, screen: &mut Screen<io::Stdout>, starting: report::Starting) {
+        let names: Vec<&str> = self.file.partitions().iter().map(Partition::name).collect();
+        let (file, names) = (self.file.name(), names.join(", "));
+        screen.line("takt", &format!("{file}: starting {names}; Ctrl-] q ends the run"));
+        screen.line("takt", &starting.to_string());
+        if self.options.without_kick {
+            screen.line("takt", "TEST: windows are not ended by kicks");
+        }
+        if let Some(release) = self.options.late_wake_up {
+            screen.line("takt", &format!("TEST: the wake-up for release {release} comes late"));
+        }
+    }
+
+    /// The host's watchdog, if the file wants it served.
+    fn watchdog(
+        &self,
+        accounts: &[Account],
+        kickers: &[Kicker],
+    ) -> Result<Option<HostWatchdog>, RunError> {
+        let Some(time) = self.file.watchdog() else { return Ok(None) };
+        let windowed = accounts.iter().filter(|account| account.records.is_some());
+        let threads = windowed.map(|account| account.control.clone());
+        let threads = threads.chain(kickers.iter().map(|kicker| kicker.control.clone()));
+        let frame = self.file.schedules().frame();
+        HostWatchdog::start(time, frame, threads.collect()).map(Some).map_err(RunError::Watchdog)
+    }
+
+    fn begin_trace(&self, file: fs::File, base: Timebase) -> Trace {
+        let partitions: Vec<(&str, Cpu)> =
+            self.file.partitions().iter().map(|p| (p.name(), p.cpu())).collect();
+        let schedules: Vec<&str> = self.file.schedule_names().iter().map(String::as_str).collect();
+        Trace::new(BufWriter::new(file), base, &partitions, &schedules)
+    }
+}
