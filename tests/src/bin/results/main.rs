@@ -83,6 +83,7 @@ fn write(measured: &Measured, root: &Path) -> io::Result<()> {
         ("calls", paid::calls(measured)),
         ("start", paid::start(measured)),
         ("compile", paid::compile(measured)),
+        ("beyond", paid::beyond(measured)),
         ("footprint", footprint::table(measured)),
         ("lines", Some(footprint::lines(root)?)),
         (
