@@ -39,6 +39,24 @@ fn beside_busy_linux(program: &str, guard: &str, place: u64) -> File {
 }
 
 #[test]
+fn two_runs_are_the_same_and_a_plc_alone_starts_within_twenty_milliseconds() {
+    let run = || Run::of("configs/plc-alone.toml").lasting("200ms").run();
+    let outcome = run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_kept_its_time("plc", 199);
+    let starting = &outcome.report["process"]["starting"];
+    let of = |key: &str| starting[key].as_u64().unwrap_or(u64::MAX);
+    // Another 1.3 ms go by until the kernel has loaded Takt, which then takes the time.
+    let besides = of("first_release_ns") - of("clearing_ns");
+    assert!(besides <= 18_500_000, "{besides} ns\n{}", outcome.output);
+    assert_eq!(run().report, outcome.report);
+    if long() {
+        let run = || Run::of("configs/plc-and-linux.toml").lasting("3s").run().report;
+        assert_eq!(run(), run());
+    }
+}
+
+#[test]
 fn a_guarded_release_has_no_jitter_and_linux_gets_what_the_plc_leaves() {
     let duration = if long() { "60s" } else { "11s" };
     let outcome = apart_from_ticks(|at| tenth("20us", at).run("guarded").lasting(duration).run());
