@@ -6,22 +6,19 @@
 //! device's interrupt.
 
 pub mod error;
+mod events;
 mod signals;
+mod sources;
 
-use std::fs::File;
-use std::io::{self, Read, Stdin, Stdout};
-use std::os::fd::{AsRawFd, RawFd};
-use std::sync::mpsc::Receiver;
+use std::io::{self, Stdin, Stdout};
 use std::time::Duration;
 
-use event_manager::{EventManager, EventOps, EventSet, Events, MutEventSubscriber, SubscriberOps};
+use event_manager::{EventManager, SubscriberOps};
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
-use vmm_sys_util::eventfd::EventFd;
 use vmm_sys_util::timerfd::TimerFd;
 
 use crate::account::{Account, Finished};
-use crate::board;
 use crate::boot::{Start, StartMode, StartReason};
 use crate::control::protocol::EventKind;
 use crate::control::{Operators, Outcome};
@@ -32,44 +29,16 @@ use crate::init_watch::Console;
 use crate::interrupts::Interrupts;
 use crate::restart::Restart;
 use crate::schedule_desk::ScheduleDesk;
-use crate::terminal::{Key, Keyboard, Screen};
+use crate::terminal::{Keyboard, Screen};
 use crate::trace::Trace;
 use crate::vcpu::guest::End;
 use error::{SupervisorError, cannot};
 pub use signals::take_signals;
+pub use sources::{Endings, Sources};
 
 /// How often the rings are emptied. At the shortest major frame a ring of window records fills
 /// in a hundred times this.
 const TICK: Duration = Duration::from_millis(20);
-/// How guests' ends become known.
-pub struct Endings {
-    /// Rung for each.
-    pub bell: EventFd,
-    /// Which partition's, and how.
-    pub ends: Receiver<(PartitionId, Finished)>,
-}
-
-/// What wakes the event thread besides people and devices.
-pub struct Sources {
-    signals: File,
-    endings: Endings,
-    tick: TimerFd,
-    deadline: TimerFd,
-}
-
-impl Sources {
-    /// Opens what is not open yet.
-    ///
-    /// # Errors
-    /// If the host gives no timers.
-    pub fn new(signals: File, endings: Endings) -> Result<Self, SupervisorError> {
-        let timer = || {
-            TimerFd::new()
-                .map_err(|e| cannot("make a timer")(io::Error::from_raw_os_error(e.errno())))
-        };
-        Ok(Self { signals, endings, tick: timer()?, deadline: timer()? })
-    }
-}
 
 /// The state of the event thread.
 pub struct Supervisor {
@@ -295,43 +264,6 @@ impl Supervisor {
             tell(&mut self.operators, now, outcome.kind, Some(&name), &outcome.text);
         }
     }
-
-    fn on_key(&mut self) -> bool {
-        // While the guest does not take what was typed, the terminal keeps the rest.
-        let mut buffer = [0; 256];
-        let read = match self.stdin.lock().read(&mut buffer) {
-            Ok(0) | Err(_) => return false,
-            Ok(read) => read,
-        };
-        for key in self.keyboard.take(&buffer[..read]) {
-            match key {
-                Key::Byte(byte) => self.typed.push(byte),
-                Key::Quit => {
-                    self.running = false;
-                    break;
-                }
-                Key::NextSchedule => {
-                    self.screen.line("takt", &self.desk.ask_for_next());
-                }
-            }
-        }
-        self.deliver_typed();
-        true
-    }
-
-    fn deliver_typed(&mut self) {
-        let taken = match &self.console {
-            Some(console) => console.type_bytes(&self.typed),
-            // Nobody listens.
-            None => self.typed.len(),
-        };
-        self.typed.drain(..taken);
-    }
-
-    /// Reads a counter of 8 bytes, or a signal's description, just to be told once.
-    fn acknowledge(file: &mut File) {
-        let _ = file.read(&mut [0; 128]);
-    }
 }
 
 /// The start that a verdict asks for.
@@ -354,65 +286,5 @@ fn tell(
 ) {
     if let Some(operators) = operators {
         operators.tell(at, kind, partition, text);
-    }
-}
-
-/// `Stdin` is buffered by the standard library: only reading through it sees all bytes, and it
-/// reads no more than one descriptor event announces.
-const STDIN: RawFd = libc::STDIN_FILENO;
-
-impl MutEventSubscriber for Supervisor {
-    fn init(&mut self, ops: &mut EventOps) {
-        let fds = [
-            self.sources.signals.as_raw_fd(),
-            self.sources.tick.as_raw_fd(),
-            self.sources.deadline.as_raw_fd(),
-            self.sources.endings.bell.as_raw_fd(),
-        ];
-        let host_ports = self.host_ports.as_ref().map(AsRawFd::as_raw_fd);
-        let interrupts = self.interrupts.as_ref().map(AsRawFd::as_raw_fd);
-        for fd in fds.into_iter().chain(host_ports).chain(interrupts) {
-            if ops.add(Events::new_raw(fd, EventSet::IN)).is_err() {
-                // Without its events the loop would never end.
-                self.running = false;
-            }
-        }
-        // Not every standard input can be waited for: /dev/null and files cannot. Then nobody
-        // types.
-        let _ = ops.add(Events::new_raw(STDIN, EventSet::IN));
-    }
-
-    fn process(&mut self, events: Events, ops: &mut EventOps) {
-        let fd = events.fd();
-        if fd == STDIN {
-            if !self.on_key() {
-                let _ = ops.remove(Events::empty_raw(STDIN));
-            }
-        } else if fd == self.sources.tick.as_raw_fd() {
-            let _ = self.sources.tick.wait();
-            self.drain();
-            if let Some(watchdog) = &mut self.watchdog {
-                watchdog.serve(self.desk.now());
-            }
-            self.accounts.iter().for_each(|a| a.look_for_silence(board::clock()));
-            self.watch_schedule();
-            self.deliver_typed();
-            self.serve_host_ports(HostPorts::on_tick);
-            self.serve_interrupts(Interrupts::on_tick);
-            self.serve_operators();
-        } else if self.host_ports.as_ref().is_some_and(|ports| fd == ports.as_raw_fd()) {
-            self.serve_host_ports(HostPorts::on_ready);
-        } else if self.interrupts.as_ref().is_some_and(|i| fd == i.as_raw_fd()) {
-            self.serve_interrupts(Interrupts::on_ready);
-        } else if fd == self.sources.endings.bell.as_raw_fd() {
-            let _ = self.sources.endings.bell.read();
-            self.note_endings();
-            // What an operator has stopped he may start again.
-            let goes_on = |a: &Account| a.finished.is_none() || a.orders.stopped();
-            self.running &= self.accounts.iter().any(goes_on);
-        } else {
-            Self::acknowledge(&mut self.sources.signals);
-            self.running = false;
-        }
     }
 }

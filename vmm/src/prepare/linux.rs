@@ -1,0 +1,84 @@
+//! A Linux's partition: memory, a board with its devices, and the threads of its disks.
+
+use std::path::Path;
+
+use kvm_ioctls::VcpuFd;
+use takt_devices::output;
+use takt_devices::serial::{IrqLine, SerialPort};
+
+use super::spawn::Processor;
+use super::{Preparation, Prepared, clone, eventfd};
+use crate::board::{self, Board};
+use crate::boot::linux::Image;
+use crate::config::Partition;
+use crate::disk::Drive;
+use crate::init_watch::{InitSeen, InitWatch};
+use crate::machine;
+use crate::memory::GuestMemory;
+use crate::pci::Pci;
+use crate::restart::{LinuxRestart, Restart};
+use crate::run_error::RunError;
+use crate::sandbox;
+use crate::vcpu::thread::Place;
+
+impl Preparation<'_> {
+    pub(super) fn linux(
+        &mut self,
+        partition: &Partition,
+        kernel: &Path,
+        initrd: Option<&Path>,
+        cmdline: &str,
+    ) -> Result<Prepared, RunError> {
+        let unfit = |source| RunError::Linux { partition: partition.name().to_owned(), source };
+        let pci = Pci::new(self.channels.of(partition.id(), partition.kind()))?;
+        let views = pci.as_ref().map(Pci::views).unwrap_or_default();
+        let memory = self.clear(|| GuestMemory::for_linux(partition.memory_bytes(), &views))?;
+        let irq = eventfd()?;
+        let watchdog = partition.watchdog().map(board::timer);
+        let (writer, output) = output::waiting(self.closing.clone());
+        let init = InitSeen::default();
+        let watch = InitWatch::new(writer, init.clone());
+        let console = SerialPort::new(IrqLine(clone(&irq)?), watch);
+        self.console = Some(console.clone());
+        let place = Place {
+            cpu: partition.cpu(),
+            domain: self.domains.entry(partition.cpu()),
+            reservation: None,
+            ports: Vec::new(),
+            doors: (sandbox::Kind::Disk, self.mode),
+        };
+        let (mut drives, mut disks) = (Vec::new(), Vec::new());
+        for (number, disk) in (0..).zip(partition.disks()) {
+            let (drive, thread) = Drive::open(number, disk, &memory, place.clone())?;
+            drives.push(drive);
+            disks.push(thread);
+        }
+        let mut board = Board {
+            partition: partition.name().to_owned(),
+            kvm: machine::open_kvm()?,
+            memory: memory.clone(),
+            kernel: Image::open(kernel).map_err(unfit)?,
+            initrd: initrd.map(Image::open).transpose().map_err(unfit)?,
+            cmdline: cmdline.to_owned(),
+            console,
+            irq,
+            card: pci.map(Pci::into_card),
+            bell: clone(&self.doorbell)?,
+            drives,
+            frequency: self.frequency,
+            watchdog: watchdog.clone(),
+            vm: None,
+        };
+        let (vcpu, guest) = board.start()?;
+        self.frequency = board.frequency;
+        let (restart, revivals) = LinuxRestart::new(board, self.mode)?;
+        let processor = Processor { vcpu, ready: |_: &mut VcpuFd| Ok(()) };
+        let mut prepared = self.spawn(partition, processor, memory, guest, output, revivals)?;
+        prepared.account.restart = Some(Restart::Linux(restart));
+        prepared.account.is_terminal = true;
+        prepared.account.watchdog = watchdog;
+        prepared.init = Some(init);
+        prepared.disks = disks;
+        Ok(prepared)
+    }
+}

@@ -1,0 +1,173 @@
+//! Preparing partitions: everything that can fail, before anything runs.
+//!
+//! A partition that is prepared has its memory, its machine, its image in place, and a thread that
+//! is pinned, has its reservation and waits for the epoch.
+
+mod linux;
+mod plc;
+mod spawn;
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::Sender;
+use std::time::{Duration, Instant};
+
+use kvm_ioctls::Kvm;
+use takt_scheduler::reservation::CpuReservations;
+use takt_scheduler::switch::SwitchBoard;
+use takt_scheduler::table::{Cpu, PartitionId};
+use takt_scheduler::time::{Timebase, TscFrequency};
+use vmm_sys_util::eventfd::{EFD_CLOEXEC, EFD_NONBLOCK, EventFd};
+
+use crate::account::{Account, Finished};
+use crate::channels::Channels;
+use crate::config::{Kind, Partition, PartitionFile};
+use crate::cpuset::Domains;
+use crate::disk::DiskThread;
+use crate::init_watch::{Console, InitSeen};
+use crate::interrupts::Interrupts;
+use crate::passthrough::Devices;
+use crate::run_error::RunError;
+use crate::sandbox::{self, Mode};
+use crate::vcpu::thread::{self, Place, Ready};
+use crate::vcpu::{Control, kicker};
+
+/// A partition that is ready to run.
+pub struct Prepared {
+    /// What the event thread keeps of it.
+    pub account: Account,
+    /// Its thread.
+    pub thread: Ready<()>,
+    /// For Linux.
+    pub init: Option<InitSeen>,
+    /// Those that serve its disks.
+    pub disks: Vec<DiskThread>,
+}
+
+/// A thread that ends windows, ready to run.
+pub struct Kicker {
+    /// For stopping it.
+    pub control: Arc<Control>,
+    /// The thread.
+    pub thread: Ready<()>,
+}
+
+/// What all partitions have in common while they are prepared.
+pub struct Preparation<'a> {
+    /// What to prepare.
+    pub file: &'a PartitionFile,
+    /// KVM.
+    pub kvm: Kvm,
+    /// The memory between partitions.
+    pub channels: &'a Channels<'a>,
+    /// What partitions get of the host's devices.
+    pub devices: &'a Devices,
+    /// CPUs that got a scheduling domain of their own.
+    pub domains: &'a Domains,
+    /// Where threads tell of their ends.
+    pub sender: Sender<(PartitionId, Finished)>,
+    /// What they ring then.
+    pub bell: EventFd,
+    /// Set when the run is over: nobody takes console output any more.
+    pub closing: Arc<AtomicBool>,
+    /// Which schedule holds.
+    pub board: Arc<SwitchBoard>,
+    /// The first machine's, for all: a kernel refines its figure for some time after it has booted.
+    pub frequency: Option<TscFrequency>,
+    /// How long it has taken to clear the guests' memory.
+    pub clearing: Duration,
+    /// The serial port of the Linux guest, once there is one.
+    pub console: Option<Console>,
+    /// What sources ring to wake the Linux guest.
+    pub doorbell: EventFd,
+    /// What may interrupt PLC guests.
+    pub interrupts: Interrupts,
+    /// For tests: the release whose wake-ups come late.
+    pub late_wake_up: Option<u64>,
+    /// What follows from a system call that a thread may not make.
+    pub mode: Mode,
+}
+
+/// What a run needs of its preparation.
+pub struct Finish {
+    /// As in [`Preparation`].
+    pub closing: Arc<AtomicBool>,
+    /// As in [`Preparation`].
+    pub board: Arc<SwitchBoard>,
+    /// As in [`Preparation`].
+    pub console: Option<Console>,
+    /// `None` if no PLC has any.
+    pub interrupts: Option<Interrupts>,
+    /// As in [`Preparation`].
+    pub clearing: Duration,
+}
+
+impl Preparation<'_> {
+    /// Prepares a partition.
+    ///
+    /// # Errors
+    /// See [`RunError`].
+    pub fn partition(&mut self, partition: &Partition) -> Result<Prepared, RunError> {
+        match partition.kind() {
+            Kind::Plc { image } => self.plc(partition, image.as_deref()),
+            Kind::Linux { kernel, initrd, cmdline } => {
+                self.linux(partition, kernel, initrd.as_deref(), cmdline)
+            }
+        }
+    }
+
+    /// Makes a guest's memory, most of which is to clear it, and takes the time.
+    fn clear<T>(&mut self, make: impl FnOnce() -> T) -> T {
+        let before = Instant::now();
+        let memory = make();
+        self.clearing += before.elapsed();
+        memory
+    }
+
+    /// What is needed beyond the preparation. The rest is closed: the way to make machines, for one.
+    #[must_use]
+    pub fn finish(self) -> Finish {
+        let Self { closing, board, console, interrupts, clearing, .. } = self;
+        let interrupts = Some(interrupts).filter(|interrupts| !interrupts.is_empty());
+        Finish { closing, board, console, interrupts, clearing }
+    }
+
+    /// One thread per CPU with windows, to end them.
+    ///
+    /// # Errors
+    /// See [`RunError`].
+    pub fn kickers(&self, prepared: &[Prepared]) -> Result<Vec<Kicker>, RunError> {
+        let schedules = self.file.schedules();
+        let mut kickers = Vec::new();
+        for cpu in schedules.cpus() {
+            let Some(timetable) = schedules.timetable_on(cpu) else { continue };
+            let owner = |p: PartitionId| prepared[p.0].account.control.clone();
+            let owners = schedules.tables().iter();
+            let owners =
+                owners.map(|t| t.windows_on(cpu).map(|w| owner(w.partition)).collect()).collect();
+            let windows = kicker::Windows { timetable, owners, board: self.board.clone() };
+            let control: Arc<Control> = Arc::default();
+            let own = control.clone();
+            let reservation = CpuReservations::of(schedules, cpu).kicker;
+            let domain = self.domains.entry(cpu);
+            let doors = (sandbox::Kind::Kicker, self.mode);
+            let place = Place { cpu, domain, reservation, ports: Vec::new(), doors };
+            let body = move |base: Timebase| kicker::run(&windows, &base, &own);
+            let Cpu(number) = cpu;
+            let thread = thread::plain(&format!("kicker-{number}"), place, control.clone(), body)?;
+            kickers.push(Kicker { control, thread });
+        }
+        Ok(kickers)
+    }
+}
+
+/// A new event descriptor.
+pub(crate) fn eventfd() -> Result<EventFd, RunError> {
+    EventFd::new(EFD_NONBLOCK | EFD_CLOEXEC)
+        .map_err(|source| RunError::Host { what: "make an event descriptor", source })
+}
+
+/// A second handle of an event descriptor.
+pub(crate) fn clone(fd: &EventFd) -> Result<EventFd, RunError> {
+    fd.try_clone().map_err(|source| RunError::Host { what: "copy an event descriptor", source })
+}

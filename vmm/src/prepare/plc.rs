@@ -1,0 +1,79 @@
+//! A PLC's partition: memory, machine, image and tables.
+
+use std::path::Path;
+
+use kvm_ioctls::VcpuFd;
+use takt_abi::PortTable;
+use takt_abi::memory::PORT_TABLE;
+use takt_devices::output;
+
+use super::spawn::Processor;
+use super::{Preparation, Prepared};
+use crate::boot::long_mode::{self, StartError};
+use crate::boot::plc::PlcImage;
+use crate::boot::touch::{TouchError, touch};
+use crate::config::Partition;
+use crate::doorbell;
+use crate::interrupts::apic;
+use crate::machine::{self, MachineError};
+use crate::memory::GuestMemory;
+use crate::passthrough::Granted;
+use crate::restart::{PlcRestart, Restart};
+use crate::run_error::RunError;
+use crate::vcpu::plc::PlcGuest;
+
+impl Preparation<'_> {
+    pub(super) fn plc(
+        &mut self,
+        partition: &Partition,
+        image: Option<&Path>,
+    ) -> Result<Prepared, RunError> {
+        let unfit = |source| RunError::Plc { partition: partition.name().to_owned(), source };
+        let bytes = partition.memory_bytes();
+        let image = PlcImage::read(image, bytes).map_err(unfit)?;
+        let ports = self.channels.of(partition.id(), partition.kind());
+        let memory = self.clear(|| GuestMemory::for_plc(bytes, &ports.views))?;
+        let devices = self.devices.of(partition.id()).cloned();
+        let interrupts = devices.as_ref().is_some_and(Granted::interrupts);
+        let machine = machine::for_plc(&self.kvm, &memory, interrupts)?;
+        if let Some(devices) = &devices {
+            devices.map_into(&machine.vm)?;
+        }
+        let entry = image.load(&memory).map_err(unfit)?;
+        let mut table = memory
+            .port_table(PORT_TABLE)
+            .ok_or(MachineError::Missing("the PLC guest's port table"))?;
+        let tsc = *self.frequency.get_or_insert(machine.tsc);
+        table.write(PortTable { tsc_khz: tsc.khz().into(), ..ports.table });
+        for region in &ports.own {
+            region.format(&memory)?;
+        }
+        doorbell::attach_sources(&machine.vm, &ports.table, &self.doorbell)?;
+        long_mode::write_tables(memory.regions()).map_err(StartError::from)?;
+        let lines = devices.as_ref().map_or(&[][..], |devices| &devices.lines);
+        self.interrupts.attach(partition.name(), machine.vm, lines)?;
+        let space = devices.as_ref().and_then(|devices| devices.space.clone());
+        if let Some(space) = &space {
+            space.start(&memory)?;
+        }
+        let (console, output) = output::dropping();
+        let frame = self.file.schedules().frame();
+        let guest = PlcGuest::new(&memory, bytes, tsc.khz(), frame, console)
+            .ok_or(MachineError::Missing("the PLC guest's pages"))?
+            .with_devices(devices);
+        let (restart, revivals) = PlcRestart::new(memory.clone(), image, ports.own, space);
+        let touched = memory.clone();
+        let ready = move |vcpu: &mut VcpuFd| -> Result<(), TouchError> {
+            touch(vcpu, &touched)?;
+            long_mode::set_registers(vcpu, entry)?;
+            if interrupts {
+                apic::reset(vcpu).map_err(StartError::from)?;
+            }
+            Ok(())
+        };
+        let processor = Processor { vcpu: machine.vcpu, ready };
+        let mut prepared = self.spawn(partition, processor, memory, guest, output, revivals)?;
+        prepared.account.restart = Some(Restart::Plc(restart));
+        Ok(prepared)
+    }
+}

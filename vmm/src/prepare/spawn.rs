@@ -1,0 +1,230 @@
+//! The thread of a partition, and what it does from the epoch to its end.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, TryRecvError};
+
+use kvm_ioctls::VcpuFd;
+use rtrb::{Consumer, RingBuffer};
+use takt_devices::output;
+use takt_scheduler::reservation::CpuReservations;
+use takt_scheduler::table::{PartitionId, Role};
+use takt_scheduler::time::{Nanos, Timebase, Tsc};
+use vmm_sys_util::eventfd::EventFd;
+
+use super::{Preparation, Prepared, clone};
+use crate::account::{Account, Finished};
+use crate::boot::StartMode;
+use crate::boot::touch::TouchError;
+use crate::config::{Partition, ScheduleChange};
+use crate::control::Orders;
+use crate::gather::Gather;
+use crate::health::{Reporter, Watch};
+use crate::memory::GuestMemory;
+use crate::restart::Revival;
+use crate::run_error::RunError;
+use crate::terminal::Lines;
+use crate::vcpu::guest::{End, Guest};
+use crate::vcpu::kick::Kickable;
+use crate::vcpu::record::Record;
+use crate::vcpu::thread::{self, Place};
+use crate::vcpu::windowed::{Plan, Windowed};
+use crate::vcpu::{Control, background};
+
+/// Window records that the event thread may be behind.
+const RECORDS: usize = 4096;
+
+/// How a vCPU thread tells of its end.
+struct Ending {
+    partition: PartitionId,
+    sender: Sender<(PartitionId, Finished)>,
+    bell: EventFd,
+}
+
+impl Ending {
+    fn tell(&self, finished: Finished) {
+        // The event thread takes part until all threads are joined.
+        let _ = self.sender.send((self.partition, finished));
+        let _ = self.bell.write(1);
+    }
+}
+
+/// A virtual processor, and what its thread has to do for it before it is ready.
+pub(super) struct Processor<R> {
+    pub vcpu: VcpuFd,
+    pub ready: R,
+}
+
+/// What a guest's thread keeps for as long as the guest exists.
+struct Body {
+    /// The memory lives as long as the processor.
+    _memory: GuestMemory,
+    own: Arc<Control>,
+    health: Reporter,
+    ending: Ending,
+}
+
+impl Preparation<'_> {
+    /// Makes the thread of a partition: in its windows, or in the background.
+    pub(super) fn spawn<G, R>(
+        &mut self,
+        partition: &Partition,
+        Processor { vcpu, ready }: Processor<R>,
+        memory: GuestMemory,
+        guest: G,
+        output: output::OutputEnd,
+        revivals: Receiver<Revival<G>>,
+    ) -> Result<Prepared, RunError>
+    where
+        G: Guest + Send + 'static,
+        R: FnOnce(&mut VcpuFd) -> Result<(), TouchError> + Send + 'static,
+    {
+        let (id, cpu, name) = (partition.id(), partition.cpu(), partition.name().to_owned());
+        let control: Arc<Control> = Arc::default();
+        let (health, reporter) = Watch::new(partition.health());
+        let body = Body {
+            _memory: memory,
+            own: control.clone(),
+            health: reporter,
+            ending: Ending { partition: id, sender: self.sender.clone(), bell: clone(&self.bell)? },
+        };
+        let schedules = self.file.schedules();
+        let says_done = guest.says_done();
+        let plan = match (schedules.placements()[id.0].role, schedules.timetable_of(id)) {
+            (Role::Windowed { guard }, Some(timetable)) => Some(Plan {
+                timetable,
+                board: self.board.clone(),
+                guard,
+                late_wake_up: self.late_wake_up,
+                on_switch: match partition.on_schedule_change() {
+                    ScheduleChange::Ignore => None,
+                    ScheduleChange::Warm => Some(StartMode::Warm),
+                    ScheduleChange::Cold => Some(StartMode::Cold),
+                },
+            }),
+            _ => None,
+        };
+        let reservation =
+            CpuReservations::of(schedules, cpu).partitions.into_iter().find(|(p, _)| *p == id);
+        let reservation = reservation.map(|(_, r)| r);
+        let ports = guest.io_ranges();
+        let domain = self.domains.entry(cpu);
+        let place = Place { cpu, domain, reservation, ports, doors: (G::THREAD, self.mode) };
+        let (thread, records): (_, Option<Consumer<Record>>) = match plan {
+            Some(plan) => {
+                let (producer, consumer) = RingBuffer::new(RECORDS);
+                let run = move |kickable: &mut Kickable, base: Timebase| {
+                    let windowed = Windowed::new(plan, base, producer);
+                    body.run_windowed(windowed, kickable, guest, &revivals);
+                };
+                (thread::vcpu(&name, place, control.clone(), vcpu, ready, run)?, Some(consumer))
+            }
+            None => {
+                let run = move |kickable: &mut Kickable, _: Timebase| {
+                    body.run_background(kickable, guest, &revivals);
+                };
+                (thread::vcpu(&name, place, control.clone(), vcpu, ready, run)?, None)
+            }
+        };
+        let account = Account {
+            name,
+            control,
+            output,
+            is_terminal: false,
+            records,
+            gather: Gather::default(),
+            says_done,
+            health,
+            releases: None,
+            samples: None,
+            occupied: Nanos::ZERO,
+            watchdog: None,
+            restart: None,
+            restarts: 0,
+            finished: None,
+            ended_run: false,
+            start_mode: StartMode::Cold,
+            orders: Orders::default(),
+            lines: Lines::default(),
+        };
+        Ok(Prepared { account, thread, init: None, disks: Vec::new() })
+    }
+}
+
+impl Body {
+    /// Runs the guest, and again whenever it has been loaded anew.
+    fn run_windowed<G: Guest>(
+        mut self,
+        mut windowed: Windowed,
+        kickable: &mut Kickable,
+        mut guest: G,
+        revivals: &Receiver<Revival<G>>,
+    ) {
+        loop {
+            self.own.enter_guest();
+            let end = windowed.run(kickable, &mut guest, &self.own, &mut self.health);
+            guest.left();
+            self.own.leave_guest();
+            let starting = guest.says_done() && windowed.starting();
+            self.tell(end, starting, windowed.unrecorded());
+            let revival = loop {
+                if !windowed.next_window(&self.own) {
+                    return;
+                }
+                match revivals.try_recv() {
+                    Ok(revival) => break revival,
+                    Err(TryRecvError::Empty) => {}
+                    Err(TryRecvError::Disconnected) => return,
+                }
+            };
+            if !self.revive(kickable, &mut guest, revival) {
+                return;
+            }
+            windowed.restarted();
+        }
+    }
+
+    fn run_background<G: Guest>(
+        mut self,
+        kickable: &mut Kickable,
+        mut guest: G,
+        revivals: &Receiver<Revival<G>>,
+    ) {
+        loop {
+            self.own.enter_guest();
+            let end = background::run(kickable, &mut guest, &self.own, &mut self.health);
+            guest.left();
+            self.own.leave_guest();
+            self.tell(end, false, 0);
+            let Ok(revival) = revivals.recv() else { return };
+            if !self.revive(kickable, &mut guest, revival) {
+                return;
+            }
+        }
+    }
+
+    /// Does what is left to do after the guest has been loaded anew; false if it is not.
+    fn revive<G: Guest>(
+        &mut self,
+        kickable: &mut Kickable,
+        guest: &mut G,
+        revival: Revival<G>,
+    ) -> bool {
+        let revived = revival(kickable, guest);
+        if !revived {
+            self.tell(End::NotLoaded, true, 0);
+        }
+        revived
+    }
+
+    fn tell(&mut self, end: End, starting: bool, unrecorded: u64) {
+        self.health.end(end);
+        self.ending.tell(Finished {
+            end,
+            at: Tsc::now(),
+            starting,
+            noted: self.health.noted(),
+            cpu_time: thread::cpu_time(),
+            unrecorded,
+        });
+    }
+}
