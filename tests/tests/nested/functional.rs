@@ -22,6 +22,9 @@ fn both_guests_run_from_the_shipped_file() {
     assert!(share * seconds > 1.0, "Linux's share is {share}\n{}", outcome.output);
     assert_eq!((&report["schema_version"], &report["lane"]), (&Value::from(2), &"lab".into()));
     assert_eq!(report["host"]["preempt_rt"], true);
+    // With the 3 MiB of the program at most 5 MiB beyond the guests' memory, all of it locked.
+    let own = report["process"]["start"]["anonymous_bytes"].as_u64();
+    assert!(own.is_some_and(|own| own <= 2 << 20), "{own:?}");
 }
 
 #[test]
