@@ -78,9 +78,11 @@ copy_module() {
     esac
 }
 
-# pack FOLDER: prints FOLDER as an initramfs archive, the same bytes for the same files. It is
-# not compressed: unpacking takes longer than reading where the CPU is emulated.
+# pack FOLDER: prints FOLDER as an initramfs archive, the same bytes for the same files, which all get the
+# same date for that. It is not compressed: unpacking takes longer than reading where the CPU is
+# emulated.
 pack() {
+    find "$1" -exec touch --no-dereference --date=@1000000000 {} +
     (cd "$1" && find . -mindepth 1 -print0 | LC_ALL=C sort -z |
         cpio --null --create --format=newc --quiet --reproducible --owner=0:0)
 }

@@ -97,7 +97,7 @@ machine_options() {
         # One guest instruction is one nanosecond, whatever else this machine does.
         # So that two runs of the same are the same, its day (later than any file) and its random
         # numbers are fixed as well, and QEMU records the run: the record is nobody's, but for its sake
-        # QEMU's other thread does not look at the clock while a stretch is not counted yet.
+        # QEMU's other thread does not move the clock while a stretch is not counted yet (docs/lab.md).
         options=(-accel "tcg,thread=single" -icount "shift=0,sleep=off,rr=record,rrfile=/dev/null"
             -rtc "base=2030-01-01,clock=vm" -seed 1 "${emulated[@]}" -smp 1)
         ;;
@@ -145,23 +145,17 @@ device_options() {
 }
 
 # append_files: the appliance's initramfs with $files at the paths that they have here, so that
-# relative paths in the partition file mean the same. The kernel does not make missing folders,
-# hence their entries; links are followed, since their targets are not there.
+# relative paths in the partition file mean the same. Links are followed, since their targets are not
+# there.
 append_files() {
-    local path
-    for path in "${files[@]}"; do
-        [[ ! -d $path ]] || (cd / && find ".$path" -print0)
-        while [[ $path != / ]]; do
-            printf '%s\0' ".$path"
-            path=$(dirname "$path")
-        done
-    done | LC_ALL=C sort -zu >"$work/files"
+    mkdir "$work/files"
+    ((${#files[@]} == 0)) || cp --recursive --dereference --parents "${files[@]}" "$work/files"
     {
         cat "$appliance/initrd.img"
-        (cd / && cpio --null --create --format=newc --dereference --quiet --owner=0:0) \
-            <"$work/files"
+        pack "$work/files"
         [[ -z ${overlay-} ]] || pack "$overlay"
     } >"$work/initrd"
+    rm -rf "$work/files"
 }
 
 # kernel_word WORD: WORD as the kernel's command line must have it to reach takt whole.
