@@ -7,7 +7,8 @@ fn a_plc_with_a_cpu_to_itself_runs_beside_linux_and_the_cpu_goes_back() {
     let run = Run::of("configs/separate-cpus.toml").in_lane("emulated").lasting("180s");
     let outcome = run.typing(&[("linux# ", "\x1dq")]).run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
-    outcome.assert_shows("/init: Takt Linux guest, kernel ");
+    // Its own words are cut where Takt tells of a release that was missed, which it does here.
+    assert!(outcome.number("linux", "boot_to_init_ns") > 0, "{}", outcome.output);
     outcome.assert_shows("[plc] Takt PLC guest");
     assert!(outcome.number("plc", "releases") > 0, "{}", outcome.output);
     // Without a domain of its own for CPU 1, the PLC's thread would have been refused. That the CPU
