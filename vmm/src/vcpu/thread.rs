@@ -4,8 +4,8 @@
 //! fails, the others are let go without ever having entered their guest.
 //!
 //! Its reservation it gets from outside, when it has nothing left to do but wait. Under a budget that
-//! is meant for a kick each millisecond, shutting itself in would take some ten periods, and what it
-//! had used beyond the budget it would still owe at the epoch.
+//! is meant for a kick in each period, shutting itself in would take many periods, and what it had used
+//! beyond the budget it would still owe at the epoch.
 
 use std::io;
 use std::sync::Arc;
@@ -236,9 +236,9 @@ fn spawn<P, T: Send + 'static>(
     let (report, reported) = channel();
     let (start, started): (Sender<Timebase>, Receiver<Timebase>) = channel();
     let thread_name = name.to_owned();
-    let (own, thread_place) = (control.clone(), place.clone());
+    let own = control.clone();
+    let Place { cpu, reservation, .. } = place;
     let run = move || {
-        let place = thread_place;
         own.thread.store(kick::this_thread(), Ordering::SeqCst);
         let prepared = pin(&thread_name, &place)
             .and_then(|()| allow_ports(&thread_name, &place))
@@ -265,7 +265,7 @@ fn spawn<P, T: Send + 'static>(
         Ok(Ok(())) => {
             // Refused, it lets the thread go.
             let ready = Ready { waiting: Some((start, handle)) };
-            reserve(name, control.thread(), &place).map(|()| ready)
+            reserve(name, control.thread(), cpu, reservation).map(|()| ready)
         }
         Ok(Err(error)) => {
             let _ = handle.join();
@@ -302,11 +302,16 @@ fn allow_ports(name: &str, place: &Place) -> Result<(), ThreadError> {
     })
 }
 
-fn reserve(name: &str, thread: i32, place: &Place) -> Result<(), ThreadError> {
-    let Some(reservation) = place.reservation else { return Ok(()) };
+fn reserve(
+    name: &str,
+    thread: i32,
+    cpu: Cpu,
+    reservation: Option<Reservation>,
+) -> Result<(), ThreadError> {
+    let Some(reservation) = reservation else { return Ok(()) };
     make_deadline(thread, reservation).map_err(|source| ThreadError::Deadline {
         name: name.to_owned(),
-        cpu: place.cpu,
+        cpu,
         reservation,
         source,
     })
