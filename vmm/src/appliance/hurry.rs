@@ -7,6 +7,12 @@
 //! prepared in the appliance there is nobody on them, so there it hurries, and no longer when the
 //! first guest starts.
 //!
+//! In a hurry the kernel asks again and again whether everybody is through who may still see the old
+//! (`process_srcu`, kernel/rcu/srcutree.c). With one processor that may be the very thread that its
+//! worker has taken it from, while it was asking for the grace period, and then the worker asks until the
+//! next tick of the timer: up to 4 ms for each machine. So the thread that hurries is one that a
+//! worker takes the processor from only when it waits.
+//!
 //! On any other host the processors are somebody else's too, and the setting is one for all of them:
 //! it is left alone.
 
@@ -20,9 +26,11 @@ use super::MODULE_LIST;
 const SETTINGS: [(&str, &str); 2] =
     [("/sys/kernel/rcu_normal", "0"), ("/sys/kernel/rcu_expedited", "1")];
 
-/// While it lives, grace periods are short. Dropping it sets what was set before.
+/// While it lives, grace periods are short, for the thread that has it. Dropping it sets what was set
+/// before.
 pub struct Hurry {
     before: Vec<(fs::File, String)>,
+    first: bool,
 }
 
 impl Hurry {
@@ -30,10 +38,12 @@ impl Hurry {
     /// only later.
     #[must_use]
     pub fn begin() -> Hurry {
-        if Path::new(MODULE_LIST).exists() { Self::by(&SETTINGS) } else { Self::by(&[]) }
+        let appliance = Path::new(MODULE_LIST).exists();
+        let first = appliance && class(libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, 1);
+        Self::by(if appliance { &SETTINGS } else { &[] }, first)
     }
 
-    fn by(settings: &[(&str, &str)]) -> Hurry {
+    fn by(settings: &[(&str, &str)], first: bool) -> Hurry {
         let mut before = Vec::new();
         for (path, hurried) in settings {
             let Ok(was) = fs::read_to_string(path) else { continue };
@@ -42,8 +52,15 @@ impl Hurry {
                 before.push((file, was));
             }
         }
-        Hurry { before }
+        Hurry { before, first }
     }
+}
+
+/// Puts the calling thread into a scheduling class; its children start in the ordinary one.
+fn class(policy: libc::c_int, priority: libc::c_int) -> bool {
+    let parameters = libc::sched_param { sched_priority: priority };
+    // SAFETY: the kernel reads the live structure.
+    unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) == 0 }
 }
 
 impl Drop for Hurry {
@@ -51,6 +68,9 @@ impl Drop for Hurry {
         for (file, was) in &mut self.before {
             // What could be set can be set back.
             let _ = file.write_all(was.trim_end().as_bytes());
+        }
+        if self.first {
+            class(libc::SCHED_OTHER, 0);
         }
     }
 }
@@ -63,7 +83,7 @@ mod tests {
     fn what_was_set_before_is_set_again() {
         let file = std::env::temp_dir().join(format!("takt-hurry-{}", std::process::id()));
         fs::write(&file, "1\n").unwrap();
-        let hurry = Hurry::by(&[("/no/such/setting", "0"), (file.to_str().unwrap(), "0")]);
+        let hurry = Hurry::by(&[("/no/such/setting", "0"), (file.to_str().unwrap(), "0")], false);
         assert_eq!(fs::read_to_string(&file).unwrap(), "0\n");
         drop(hurry);
         // The kernel takes each write for itself; a plain file keeps them one behind the other.
