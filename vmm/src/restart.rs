@@ -131,24 +131,20 @@ pub struct LinuxRestart {
 type Failure = Arc<Mutex<Option<RunError>>>;
 
 impl LinuxRestart {
-    /// For the Linux on this board; the other part is for its thread. The threads that load it and
-    /// that clear away what it leaves wait from now on: a run starts no threads later.
+    /// For the Linux on this board; the other part is for its thread. The thread that loads it waits
+    /// from now on: a run starts no threads later.
     ///
     /// # Errors
-    /// If there are no such threads.
+    /// If there is no such thread.
     pub fn new(
         board: Board,
         mode: sandbox::Mode,
     ) -> Result<(Self, Receiver<Revival<LinuxGuest>>), RunError> {
         let (orders, ordered) = channel();
         let (thread, revivals) = channel();
-        let (replaced, old) = channel();
         let failure = Failure::default();
-        let loader = Loader { board, thread, replaced, failure: failure.clone() };
-        helper("loader", mode, move || loader.run(&ordered))?;
-        // With its processor a machine goes, which takes the kernel so long that the next start should
-        // not have to wait for it.
-        helper("unloader", mode, move || old.iter().for_each(drop))?;
+        let loader = Loader { board, thread, failure: failure.clone() };
+        loader.spawn(mode, ordered)?;
         Ok((Self { orders, failure }, revivals))
     }
 
@@ -158,59 +154,51 @@ impl LinuxRestart {
     }
 }
 
-/// Starts a thread of the ordinary class, and waits until it is shut in.
-fn helper(
-    name: &'static str,
-    mode: sandbox::Mode,
-    body: impl FnOnce() + Send + 'static,
-) -> Result<(), RunError> {
-    let (report, reported) = channel();
-    let run = move || {
-        let ready = sandbox::enter(sandbox::Kind::Loader, mode, name, &[]);
-        let failed = ready.is_err();
-        if report.send(ready.map(drop)).is_ok() && !failed {
-            body();
-        }
-    };
-    let host = |source| RunError::Host { what: "start a thread that loads Linux", source };
-    Builder::new().name(name.to_owned()).stack_size(STACK).spawn(run).map_err(host)?;
-    reported.recv().map_err(|_| host(io::Error::other("it has died")))??;
-    Ok(())
-}
-
-/// What the thread that loads has.
+/// What the thread that loads has. It is of the ordinary class.
 struct Loader {
     board: Board,
     thread: Sender<Revival<LinuxGuest>>,
-    /// Where processors go that have been replaced.
-    replaced: Sender<VcpuFd>,
     failure: Failure,
 }
 
 impl Loader {
-    fn run(mut self, orders: &Receiver<()>) {
-        while orders.recv().is_ok() {
-            self.load();
-        }
+    /// Starts it, and waits until it is shut in.
+    fn spawn(mut self, mode: sandbox::Mode, orders: Receiver<()>) -> Result<(), RunError> {
+        const NAME: &str = "loader";
+        let (report, reported) = channel();
+        let run = move || {
+            let ready = sandbox::enter(sandbox::Kind::Loader, mode, NAME, &[]);
+            let failed = ready.is_err();
+            if report.send(ready.map(drop)).is_ok() && !failed {
+                orders.iter().for_each(|()| self.load());
+            }
+        };
+        let host = |source| RunError::Host { what: "start a thread that loads Linux", source };
+        Builder::new().name(NAME.to_owned()).stack_size(STACK).spawn(run).map_err(host)?;
+        reported.recv().map_err(|_| host(io::Error::other("it has died")))??;
+        Ok(())
     }
 
     fn load(&mut self) {
-        let revival: Revival<LinuxGuest> = match self.board.start_anew() {
+        match self.board.start_anew() {
             Ok((vcpu, new)) => {
+                let (replace, replaced) = channel();
                 let exit_count = ExitCount::of(&vcpu);
-                let replaced = self.replaced.clone();
-                Box::new(move |kickable, guest| {
-                    let _ = replaced.send(kickable.replace(vcpu, exit_count));
+                let revival: Revival<LinuxGuest> = Box::new(move |kickable, guest| {
+                    let _ = replace.send(kickable.replace(vcpu, exit_count));
                     *guest = new;
                     true
-                })
+                });
+                let _ = self.thread.send(revival);
+                // With its processor a machine goes, which takes the kernel longer than the guest's
+                // thread may be away from its windows. A thread that is gone replaces none.
+                let _: Result<VcpuFd, _> = replaced.recv();
             }
             Err(error) => {
                 *lock(&self.failure) = Some(error);
-                Box::new(|_, _| false)
+                let _ = self.thread.send(Box::new(|_, _| false));
             }
-        };
-        let _ = self.thread.send(revival);
+        }
     }
 }
 

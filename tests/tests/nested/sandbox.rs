@@ -256,7 +256,7 @@ fn nothing_is_in_a_list_without_being_called_or_a_reason() {
         ("main", &["takt"][..]),
         ("plc", &["drive", "sweep", "warm", "never-done"]),
         ("linux", &["linux"]),
-        ("loader", &["loader", "unloader"]),
+        ("loader", &["loader"]),
         ("kicker", &["kicker-0"]),
         ("disk", &["disk-0"]),
         ("guardian", &["takt-guardian"]),
