@@ -39,15 +39,19 @@ fn beside_busy_linux(program: &str, guard: &str, place: u64) -> File {
 }
 
 #[test]
-fn a_plc_alone_starts_within_twenty_milliseconds() {
-    let outcome = Run::of("configs/plc-alone.toml").lasting("200ms").run();
-    assert_eq!(outcome.status, 0, "{}", outcome.output);
-    outcome.assert_kept_its_time("plc", 199);
-    let starting = &outcome.report["process"]["starting"];
-    let of = |key: &str| starting[key].as_u64().unwrap_or(u64::MAX);
-    // Another 1.3 ms go by until the kernel has loaded Takt, which then takes the time.
-    let besides = of("first_release_ns") - of("clearing_ns");
-    assert!(besides <= 18_500_000, "{besides} ns\n{}", outcome.output);
+fn the_first_release_comes_within_twenty_milliseconds() {
+    // Until the kernel has loaded Takt, which then takes the time.
+    const EXEC_NS: u64 = 1_000_000;
+    for name in ["plc-alone", "plc-and-linux", "jitter"] {
+        let outcome = Run::of(&format!("configs/{name}.toml")).lasting("50ms").run();
+        assert_eq!(outcome.status, 0, "{}", outcome.output);
+        outcome.assert_kept_its_time("plc", 49);
+        let starting = &outcome.report["process"]["starting"];
+        let of = |key: &str| starting[key].as_u64().unwrap_or(u64::MAX);
+        // Clearing the guests' memory takes as long as they have memory.
+        let besides = of("first_release_ns") - of("clearing_ns") + EXEC_NS;
+        assert!(besides <= 20_000_000, "{name}: {besides} ns\n{}", outcome.output);
+    }
 }
 
 #[test]

@@ -30,7 +30,7 @@ use crate::vcpu::thread::{Ready, Running};
 /// fall asleep until its first window. One that is late begins with its next window; a kicker that is
 /// late lets windows go on, so there is time to spare.
 const fn start_delay(threads: usize) -> Nanos {
-    Nanos::from_micros(2000 + 100 * threads as u64)
+    Nanos::from_micros(1000 + 100 * threads as u64)
 }
 
 /// A run whose threads have been told the epoch.
