@@ -39,7 +39,8 @@ impl Hurry {
     #[must_use]
     pub fn begin() -> Hurry {
         let appliance = Path::new(MODULE_LIST).exists();
-        let first = appliance && class(libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, 1);
+        // In turn with threads of the kernel's that have this priority too: to clear memory takes seconds.
+        let first = appliance && class(libc::SCHED_RR | libc::SCHED_RESET_ON_FORK, 1);
         Self::by(if appliance { &SETTINGS } else { &[] }, first)
     }
 
