@@ -1,6 +1,5 @@
 use super::*;
-use crate::vcpu::record::Scan;
-use takt_scheduler::schedules::ScheduleId;
+use crate::vcpu::record::{Scan, example as record};
 use takt_scheduler::time::TscFrequency;
 
 /// One tick is one nanosecond.
@@ -10,30 +9,6 @@ fn base() -> Timebase {
 
 fn recorder() -> Recorder {
     Recorder::new(base()).unwrap()
-}
-
-/// A release every 1000 ns, with a window of 900 ns that is left after 500.
-fn record(sequence: u64, latency: u64, execution: u64) -> WindowRecord {
-    let release = 1_000 + 1_000 * sequence;
-    let start = Tsc(release + latency);
-    WindowRecord {
-        sequence,
-        schedule: ScheduleId(0),
-        skipped: 0,
-        release: Tsc(release),
-        end: Tsc(release + 900),
-        due: Tsc(release - 20),
-        woken: Tsc(release - 10),
-        entered: Tsc(release - 5),
-        left: Tsc(release + 500),
-        kicked: None,
-        claim: Some(Scan { start, done: Tsc(start.0 + execution) }),
-        last_stamp: start,
-        exits: 1,
-        kernel_exits: 1,
-        overrun: false,
-        ended: false,
-    }
 }
 
 fn course(recorder: &Recorder) -> Course {

@@ -132,38 +132,13 @@ impl<T: Copy> Ranking<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vcpu::record::Scan;
-    use takt_scheduler::schedules::ScheduleId;
+    use crate::vcpu::record::{Scan, example as record};
     use takt_scheduler::time::{Tsc, TscFrequency};
 
     /// One tick is one nanosecond.
     fn worst(limit: usize) -> Worst {
         let frequency = TscFrequency::from_khz(1_000_000).unwrap();
         Worst::new(Timebase { epoch: Tsc(1_000), frequency }, limit)
-    }
-
-    /// A release every 1000 ns.
-    fn record(sequence: u64, latency: u64, execution: u64) -> WindowRecord {
-        let release = 1_000 + 1_000 * sequence;
-        let start = Tsc(release + latency);
-        WindowRecord {
-            sequence,
-            schedule: ScheduleId(0),
-            skipped: 0,
-            release: Tsc(release),
-            end: Tsc(release + 900),
-            due: Tsc(release - 20),
-            woken: Tsc(release - 10),
-            entered: Tsc(release - 5),
-            left: Tsc(release + 900),
-            kicked: None,
-            claim: Some(Scan { start, done: Tsc(start.0 + execution) }),
-            last_stamp: start,
-            exits: 1,
-            kernel_exits: 1,
-            overrun: false,
-            ended: false,
-        }
     }
 
     #[test]
@@ -198,7 +173,7 @@ mod tests {
             let mut worst = worst(limit);
             let capacity = (worst.starts.items.capacity(), worst.scans.items.capacity());
             for n in 0..1_000 {
-                worst.add(&record(n, n % 700, n % 200), &[]);
+                worst.add(&record(n, n % 400, n % 200), &[]);
             }
             assert_eq!(worst.starts().count(), limit);
             assert_eq!(capacity, (worst.starts.items.capacity(), worst.scans.items.capacity()));

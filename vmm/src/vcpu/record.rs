@@ -107,28 +107,43 @@ impl WindowRecord {
     }
 }
 
+/// For tests: of a window of 900 ns, which is left after 500, in each frame of 1000. One tick is one
+/// nanosecond, and the epoch at tick 1000.
+#[cfg(test)]
+pub(crate) fn example(sequence: u64, latency: u64, execution: u64) -> WindowRecord {
+    let release = 1_000 + 1_000 * sequence;
+    let start = Tsc(release + latency);
+    WindowRecord {
+        sequence,
+        schedule: ScheduleId(0),
+        skipped: 0,
+        release: Tsc(release),
+        end: Tsc(release + 900),
+        due: Tsc(release - 20),
+        woken: Tsc(release - 10),
+        entered: Tsc(release - 5),
+        left: Tsc(release + 500),
+        kicked: None,
+        claim: Some(Scan { start, done: Tsc(start.0 + execution) }),
+        last_stamp: start,
+        exits: 1,
+        kernel_exits: 1,
+        overrun: false,
+        ended: false,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn record(release: u64, entered: u64, left: u64, start: u64) -> WindowRecord {
         WindowRecord {
-            sequence: 0,
-            schedule: ScheduleId(0),
-            skipped: 0,
             release: Tsc(release),
-            end: Tsc(release + 300),
-            due: Tsc(release - 20),
-            woken: Tsc(entered),
             entered: Tsc(entered),
             left: Tsc(left),
-            kicked: None,
             claim: Some(Scan { start: Tsc(start), done: Tsc(0) }),
-            last_stamp: Tsc(0),
-            exits: 1,
-            kernel_exits: 1,
-            overrun: false,
-            ended: false,
+            ..example(0, 0, 0)
         }
     }
 
