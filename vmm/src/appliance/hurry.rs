@@ -30,7 +30,8 @@ const SETTINGS: [(&str, &str); 2] =
 /// before.
 pub struct Hurry {
     before: Vec<(fs::File, String)>,
-    first: bool,
+    /// Whether the thread is of a real-time class for so long.
+    real_time: bool,
 }
 
 impl Hurry {
@@ -39,12 +40,13 @@ impl Hurry {
     #[must_use]
     pub fn begin() -> Hurry {
         let appliance = Path::new(MODULE_LIST).exists();
-        // In turn with threads of the kernel's that have this priority too: to clear memory takes seconds.
-        let first = appliance && class(libc::SCHED_RR | libc::SCHED_RESET_ON_FORK, 1);
-        Self::by(if appliance { &SETTINGS } else { &[] }, first)
+        // In turn with threads of the kernel's that have this priority too, since to clear memory takes
+        // seconds; and not for the threads that it starts.
+        let real_time = appliance && class(libc::SCHED_RR | libc::SCHED_RESET_ON_FORK, 1);
+        Self::by(if appliance { &SETTINGS } else { &[] }, real_time)
     }
 
-    fn by(settings: &[(&str, &str)], first: bool) -> Hurry {
+    fn by(settings: &[(&str, &str)], real_time: bool) -> Hurry {
         let mut before = Vec::new();
         for (path, hurried) in settings {
             let Ok(was) = fs::read_to_string(path) else { continue };
@@ -53,11 +55,11 @@ impl Hurry {
                 before.push((file, was));
             }
         }
-        Hurry { before, first }
+        Hurry { before, real_time }
     }
 }
 
-/// Puts the calling thread into a scheduling class; its children start in the ordinary one.
+/// Puts the calling thread into a scheduling class.
 fn class(policy: libc::c_int, priority: libc::c_int) -> bool {
     let parameters = libc::sched_param { sched_priority: priority };
     // SAFETY: the kernel reads the live structure.
@@ -70,7 +72,7 @@ impl Drop for Hurry {
             // What could be set can be set back.
             let _ = file.write_all(was.trim_end().as_bytes());
         }
-        if self.first {
+        if self.real_time {
             class(libc::SCHED_OTHER, 0);
         }
     }
