@@ -15,6 +15,7 @@ pub mod control;
 pub mod cpuset;
 pub mod disk;
 pub mod doorbell;
+pub mod event;
 pub mod footprint;
 pub mod gather;
 pub mod health;

@@ -15,6 +15,7 @@ use takt_scheduler::time::TscFrequency;
 use thiserror::Error;
 use vmm_sys_util::ioctl::ioctl_with_ref;
 
+use crate::event::EventError;
 use crate::memory::{GuestMemory, MemoryError};
 
 /// Three pages that KVM needs on Intel processors, in the hole below 4 GiB.
@@ -50,6 +51,9 @@ pub enum MachineError {
     /// Memory could not be attached.
     #[error(transparent)]
     Memory(#[from] MemoryError),
+    /// There is nothing to bring an interrupt by.
+    #[error(transparent)]
+    Event(#[from] EventError),
 }
 
 /// Names the operation of a failed KVM call.

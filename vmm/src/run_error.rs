@@ -14,6 +14,7 @@ use crate::channels::ChannelError;
 use crate::control::ViewError;
 use crate::cpuset::CpusetError;
 use crate::disk::DiskError;
+use crate::event::EventError;
 use crate::host_ports::HostPortError;
 use crate::machine::MachineError;
 use crate::memory::MemoryError;
@@ -45,6 +46,8 @@ pub enum RunError {
     Device(#[from] DeviceError),
     #[error(transparent)]
     Disk(#[from] DiskError),
+    #[error(transparent)]
+    Event(#[from] EventError),
     #[error(transparent)]
     Start(#[from] StartError),
     #[error(transparent)]

@@ -28,9 +28,9 @@ use vmm_sys_util::eventfd::{EFD_CLOEXEC, EventFd};
 
 use crate::boot::acpi::PCI_GSI;
 use crate::config;
+use crate::event::{self, eventfd};
 use crate::machine::MachineError;
 use crate::memory::GuestMemory;
-use crate::prepare::{clone, eventfd};
 use crate::run_error::RunError;
 use crate::vcpu::thread::Place;
 use file::DiskFile;
@@ -82,7 +82,13 @@ impl Drive {
         let interrupt = eventfd()?;
         let disk = Disk { shape, id: id(number), medium };
         let server = Server::new(shared.clone(), memory.only_ram()?, disk);
-        let thread = DiskThread::new(number, place, server, clone(&bell)?, clone(&interrupt)?)?;
+        let thread = DiskThread::new(
+            number,
+            place,
+            server,
+            event::clone(&bell)?,
+            event::clone(&interrupt)?,
+        )?;
         Ok((Self { number, shape, shared, bell, interrupt }, thread))
     }
 

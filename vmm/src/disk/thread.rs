@@ -7,7 +7,7 @@ use takt_devices::disk::Medium;
 use takt_devices::disk::server::Server;
 use vmm_sys_util::eventfd::EventFd;
 
-use crate::prepare::clone;
+use crate::event;
 use crate::run_error::RunError;
 use crate::vcpu::Control;
 use crate::vcpu::thread::{self, Place, Ready};
@@ -32,7 +32,7 @@ impl DiskThread {
         interrupt: EventFd,
     ) -> Result<Self, RunError> {
         let control: Arc<Control> = Arc::default();
-        let (own, rung) = (control.clone(), clone(&bell)?);
+        let (own, rung) = (control.clone(), event::clone(&bell)?);
         let run = move |_| {
             while wait(&rung).is_ok() && !own.ending() {
                 if server.serve() {

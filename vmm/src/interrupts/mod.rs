@@ -32,7 +32,6 @@ use kvm_ioctls::VmFd;
 use vmm_sys_util::epoll::{ControlOperation, Epoll, EpollEvent, EventSet};
 use vmm_sys_util::eventfd::EventFd;
 
-use crate::machine::MachineError;
 use crate::run_error::RunError;
 use line::Line;
 
@@ -236,16 +235,6 @@ impl Source {
 
 fn cannot(what: &'static str) -> impl FnOnce(io::Error) -> RunError {
     move |source| RunError::Host { what, source }
-}
-
-/// A new event descriptor.
-fn eventfd() -> Result<EventFd, MachineError> {
-    use vmm_sys_util::eventfd::{EFD_CLOEXEC, EFD_NONBLOCK};
-
-    EventFd::new(EFD_NONBLOCK | EFD_CLOEXEC).map_err(|e| MachineError::Call {
-        what: "get an event descriptor for an interrupt",
-        source: kvm_ioctls::Error::new(e.raw_os_error().unwrap_or(libc::EIO)),
-    })
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use kvm_ioctls::{IoEventAddress, VmFd};
 use takt_abi::port;
 use vmm_sys_util::eventfd::EventFd;
 
-use super::eventfd;
+use crate::event::eventfd;
 use crate::machine::MachineError;
 
 /// What a message-signalled interrupt is written to: the local APIC with number 0, which is all that

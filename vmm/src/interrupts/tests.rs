@@ -5,6 +5,7 @@ use std::io::Write;
 use std::os::fd::{FromRawFd, OwnedFd};
 
 use super::*;
+use crate::event::eventfd;
 use crate::passthrough::vfio::device::Device;
 
 const ARMED: u16 = 0x0003;

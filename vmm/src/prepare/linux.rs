@@ -7,11 +7,12 @@ use takt_devices::output;
 use takt_devices::serial::{IrqLine, SerialPort};
 
 use super::spawn::Processor;
-use super::{Preparation, Prepared, clone, eventfd};
+use super::{Preparation, Prepared};
 use crate::board::{self, Board};
 use crate::boot::linux::Image;
 use crate::config::Partition;
 use crate::disk::Drive;
+use crate::event;
 use crate::init_watch::{InitSeen, InitWatch};
 use crate::machine;
 use crate::memory::GuestMemory;
@@ -33,12 +34,12 @@ impl Preparation<'_> {
         let pci = Pci::new(self.channels.of(partition.id(), partition.kind()))?;
         let views = pci.as_ref().map(Pci::views).unwrap_or_default();
         let memory = self.clear(|| GuestMemory::for_linux(partition.memory_bytes(), &views))?;
-        let irq = eventfd()?;
+        let irq = event::eventfd()?;
         let watchdog = partition.watchdog().map(board::timer);
         let (writer, output) = output::waiting(self.closing.clone());
         let init = InitSeen::default();
         let watch = InitWatch::new(writer, init.clone());
-        let console = SerialPort::new(IrqLine(clone(&irq)?), watch);
+        let console = SerialPort::new(IrqLine(event::clone(&irq)?), watch);
         self.console = Some(console.clone());
         let place = Place {
             cpu: partition.cpu(),
@@ -63,7 +64,7 @@ impl Preparation<'_> {
             console,
             irq,
             card: pci.map(Pci::into_card),
-            bell: clone(&self.doorbell)?,
+            bell: event::clone(&self.doorbell)?,
             drives,
             frequency: self.frequency,
             watchdog: watchdog.clone(),

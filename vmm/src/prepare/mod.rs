@@ -17,7 +17,7 @@ use takt_scheduler::reservation::CpuReservations;
 use takt_scheduler::switch::SwitchBoard;
 use takt_scheduler::table::{Cpu, PartitionId};
 use takt_scheduler::time::{Timebase, TscFrequency};
-use vmm_sys_util::eventfd::{EFD_CLOEXEC, EFD_NONBLOCK, EventFd};
+use vmm_sys_util::eventfd::EventFd;
 
 use crate::account::{Account, Finished};
 use crate::channels::Channels;
@@ -159,15 +159,4 @@ impl Preparation<'_> {
         }
         Ok(kickers)
     }
-}
-
-/// A new event descriptor.
-pub(crate) fn eventfd() -> Result<EventFd, RunError> {
-    EventFd::new(EFD_NONBLOCK | EFD_CLOEXEC)
-        .map_err(|source| RunError::Host { what: "make an event descriptor", source })
-}
-
-/// A second handle of an event descriptor.
-pub(crate) fn clone(fd: &EventFd) -> Result<EventFd, RunError> {
-    fd.try_clone().map_err(|source| RunError::Host { what: "copy an event descriptor", source })
 }

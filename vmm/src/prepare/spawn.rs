@@ -11,12 +11,13 @@ use takt_scheduler::table::{PartitionId, Role};
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use vmm_sys_util::eventfd::EventFd;
 
-use super::{Preparation, Prepared, clone};
+use super::{Preparation, Prepared};
 use crate::account::{Account, Finished};
 use crate::boot::StartMode;
 use crate::boot::touch::TouchError;
 use crate::config::{Partition, ScheduleChange};
 use crate::control::Orders;
+use crate::event;
 use crate::gather::Gather;
 use crate::health::{Reporter, Watch};
 use crate::memory::GuestMemory;
@@ -85,7 +86,11 @@ impl Preparation<'_> {
             _memory: memory,
             own: control.clone(),
             health: reporter,
-            ending: Ending { partition: id, sender: self.sender.clone(), bell: clone(&self.bell)? },
+            ending: Ending {
+                partition: id,
+                sender: self.sender.clone(),
+                bell: event::clone(&self.bell)?,
+            },
         };
         let schedules = self.file.schedules();
         let says_done = guest.says_done();

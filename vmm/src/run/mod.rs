@@ -32,12 +32,13 @@ use crate::channels::Channels;
 use crate::config::{HostPort, PartitionFile};
 use crate::control::Operators;
 use crate::cpuset::Domains;
+use crate::event::{self, eventfd};
 use crate::footprint::Footprint;
 use crate::host_ports::HostPorts;
 use crate::interrupts::Interrupts;
 use crate::machine::{self, MachineError};
 use crate::passthrough::{Devices, last_work};
-use crate::prepare::{Finish, Preparation, clone, eventfd};
+use crate::prepare::{Finish, Preparation};
 use crate::report::{self, Host, Report};
 use crate::run_error::RunError;
 use crate::samples::{self, Samples};
@@ -96,7 +97,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         devices: &devices,
         domains: &domains,
         sender,
-        bell: clone(&bell)?,
+        bell: event::clone(&bell)?,
         closing: Arc::default(),
         board: Arc::new(SwitchBoard::new(schedules.frame(), schedules.tables().len())),
         frequency: None,

@@ -10,12 +10,13 @@ use std::io;
 use std::os::fd::AsRawFd;
 use std::os::unix::fs::FileExt;
 
-use vmm_sys_util::eventfd::{EFD_CLOEXEC, EFD_NONBLOCK, EventFd};
+use vmm_sys_util::eventfd::EventFd;
 
 use super::super::pci::{
     COMMAND, COMMAND_MASTER, COMMAND_MEMORY, COMMAND_NO_INTERRUPT, COMMAND_PORTS,
 };
 use super::sys::{self, IrqAction};
+use crate::event::eventfd;
 
 /// A function. The partition's end is the end of its last use.
 #[derive(Debug)]
@@ -119,10 +120,6 @@ impl Device {
         self.connect(&eventfd()?)?;
         sys::interrupt(&self.file, IrqAction::Mask)
     }
-}
-
-fn eventfd() -> io::Result<EventFd> {
-    EventFd::new(EFD_NONBLOCK | EFD_CLOEXEC)
 }
 
 #[cfg(test)]
