@@ -17,6 +17,7 @@ mod gate;
 mod guard;
 mod load;
 mod measure;
+mod measurement;
 mod output;
 mod page;
 mod plot;
@@ -35,7 +36,7 @@ use takt_scheduler::time::Nanos;
 use error::JitterError;
 use gate::Limits;
 use load::{Load, Progress};
-use output::Measurement;
+use measurement::Measurement;
 
 /// Exit statuses beside those of `takt run`; `--help` tells them.
 mod status {

@@ -7,9 +7,9 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::error::{JitterError, writing};
-use crate::figures::Figures;
-use crate::gate::{Breach, Limits};
+use crate::gate::Breach;
 use crate::load::{Load, Progress};
+use crate::measurement::Measurement;
 use crate::page;
 
 /// The page's name in the folder.
@@ -17,30 +17,6 @@ pub const PAGE: &str = "report.html";
 /// Version of what this program adds to the report; grows with every change that a reader could
 /// stumble over.
 const SCHEMA_VERSION: u32 = 1;
-
-/// A measurement, and how it was made.
-pub struct Measurement {
-    /// What Takt has measured.
-    pub figures: Figures,
-    /// The command that has measured.
-    pub command: String,
-    /// What Linux was to do.
-    pub load: Load,
-    /// What Linux says that it has done.
-    pub progress: Option<Progress>,
-    /// What was asked for.
-    pub limits: Limits,
-    /// Where it was not kept.
-    pub breaches: Vec<Breach>,
-}
-
-impl Measurement {
-    /// What Linux says that it has done, in words.
-    pub fn meanwhile(&self) -> Option<String> {
-        let Progress { load, count, unit } = self.progress.as_ref()?;
-        Some(format!("{load}: {count} {unit}"))
-    }
-}
 
 /// What is added to Takt's report, under the key `jitter`.
 #[derive(Serialize)]

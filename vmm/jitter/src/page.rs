@@ -12,7 +12,7 @@ use crate::cause;
 use crate::distribution::Distribution;
 use crate::error::JitterError;
 use crate::figures::{Partition, Releases};
-use crate::output::Measurement;
+use crate::measurement::Measurement;
 use crate::plot;
 
 const HEAD: &str = "<!DOCTYPE html>

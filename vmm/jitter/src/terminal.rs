@@ -6,7 +6,7 @@ use crate::cause;
 use crate::distribution::{Distribution, coarse};
 use crate::figures::Partition;
 use crate::guard;
-use crate::output::Measurement;
+use crate::measurement::Measurement;
 
 /// Longest bar, in characters.
 const WIDTH: f64 = 50.0;

@@ -8,12 +8,11 @@
 
 use std::fs::File;
 use std::io::{self, Read, Write};
-use std::os::unix::fs::FileExt;
 use std::sync::Arc;
 
 use vmm_sys_util::eventfd::EventFd;
 
-use crate::passthrough::pci::COMMAND;
+use crate::passthrough::command;
 use crate::passthrough::vfio::device::Device;
 
 /// Where a device interrupts.
@@ -46,7 +45,7 @@ impl Line {
     /// What the host says.
     pub fn arm(&self) -> io::Result<()> {
         match self {
-            Line::Pci { config, armed, .. } => config.write_all_at(&armed.to_le_bytes(), COMMAND),
+            Line::Pci { config, armed, .. } => command::write(config, 0, *armed),
             Line::Uio(uio) => switch(uio, true),
             Line::Vfio { opener, .. } => opener.write(1),
         }

@@ -14,6 +14,7 @@
 //! guest's thread are loads, stores, `in` and `out`.
 
 mod bound;
+pub mod command;
 pub mod error;
 pub mod guardian;
 pub mod last_work;

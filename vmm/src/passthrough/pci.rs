@@ -11,28 +11,17 @@
 
 use std::fs::{self, File};
 use std::io;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::bound::{Bound, HostDriver};
+use super::command;
 use super::error::DeviceError;
 use super::uio;
 use super::vfio::Space;
 use super::vfio::device::Device;
 use crate::interrupts::line::Line;
 
-/// Offset of the command register in the configuration space, and its bits (PCI Local Bus 3.0,
-/// 6.2.2).
-pub const COMMAND: u64 = 4;
-/// Decodes ports.
-pub const COMMAND_PORTS: u16 = 1;
-/// Decodes memory.
-pub const COMMAND_MEMORY: u16 = 1 << 1;
-/// Masters the bus.
-pub const COMMAND_MASTER: u16 = 1 << 2;
-/// Does not use its interrupt line.
-pub const COMMAND_NO_INTERRUPT: u16 = 1 << 10;
 /// Kinds of a resource (`include/linux/ioport.h`).
 const RESOURCE_PORTS: u64 = 0x100;
 const RESOURCE_MEMORY: u64 = 0x200;
@@ -166,7 +155,7 @@ impl Function {
         }
         let bound = self.bound.as_ref().ok_or_else(|| DeviceError::NoUio(self.name.clone()))?;
         let config = self.config().map_err(|e| self.cannot("open the configuration of", e))?;
-        let armed = self.taken & !COMMAND_NO_INTERRUPT;
+        let armed = self.taken & !command::NO_INTERRUPT;
         Ok(Line::Pci { uio: uio::of_function(bound, &self.name, devices)?, config, armed })
     }
 
@@ -235,16 +224,16 @@ impl Function {
     fn set_command(&mut self, terms: Terms) -> Result<(), DeviceError> {
         let config = self.config().map_err(|e| self.cannot("open the configuration of", e))?;
         let failed = |e| self.cannot("set the command register of", e);
-        let found = read_command(&config).map_err(failed)?;
-        let wanted = found | COMMAND_PORTS | COMMAND_MEMORY | COMMAND_NO_INTERRUPT;
+        let found = command::read(&config, 0).map_err(failed)?;
+        let wanted = found | command::PORTS | command::MEMORY | command::NO_INTERRUPT;
         let wanted = match terms.trusted_dma {
-            true => wanted | COMMAND_MASTER,
-            false => wanted & !COMMAND_MASTER,
+            true => wanted | command::MASTER,
+            false => wanted & !command::MASTER,
         };
-        write_command(&config, wanted).map_err(failed)?;
-        let now = read_command(&config).map_err(failed)?;
+        command::write(&config, 0, wanted).map_err(failed)?;
+        let now = command::read(&config, 0).map_err(failed)?;
         (self.command, self.taken) = (Some(found), wanted);
-        if !terms.trusted_dma && now & COMMAND_MASTER != 0 {
+        if !terms.trusted_dma && now & command::MASTER != 0 {
             return Err(DeviceError::MastersBus(self.name.clone()));
         }
         Ok(())
@@ -267,8 +256,8 @@ impl Function {
             // A device that the guest has left asking for an interrupt must not ask the host, which
             // has no handler for it. A driver of the host's switches it on again
             // (`do_pci_enable_device` in the kernel's drivers/pci/pci.c).
-            let quiet = if self.bound.is_some() { COMMAND_NO_INTERRUPT } else { 0 };
-            write_command(&self.config()?, command | quiet)?;
+            let quiet = if self.bound.is_some() { command::NO_INTERRUPT } else { 0 };
+            command::write(&self.config()?, 0, command | quiet)?;
         }
         // With its file VFIO ends all transfers, and the kernel waits for that file to be closed before
         // it lets go of the function: one that is still in use would be waited for without end.
@@ -287,16 +276,6 @@ impl Function {
             None => Ok(()),
         }
     }
-}
-
-fn read_command(config: &File) -> io::Result<u16> {
-    let mut bytes = [0; 2];
-    config.read_exact_at(&mut bytes, COMMAND)?;
-    Ok(u16::from_le_bytes(bytes))
-}
-
-fn write_command(config: &File, command: u16) -> io::Result<()> {
-    config.write_all_at(&command.to_le_bytes(), COMMAND)
 }
 
 impl Drop for Function {

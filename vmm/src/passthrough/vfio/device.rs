@@ -8,13 +8,10 @@ use std::ffi::CString;
 use std::fs::File;
 use std::io;
 use std::os::fd::AsRawFd;
-use std::os::unix::fs::FileExt;
 
 use vmm_sys_util::eventfd::EventFd;
 
-use super::super::pci::{
-    COMMAND, COMMAND_MASTER, COMMAND_MEMORY, COMMAND_NO_INTERRUPT, COMMAND_PORTS,
-};
+use super::super::command;
 use super::sys::{self, IrqAction};
 use crate::event::eventfd;
 
@@ -76,19 +73,16 @@ impl Device {
     /// # Errors
     /// What the kernel says.
     pub fn let_master(&self, on: bool) -> io::Result<()> {
-        let place = self.config + COMMAND;
-        let mut bytes = [0; 2];
-        self.file.read_exact_at(&mut bytes, place)?;
-        let wanted = u16::from_le_bytes(bytes) | COMMAND_PORTS | COMMAND_MEMORY;
+        let found = command::read(&self.file, self.config)?;
+        let wanted = found | command::PORTS | command::MEMORY;
         // VFIO reads the third bit as whether it may open the line at all.
         let wanted = match self.interrupts {
-            true => wanted & !COMMAND_NO_INTERRUPT,
-            false => wanted | COMMAND_NO_INTERRUPT,
+            true => wanted & !command::NO_INTERRUPT,
+            false => wanted | command::NO_INTERRUPT,
         };
-        let wanted = if on { wanted | COMMAND_MASTER } else { wanted & !COMMAND_MASTER };
-        self.file.write_all_at(&wanted.to_le_bytes(), place)?;
-        self.file.read_exact_at(&mut bytes, place)?;
-        let masters = u16::from_le_bytes(bytes) & COMMAND_MASTER != 0;
+        let wanted = if on { wanted | command::MASTER } else { wanted & !command::MASTER };
+        command::write(&self.file, self.config, wanted)?;
+        let masters = command::read(&self.file, self.config)? & command::MASTER != 0;
         if masters == on {
             Ok(())
         } else {
@@ -142,13 +136,9 @@ mod tests {
         // SAFETY: the name is a literal; the descriptor is new.
         let file =
             unsafe { File::from_raw_fd(libc::memfd_create(c"c".as_ptr(), libc::MFD_CLOEXEC)) };
-        file.write_all_at(&command.to_le_bytes(), CONFIG + COMMAND).unwrap();
+        command::write(&file, CONFIG, command).unwrap();
         let seen = file.try_clone().unwrap();
-        let now = move || {
-            let mut bytes = [0; 2];
-            seen.read_exact_at(&mut bytes, CONFIG + COMMAND).unwrap();
-            u16::from_le_bytes(bytes)
-        };
+        let now = move || command::read(&seen, CONFIG).unwrap();
         (Device::of_file(file, CONFIG, interrupts), now)
     }
 
