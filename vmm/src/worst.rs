@@ -132,7 +132,8 @@ impl<T: Copy> Ranking<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vcpu::record::{Scan, example as record};
+    use crate::vcpu::record::Scan;
+    use crate::vcpu::record::tests::example as record;
     use takt_scheduler::time::{Tsc, TscFrequency};
 
     /// One tick is one nanosecond.
