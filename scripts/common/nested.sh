@@ -102,7 +102,7 @@ machine_options() {
         local icount=shift=0,sleep=off
         [[ ! /dev/stdin -ef /dev/null ]] || icount+=,rr=record,rrfile=/dev/null
         options=(-accel "tcg,thread=single" -icount "$icount"
-            -rtc "base=2030-01-01,clock=vm" -seed 1 "${emulated[@]}" -smp 1)
+            -rtc "base=2030-01-01,clock=vm" -seed "${TAKT_LAB_SEED:-1}" "${emulated[@]}" -smp 1)
         ;;
     emulated)
         # With nested paging, a Linux guest that runs beside a PLC on another CPU has died of a
