@@ -7,7 +7,7 @@
 //!
 //! When a filter is installed the kernel tries it for each of its calls (`seccomp_cache_prepare`,
 //! kernel/seccomp.c), one comparison after the other. Nearly half of them have numbers above all that are
-//! listed, so one comparison in front spares a fifth of the time for each thread that starts.
+//! listed, so one comparison in front spares those all others.
 
 use std::fs;
 use std::path::Path;
