@@ -64,14 +64,14 @@ run_appliance() {
     read_status "$outcome"
 }
 
-# claim_cpu: sets $cpu_list to the CPUs for QEMU. The lab's threads hand over to each other at every
-# event, so that two CPUs are of no use to it, and two labs at once on the same ones would be many
-# times slower: each has one CPU for itself, until this script ends.
+# claim_cpu: sets $cpu_list to the CPUs for QEMU. Where it emulates it has one for itself, until this
+# script ends: the lab's threads hand over to each other at every event and two labs on the same CPU would
+# be many times slower; and on two CPUs QEMU loses interrupts (docs/decisions/0012-qemu-on-one-cpu.md).
 claim_cpu() {
     local allowed cpu
     allowed=$(sed -n 's/^Cpus_allowed_list:\t//p' /proc/self/status)
     cpu_list=$allowed
-    [[ $lane == lab ]] || return 0
+    [[ $lane != nested ]] || return 0
     while :; do
         for cpu in ${allowed//,/ }; do
             for ((cpu_list = ${cpu%-*}; cpu_list <= ${cpu#*-}; cpu_list++)); do

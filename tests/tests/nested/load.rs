@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use takt_tests::{System, initrd_and, long, target};
+use takt_tests::{Run, System, initrd_and, long, parse, target};
 
 #[test]
 fn linux_compiles_while_the_plc_keeps_its_time() {
@@ -25,4 +25,24 @@ fn linux_compiles_while_the_plc_keeps_its_time() {
     assert!(objects.is_some_and(|count| count > 0), "{objects:?}\n{}", outcome.output);
     outcome.assert_kept_its_time("plc", releases);
     outcome.assert_punctual("plc");
+}
+
+/// In real time nothing of its figures may be asserted, but that it comes to its end and has them, which
+/// it did not while QEMU lost interrupts (docs/decisions/0012-qemu-on-one-cpu.md).
+#[test]
+fn in_real_time_too_a_compiling_linux_ends_with_a_report() {
+    let folder = target("tests/real-time");
+    let _ = fs::remove_dir_all(&folder);
+    let run = Run::of("configs/jitter.toml").in_lane("emulated").for_jitter();
+    let run = run.with("--load").with("compile").with("--out").with(folder.to_str().unwrap());
+    let outcome = run.lasting(if long() { "180s" } else { "20s" }).run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    assert!(outcome.number("plc", "releases") > 0, "{}", outcome.output);
+    let read = |name: &str| fs::read_to_string(folder.join(name)).unwrap_or_default();
+    assert!(read("report.html").contains("<svg"), "{}", outcome.output);
+    let progress = &parse(&read("report.json"))["jitter"]["progress"];
+    // The first comes some seconds after Linux has started, which on a busy machine takes most of 20 s.
+    if long() {
+        assert!(progress["count"].as_u64() > Some(0), "{progress}\n{}", outcome.output);
+    }
 }
