@@ -68,7 +68,7 @@ run_appliance() {
 # script ends: the lab's threads hand over to each other at every event and two labs on the same CPU would
 # be many times slower; and on two CPUs QEMU loses interrupts (docs/decisions/0012-qemu-on-one-cpu.md).
 claim_cpu() {
-    local allowed cpu
+    local allowed cpu told=
     allowed=$(sed -n 's/^Cpus_allowed_list:\t//p' /proc/self/status)
     cpu_list=$allowed
     [[ $lane != nested ]] || return 0
@@ -80,6 +80,8 @@ claim_cpu() {
                 exec {cpu_lock}>&-
             done
         done
+        [[ -n $told ]] || echo "${0##*/}: waiting for a CPU, each has another emulated machine" >&2
+        told=yes
         sleep 1
     done
 }
