@@ -4,7 +4,7 @@
 # shellcheck shell=bash
 
 cache=$root/target/cache
-keep_kernel=
+keep_packages=
 
 fail() {
     echo "${0##*/}: $*" >&2
@@ -49,64 +49,59 @@ install_packages() {
         apt-get install -qq --no-install-recommends "$@" </dev/null >&2
 }
 
-# current_kernel FLAVOUR: prints "PACKAGE VERSION" of the kernel behind linux-image-FLAVOUR as
-# apt knows it now, or nothing. The metapackage may lead to a plain or an -unsigned package.
+# newest LINK NAME FETCH [ARGUMENT]...: prints the folder behind $cache/LINK, made of what apt knows now. NAME
+# ARGUMENT... prints what that folder is called, or nothing if apt does not know; FETCH FOLDER makes it.
+# Without a network, or without package lists, the last one serves; with $keep_packages set in any case.
+newest() {
+    local last=$cache/$1 name=$2 fetch=$3 arguments=("${@:4}")
+    mkdir -p "$cache"
+    if [[ -n $keep_packages && -e $last ]] || link_newest; then
+        :
+    elif [[ -e $last ]]; then
+        echo "${0##*/}: keeping what ${last##*/} was before" >&2
+    else
+        # There are no lists yet, or they are older than what the archive still holds.
+        update_package_lists
+        link_newest || fail "apt does not find or cannot download ${last##*/} (Debian is needed)"
+    fi
+    readlink -f "$last"
+}
+
+# link_newest: what newest tries, with its variables.
+link_newest() {
+    local folder
+    folder=$("$name" "${arguments[@]}")
+    [[ -n $folder ]] || return 1
+    [[ -d $cache/$folder ]] || "$fetch" "$cache/$folder" || return 1
+    ln -sfn "$folder" "$last"
+}
+
+# fetch_kernel FLAVOUR: prints the folder that the flavour's current kernel package is unpacked in.
+fetch_kernel() {
+    newest "linux-image-$1" current_kernel download_kernel "$1"
+}
+
+# current_kernel FLAVOUR: prints PACKAGE_VERSION of the kernel behind linux-image-FLAVOUR. The
+# metapackage may lead to a plain or an -unsigned package.
 current_kernel() {
     local package
     package=$(apt-cache depends "linux-image-$1" 2>/dev/null |
         awk '/Depends: linux-image-[0-9]/ && !seen++ { print $NF }')
     [[ -n $package ]] || return 0
     apt-cache show --no-all-versions "$package" 2>/dev/null |
-        awk -v package="$package" '/^Version:/ && !seen++ { print package, $2 }'
+        awk -v package="$package" '/^Version:/ && !seen++ { print package "_" $2 }'
 }
 
-# fetch_kernel FLAVOUR: prints the folder that the flavour's current kernel package is unpacked
-# in, downloading it if needed. Without a network, or without package lists, the last one serves.
-# With $keep_kernel set, the last one serves in any case.
-fetch_kernel() {
-    local flavour=$1 current folder last=$cache/linux-image-$1
-    mkdir -p "$cache"
-    if [[ -n $keep_kernel && -e $last ]]; then
-        readlink -f "$last"
-        return
-    fi
-    current=$(current_kernel "$flavour")
-    if [[ -z $current && ! -e $last ]]; then
-        update_package_lists
-        current=$(current_kernel "$flavour")
-        [[ -n $current ]] || fail "apt knows no linux-image-$flavour (Debian is needed)"
-    fi
-    folder=${current// /_}
-    if [[ -n $current && ! -d $cache/$folder ]]; then
-        if download_kernel "$flavour" "$cache/$folder"; then
-            :
-        elif [[ -e $last ]]; then
-            echo "${0##*/}: keeping the kernel that is there" >&2
-            folder=
-        else
-            # The lists may be older than what the archive still holds.
-            update_package_lists
-            current=$(current_kernel "$flavour")
-            folder=${current// /_}
-            download_kernel "$flavour" "$cache/$folder" ||
-                fail "cannot download the kernel package ${current% *}"
-        fi
-    fi
-    [[ -z $folder ]] || ln -sfn "$folder" "$last"
-    readlink -f "$last"
-}
-
-# download_kernel FLAVOUR FOLDER: the package that apt names now, unpacked into FOLDER.
+# download_kernel FOLDER: the package that the folder is called after, unpacked.
 download_kernel() {
-    local package work status=0
-    package=$(current_kernel "$1")
-    package=${package% *}
+    local package=${1##*/} work status=0
+    package=${package%%_*}
     work=$(mktemp -d "$cache/download.XXXXXX")
     echo "${0##*/}: downloading $package" >&2
     # apt would rather download as a user of its own, who cannot write here, and says so.
     (cd "$work" && apt-get -qq -o APT::Sandbox::User=root download "$package") >&2 &&
         dpkg -x "$work/$package"_*.deb "$work/unpacked" &&
-        mv -T "$work/unpacked" "$2" || status=1
+        mv -T "$work/unpacked" "$1" || status=1
     rm -rf "$work"
     return "$status"
 }

@@ -1,5 +1,5 @@
 //! Runs whole systems: a partition file, in the appliance, in the instruction-counted lab, or in
-//! the `emulated` lane where several CPUs are needed.
+//! the `emulated` lane where several CPUs or real time are needed.
 //!
 //! A test writes a partition file, says what is typed at the console, and looks at what a user
 //! would see: the output, the exit status and the report. In the lab nothing depends on how fast
