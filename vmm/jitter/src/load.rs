@@ -20,6 +20,8 @@ pub enum Load {
     Memory,
     /// Read and write files.
     Io,
+    /// Run stress-ng: timers at 20 kHz, page faults, forks, system calls.
+    Stress,
     /// Nothing but what the partition file says.
     None,
 }
@@ -33,6 +35,7 @@ impl Load {
             Load::Fork => "fork",
             Load::Memory => "memory",
             Load::Io => "io",
+            Load::Stress => "stress",
             Load::None => "none",
         }
     }
