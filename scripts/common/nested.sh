@@ -1,11 +1,12 @@
 # Runs the appliance in QEMU, with a partition file and all that it names.
-# Sourced; expects packages.sh and images.sh. The caller sets:
+# Sourced; expects packages.sh, images.sh and emulator.sh. The caller sets:
 #   appliance  the folder of the appliance to run: see appliance_folder
 #   lane       nested, lab or emulated
 #   files      the partition file and the images it names, as absolute paths
 #   memory     bytes that the guests need together
 #   cpus       CPUs that the partition file uses
 #   command    what takt is to do there, as an array; it may write into /out
+#   healer     what to preload into QEMU, or nothing: see heal_qemu
 #   work       an empty folder for temporary files
 #   overlay    a folder to lie over the appliance's root, or empty
 #   devices    what else the machine is to have, as an array: see device_options
@@ -46,7 +47,7 @@ run_appliance() {
     options+=(-append "$words")
 
     remember_terminal
-    claim_cpu
+    claim_cpus
     # In the background, with this script waiting, a signal to the script ends QEMU at once; and
     # if the script is killed, the kernel ends QEMU.
     # Whatever competes with the lab slows it down. Only root may ask for more than its share.
@@ -55,7 +56,7 @@ run_appliance() {
         taskset --cpu-list "$cpu_list" \
         timeout --foreground "${TAKT_TIMEOUT:-0}" \
         setpriv --pdeathsig KILL \
-        qemu-system-x86_64 "${options[@]}" <&0 &
+        env ${healer:+"LD_PRELOAD=$healer"} qemu-system-x86_64 "${options[@]}" <&0 &
     qemu=$!
     trap 'kill "$qemu" 2>/dev/null; exit 1' INT TERM HUP
     wait "$qemu" || outcome=$?
@@ -64,34 +65,66 @@ run_appliance() {
     read_status "$outcome"
 }
 
-# claim_cpu: sets $cpu_list to the CPUs for QEMU. Where it emulates it has one for itself, until this
-# script ends: the lab's threads hand over to each other at every event and two labs on the same CPU would
-# be many times slower; and on two CPUs QEMU loses interrupts (docs/decisions/0012-qemu-on-one-cpu.md).
-claim_cpu() {
-    local allowed cpu told=
-    allowed=$(sed -n 's/^Cpus_allowed_list:\t//p' /proc/self/status)
-    cpu_list=$allowed
+# claim_cpus: sets $cpu_list to the CPUs for QEMU. Where it emulates it has them for itself, until this script
+# ends: the lab's threads hand over to each other at every event and two labs on the same CPU would be many times
+# slower. A machine that counts instructions has one CPU; another one has a CPU for each of its own and one for
+# QEMU's other threads, unless it loses interrupts on two (docs/decisions/0012-qemu-takes-its-lock.md).
+claim_cpus() {
+    local allowed wanted=1 cpu told=
+    cpu_list=$(sed -n 's/^Cpus_allowed_list:\t//p' /proc/self/status)
     [[ $lane != nested ]] || return 0
-    while :; do
-        for cpu in ${allowed//,/ }; do
-            for ((cpu_list = ${cpu%-*}; cpu_list <= ${cpu#*-}; cpu_list++)); do
-                exec {cpu_lock}>"${TMPDIR:-/tmp}/takt-lab-cpu-$cpu_list"
-                ! flock --nonblock "$cpu_lock" || return 0
-                exec {cpu_lock}>&-
+    mapfile -t allowed < <(cpus_of "$cpu_list")
+    [[ $lane != emulated || $heals != *kept ]] || wanted=$((cpus + 1))
+    ((wanted <= ${#allowed[@]})) || wanted=${#allowed[@]}
+    if ((wanted == 1)); then
+        while :; do
+            for cpu in "${allowed[@]}"; do
+                cpu_list=$cpu
+                ! claim_cpu "$cpu" --nonblock || return 0
             done
+            [[ -n $told ]] || say_waiting
+            told=yes
+            sleep 1
         done
-        [[ -n $told ]] || echo "${0##*/}: waiting for a CPU, each has another emulated machine" >&2
-        told=yes
-        sleep 1
+    fi
+    cpu_list=
+    # Each in its order and the same ones always, so that two such scripts cannot wait for each other.
+    for cpu in "${allowed[@]:0:wanted}"; do
+        claim_cpu "$cpu" --nonblock || { say_waiting && claim_cpu "$cpu"; }
+        cpu_list+=${cpu_list:+,}$cpu
+    done
+}
+
+# claim_cpu CPU [--nonblock]: until this script ends.
+claim_cpu() {
+    local lock
+    exec {lock}>"${TMPDIR:-/tmp}/takt-lab-cpu-$1"
+    flock "${@:2}" "$lock" || {
+        exec {lock}>&-
+        return 1
+    }
+}
+
+say_waiting() {
+    echo "${0##*/}: waiting for a CPU that has another emulated machine" >&2
+}
+
+# cpus_of LIST: prints each CPU of a list as the kernel writes it, such as 0-3,5.
+cpus_of() {
+    local range
+    for range in ${1//,/ }; do
+        seq "${range%-*}" "${range#*-}"
     done
 }
 
 # machine_options: sets what differs from lane to lane.
 machine_options() {
+    # The timer of an x2APIC is read by an instruction that QEMU 10 does not let a machine that counts
+    # instructions have in the middle of a block ("Bad icount read").
     # Without constant_tsc, which QEMU's own CPU does not offer, kvm-amd refuses a PREEMPT_RT
     # kernel. Linux takes it for granted on a machine that looks like VMware's.
     local emulated=(-machine "q35,vmport=on" -smbios "type=1,serial=VMware-42"
-        -cpu "max,-hypervisor,-erms,-fsrm")
+        -cpu "max,-hypervisor,-erms,-fsrm,-x2apic")
     case $lane in
     nested)
         options=(-accel kvm -machine q35 -cpu host -smp "$cpus")
@@ -110,7 +143,7 @@ machine_options() {
         # With nested paging, a Linux guest that runs beside a PLC on another CPU has died of a
         # triple fault early in its start, most times: QEMU 7.2's walk of its page tables finds
         # reserved bits set. KVM's shadow page tables need no such walk. The last -cpu counts.
-        options=(-accel "tcg,thread=multi" "${emulated[@]}" -cpu "max,-hypervisor,npt=off"
+        options=(-accel "tcg,thread=multi" "${emulated[@]}" -cpu "max,-hypervisor,-x2apic,npt=off"
             -smp "$cpus")
         ;;
     esac

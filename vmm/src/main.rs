@@ -86,6 +86,9 @@ struct Run {
     /// What the report says of how Takt was started.
     #[arg(long, default_value = "direct")]
     lane: String,
+    /// What the report says of what emulates this machine.
+    #[arg(long, value_name = "TEXT")]
+    emulator: Option<String>,
     /// For tests: do not end windows by kicks, so that only SCHED_DEADLINE is left.
     #[arg(long, hide = true)]
     without_kick: bool,
@@ -134,6 +137,7 @@ impl Run {
             samples: self.samples.clone(),
             control: self.control.clone(),
             lane: self.lane.clone(),
+            emulator: self.emulator.clone(),
             without_kick: self.without_kick,
             panic_after: self.panic_after,
             late_wake_up: self.late_wake_up,

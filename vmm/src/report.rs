@@ -20,6 +20,9 @@ pub struct Report {
     pub schema_version: u32,
     /// How Takt was run; see `scripts/run`. It says what the times mean.
     pub lane: String,
+    /// What emulates this machine, and which of its known faults are left in it, as the script that
+    /// started it says; `null` for a machine that is not emulated.
+    pub emulator: Option<String>,
     /// Where.
     pub host: Host,
     /// `name` of the partition file's system.
@@ -255,6 +258,9 @@ impl Report {
             self.host.kernel,
             f64::from(self.host.tsc_khz) / 1e3,
         );
+        if let Some(emulator) = &self.emulator {
+            let _ = writeln!(text, "emulated by {emulator}");
+        }
         for partition in &self.partitions {
             partition.describe(&mut text);
         }
@@ -378,6 +384,7 @@ mod tests {
         Report {
             schema_version: SCHEMA_VERSION,
             lane: "lab".into(),
+            emulator: Some("QEMU 7.2.22".into()),
             host: Host {
                 kernel: "6.1.0-rt".into(),
                 preempt_rt: true,
@@ -480,6 +487,7 @@ mod tests {
     fn the_table_shows_every_partition_and_what_went_wrong() {
         let table = report().table();
         assert!(table.contains("demo: 10.000 s, lane lab, kernel 6.1.0-rt, PREEMPT_RT"));
+        assert!(table.contains("\nemulated by QEMU 7.2.22\n"));
         assert!(table.contains("releases       10000   lost 0   late 0   overruns 0"));
         assert!(table.contains("release latency         0.000      0.002"), "{table}");
         assert!(table.contains("donation       9.000 s left by windows, 99.0 % of it used;"));

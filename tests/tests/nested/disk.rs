@@ -53,8 +53,6 @@ fn run(name: &str, disks: [&Path; 2], exec: &str, more: &str, duration: &str) ->
         .run()
 }
 
-/// Few requests and large ones, since each takes an interrupt, and those are what the lab's QEMU may
-/// deliver twice.
 #[test]
 fn a_linux_reads_one_disk_and_writes_the_other_and_the_plc_keeps_its_time() {
     let (first, second, noise) = disks();

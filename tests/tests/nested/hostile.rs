@@ -32,9 +32,6 @@ const HOSTILE: [(&str, &[&str]); 8] = [
 
 /// All of them at once for a minute, again and again from the start, and a Linux that does its worst in
 /// turns. No time of this lane means anything; that Takt is there at the end, and as it was, does.
-///
-/// A Linux whose programs make it exit without end dies by QEMU's second delivery of an interrupt sooner or
-/// later (docs/decisions/0005-no-paravirtual-eoi.md), and starts again.
 #[test]
 fn takt_survives_a_minute_of_all_hostile_guests_and_does_not_grow() {
     if !long() {

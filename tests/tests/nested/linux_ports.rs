@@ -6,9 +6,6 @@ use takt_tests::{File, Outcome, initrd_with, long, plc_image};
 
 /// A PLC `peer` and a Linux, with a sampling and a queuing channel each way. Linux has the test
 /// programs, and executes `exec`; `more` are further lines of its table.
-///
-/// No source rings: a thousand interrupts a second can stop a Linux in the lab, where the QEMU below
-/// now and then delivers one twice.
 fn peer_and_linux(name: &str, exec: &str, more: &str, duration: &str) -> Outcome {
     let programs = [
         env!("CARGO_BIN_EXE_exchange"),

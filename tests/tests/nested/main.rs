@@ -6,6 +6,7 @@ mod device_memory;
 mod devices;
 mod disk;
 mod doctor;
+mod evidence;
 mod functional;
 mod health;
 mod health_table;

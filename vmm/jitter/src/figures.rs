@@ -23,6 +23,8 @@ const FILE_MAX: u64 = 64 << 20;
 pub struct Figures {
     /// How Takt was run.
     pub lane: String,
+    /// What emulates the machine, if it is emulated.
+    pub emulator: Option<String>,
     /// Where.
     pub host: Host,
     /// Name of the system.
@@ -47,6 +49,7 @@ impl Figures {
 struct Report {
     schema_version: u32,
     lane: String,
+    emulator: Option<String>,
     host: Host,
     system: String,
     duration_ns: u64,
@@ -160,8 +163,8 @@ pub fn read(report: &Path, samples: &Path) -> Result<(serde_json::Value, Figures
         // Takt writes no more; a plot of millions would be of no use to anybody.
         course.points.truncate(POINTS_MAX);
     }
-    let Report { lane, host, system, duration_ns, partitions, .. } = parsed;
-    Ok((raw, Figures { lane, host, system, duration_ns, partitions, courses }))
+    let Report { lane, emulator, host, system, duration_ns, partitions, .. } = parsed;
+    Ok((raw, Figures { lane, emulator, host, system, duration_ns, partitions, courses }))
 }
 
 fn check_version(

@@ -105,6 +105,9 @@ fn circumstances(page: &mut String, measurement: &Measurement) {
     row("Processor", &host.cpu);
     row("Time-stamp counter", &format!("{:.3} MHz", f64::from(host.tsc_khz) / 1e3));
     row("Lane", &format!("{}: {}", figures.lane, meaning(&figures.lane)));
+    if let Some(emulator) = &figures.emulator {
+        row("Emulated by", emulator);
+    }
     row("Duration", &format!("{:.3} s", figures.duration_ns as f64 / 1e9));
     row("Load", measurement.load.name());
     if let Some(done) = measurement.meanwhile() {

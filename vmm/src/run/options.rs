@@ -22,6 +22,8 @@ pub struct Options {
     pub control: Option<PathBuf>,
     /// How Takt was started, for the report.
     pub lane: String,
+    /// What emulates the machine, for the report.
+    pub emulator: Option<String>,
     /// For tests: windows are not ended by kicks, so that only SCHED_DEADLINE is left.
     pub without_kick: bool,
     /// For tests: a thread panics after this time.

@@ -32,6 +32,7 @@ impl Run<'_> {
         Report {
             schema_version: report::SCHEMA_VERSION,
             lane: self.options.lane.clone(),
+            emulator: self.options.emulator.clone(),
             host: self.host.clone(),
             system: self.file.name().to_owned(),
             epoch_tsc: base.epoch.0,
