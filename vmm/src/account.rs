@@ -11,6 +11,7 @@ use crate::boot::StartMode;
 use crate::control::Orders;
 use crate::gather::Gather;
 use crate::health::Watch;
+use crate::load;
 use crate::restart::Restart;
 use crate::samples::{Course, Recorder};
 use crate::statistics;
@@ -58,6 +59,8 @@ pub struct Account {
     pub releases: Option<statistics::Releases>,
     /// How its releases go, if that is wanted.
     pub samples: Option<Recorder>,
+    /// How the load of its Linux goes, if that is wanted.
+    pub load: Option<load::Recorder>,
     /// Time from its wake-ups to its leaving its windows, which was nobody else's.
     pub occupied: Nanos,
     /// What notices that its guest is silent.
@@ -85,12 +88,19 @@ impl Account {
             self.releases = statistics::Releases::new(base);
             self.samples = sampled.then(|| Recorder::new(base)).flatten();
         }
+        self.load = (sampled && self.is_terminal).then(load::Recorder::default);
     }
 
     /// How its releases went; `None` if that was not wanted.
     #[must_use]
     pub fn course(&self) -> Option<Course> {
         Some(self.samples.as_ref()?.course(&self.name, self.releases.as_ref()?))
+    }
+
+    /// What the load of its Linux has got done until the end of the run.
+    #[must_use]
+    pub fn load_course(&self, end: Nanos) -> Option<load::Course> {
+        self.load.as_ref()?.course(&self.name, end)
     }
 
     /// Takes note that its guest was started anew.

@@ -11,7 +11,7 @@ use crate::host_ports::Account as HostPort;
 use crate::worst::{LateStart, LongScan};
 
 /// Version of the JSON form: grows with every change that a reader could stumble over.
-pub const SCHEMA_VERSION: u32 = 2;
+pub const SCHEMA_VERSION: u32 = 3;
 
 /// A whole report. Field names are the JSON keys; times are nanoseconds.
 #[derive(Clone, Debug, Serialize)]
@@ -131,6 +131,45 @@ pub struct Partition {
     /// there, or if its console does not show the kernel's messages.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub boot_to_init_ns: Option<Option<u64>>,
+    /// Only for Linux: that its kernel did nothing any more when the run ended; `null` if nothing
+    /// is known that speaks for it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stuck: Option<Option<Stuck>>,
+}
+
+/// A kernel that does nothing any more; see `docs/health.md`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Stuck {
+    /// In which way.
+    pub how: How,
+    /// Since when it is known, from the epoch on.
+    pub since_ns: u64,
+}
+
+/// In which way a kernel does nothing any more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum How {
+    /// It uses the processor, and takes no interrupt since it has switched them off.
+    Spinning,
+    /// It uses the processor, and takes no interrupt though it has not switched them off.
+    Deaf,
+    /// It has halted with interrupts off: nothing wakes it.
+    Halted,
+    /// Its console says that it has panicked.
+    Panicked,
+}
+
+impl fmt::Display for Stuck {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let what = match self.how {
+            How::Spinning => "spins with interrupts off",
+            How::Deaf => "spins and gets no interrupt",
+            How::Halted => "has halted with interrupts off",
+            How::Panicked => "has panicked, as its console says",
+        };
+        write!(f, "{what} since {:.3} s", self.since_ns as f64 / 1e9)
+    }
 }
 
 /// The errors of a partition; see `docs/health.md`.
@@ -285,6 +324,9 @@ impl Partition {
                 None => writeln!(text, "  boot to init   not seen"),
             };
         }
+        if let Some(Some(stuck)) = self.stuck {
+            let _ = writeln!(text, "  kernel         {stuck}");
+        }
         if let Some(r) = &self.releases {
             let _ = writeln!(
                 text,
@@ -431,6 +473,7 @@ mod tests {
                     }),
                     donation: None,
                     boot_to_init_ns: None,
+                    stuck: None,
                 },
                 Partition {
                     name: "linux".into(),
@@ -449,6 +492,7 @@ mod tests {
                         minimum_share: 0.65,
                     }),
                     boot_to_init_ns: Some(None),
+                    stuck: Some(Some(Stuck { how: How::Spinning, since_ns: 5_120_000_000 })),
                 },
             ],
             host_ports: vec![HostPort {
@@ -469,7 +513,7 @@ mod tests {
     #[test]
     fn the_json_has_the_keys_that_its_readers_rely_on() {
         let json = serde_json::to_value(report()).unwrap();
-        assert_eq!(json["schema_version"], 2);
+        assert_eq!(json["schema_version"], 3);
         let plc = &json["partitions"][0];
         for key in ["name", "releases", "lost", "late_releases", "overruns", "cpu_share"] {
             assert!(!plc[key].is_null(), "{key}");
@@ -480,6 +524,7 @@ mod tests {
         assert!(plc.get("boot_to_init_ns").is_none());
         let linux = json["partitions"][1].as_object().unwrap();
         assert!(linux["boot_to_init_ns"].is_null());
+        assert_eq!(linux["stuck"]["how"], "spinning");
         assert!(!linux.contains_key("releases"));
     }
 
@@ -492,6 +537,10 @@ mod tests {
         assert!(table.contains("release latency         0.000      0.002"), "{table}");
         assert!(table.contains("donation       9.000 s left by windows, 99.0 % of it used;"));
         assert!(table.contains("boot to init   not seen"));
+        assert!(
+            table.contains("kernel         spins with interrupts off since 5.120 s"),
+            "{table}"
+        );
         assert!(table.contains("host:levels (state): 12 messages, 3 clients dropped"), "{table}");
         assert!(table.contains("  errors         numeric-error 2\n"), "{table}");
     }

@@ -19,11 +19,12 @@
 use serde::{Deserialize, Serialize};
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 
+use crate::load;
 use crate::statistics::{Distribution, Releases};
 use crate::vcpu::record::WindowRecord;
 
 /// Version of the file: grows with every change that a reader could stumble over.
-pub const SCHEMA_VERSION: u32 = 1;
+pub const SCHEMA_VERSION: u32 = 2;
 /// Most points of a course. A plot is about as many dots wide.
 pub const POINTS_MAX: usize = 1024;
 
@@ -34,6 +35,8 @@ pub struct Samples {
     pub schema_version: u32,
     /// Those with windows and a scan, in the order of the partition file.
     pub partitions: Vec<Course>,
+    /// What loads have got done: those of consoles that told of one.
+    pub loads: Vec<load::Course>,
 }
 
 /// How the releases of one partition went.

@@ -101,7 +101,11 @@ fn claims_that_cannot_be_true_are_left_out() {
 fn the_file_can_be_read_back() {
     let mut recorder = recorder();
     (0..3).for_each(|n| recorder.add(&record(n, n, 100)));
-    let samples = Samples { schema_version: SCHEMA_VERSION, partitions: vec![course(&recorder)] };
+    let samples = Samples {
+        schema_version: SCHEMA_VERSION,
+        partitions: vec![course(&recorder)],
+        loads: Vec::new(),
+    };
     let json = serde_json::to_value(&samples).unwrap();
     assert_eq!(json["partitions"][0]["points"][2]["latency_ns"], serde_json::json!([2, 2]));
     assert_eq!(serde_json::from_value::<Samples>(json).unwrap(), samples);

@@ -10,7 +10,8 @@ use std::path::Path;
 
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use takt::report::{self, Summary};
+use takt::load;
+use takt::report::{self, Stuck, Summary};
 use takt::samples::{self, Course, POINTS_MAX, Samples};
 
 use crate::error::{JitterError, reading};
@@ -19,7 +20,7 @@ use crate::error::{JitterError, reading};
 const FILE_MAX: u64 = 64 << 20;
 
 /// All that is shown.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Figures {
     /// How Takt was run.
     pub lane: String,
@@ -35,12 +36,19 @@ pub struct Figures {
     pub partitions: Vec<Partition>,
     /// Of partitions with releases, by their names.
     pub courses: Vec<Course>,
+    /// What loads have got done.
+    pub loads: Vec<load::Course>,
 }
 
 impl Figures {
     /// The course of a partition.
     pub fn course(&self, partition: &Partition) -> Option<&Course> {
         self.courses.iter().find(|course| course.name == partition.name)
+    }
+
+    /// The Linux that makes the load; a system has one at most.
+    pub fn linux(&self) -> Option<&Partition> {
+        self.partitions.iter().find(|partition| partition.kind == "linux")
     }
 }
 
@@ -74,6 +82,8 @@ pub struct Host {
 pub struct Partition {
     /// Its name.
     pub name: String,
+    /// `plc` or `linux`.
+    pub kind: String,
     /// How it ended.
     pub end: String,
     /// CPU time of its thread, as a part of the run's duration.
@@ -85,6 +95,8 @@ pub struct Partition {
     pub donation: Option<Donation>,
     /// Only for a Linux that has got so far.
     pub boot_to_init_ns: Option<u64>,
+    /// Only for a Linux whose kernel did nothing any more.
+    pub stuck: Option<Stuck>,
 }
 
 /// How a partition kept its time; `takt::report::Releases` tells what each figure is.
@@ -157,14 +169,15 @@ pub fn read(report: &Path, samples: &Path) -> Result<(serde_json::Value, Figures
     let format = |source| JitterError::Format { path: report.to_owned(), what: REPORT, source };
     let parsed = Report::deserialize(&raw).map_err(format)?;
     check_version(report, REPORT, parsed.schema_version, report::SCHEMA_VERSION)?;
-    let Samples { schema_version, partitions: mut courses } = json(samples, "samples file")?;
+    let Samples { schema_version, partitions: mut courses, mut loads } =
+        json(samples, "samples file")?;
     check_version(samples, "samples file", schema_version, samples::SCHEMA_VERSION)?;
     for course in &mut courses {
         // Takt writes no more; a plot of millions would be of no use to anybody.
         course.points.truncate(POINTS_MAX);
     }
     let Report { lane, emulator, host, system, duration_ns, partitions, .. } = parsed;
-    Ok((raw, Figures { lane, emulator, host, system, duration_ns, partitions, courses }))
+    Ok((raw, Figures { lane, emulator, host, system, duration_ns, partitions, courses, loads }))
 }
 
 fn check_version(

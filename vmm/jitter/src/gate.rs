@@ -1,12 +1,14 @@
 //! Limits that make a measurement a test.
 //!
 //! They hold for every partition that has releases. A measurement without figures keeps no limit:
-//! one release that nobody has seen may be the one that was too late.
+//! one release that nobody has seen may be the one that was too late. Nor does one whose load is not
+//! proved: what it says was not asked.
 
 use serde::Serialize;
 use takt_scheduler::time::Nanos;
 
 use crate::figures::Partition;
+use crate::proof::Proof;
 
 /// What is asked for; `None` for what is not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -19,9 +21,21 @@ pub struct Limits {
     pub lost: Option<u64>,
 }
 
-/// A limit that was exceeded.
+/// What a breach is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// A limit was exceeded.
+    Limit,
+    /// The load that was asked for is not proved.
+    Load,
+}
+
+/// Why the limits are not kept.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Breach {
+    /// Of what.
+    pub kind: Kind,
     /// By whom; empty if by nobody in particular.
     pub partition: String,
     /// What was found, and what was allowed.
@@ -34,8 +48,8 @@ impl Limits {
         *self == Self::default()
     }
 
-    /// Limits that were exceeded, in the order of the partitions.
-    pub fn breaches(&self, partitions: &[Partition]) -> Vec<Breach> {
+    /// Limits that were exceeded, in the order of the partitions, and a load that is not proved.
+    pub fn breaches(&self, partitions: &[Partition], proof: Option<&Proof>) -> Vec<Breach> {
         let mut breaches = Vec::new();
         if self.none() {
             return breaches;
@@ -44,7 +58,9 @@ impl Limits {
         for Partition { name, releases, .. } in partitions {
             let Some(r) = releases else { continue };
             measured = true;
-            let mut breach = |text| breaches.push(Breach { partition: name.clone(), text });
+            let mut breach = |text| {
+                breaches.push(Breach { kind: Kind::Limit, partition: name.clone(), text });
+            };
             if r.unrecorded > 0 {
                 breach(format!("{} windows are in no figure", r.unrecorded));
             }
@@ -66,7 +82,11 @@ impl Limits {
         }
         if !measured {
             let text = "no partition has releases that could be measured".into();
-            breaches.push(Breach { partition: String::new(), text });
+            breaches.push(Breach { kind: Kind::Limit, partition: String::new(), text });
+        }
+        if let Some(Proof { reason: Some(reason), partition, .. }) = proof {
+            let (partition, text) = (partition.clone(), reason.clone());
+            breaches.push(Breach { kind: Kind::Load, partition, text });
         }
         breaches
     }
@@ -94,7 +114,7 @@ mod tests {
     }
 
     fn texts(limits: Limits, partitions: &[Partition]) -> Vec<String> {
-        limits.breaches(partitions).into_iter().map(|b| b.text).collect()
+        limits.breaches(partitions, None).into_iter().map(|b| b.text).collect()
     }
 
     const STRICT: Limits = Limits { latency: Some(Nanos(10)), late: Some(0), lost: Some(2) };
@@ -115,6 +135,23 @@ mod tests {
         assert_eq!(texts(STRICT, &partitions(11, 1, 3)), expected);
         let only_lost = Limits { lost: Some(2), ..Limits::default() };
         assert_eq!(texts(only_lost, &partitions(11, 1, 3)), expected[2..]);
+    }
+
+    #[test]
+    fn a_load_that_is_not_proved_keeps_no_limit() {
+        let reason = Some("the load stood still".to_owned());
+        let missing = Proof { proved: false, reason, partition: "linux".into() };
+        let given = Proof { proved: true, reason: None, ..missing.clone() };
+        for limits in [STRICT, Limits { lost: Some(9), ..Limits::default() }] {
+            let [breach] = &limits.breaches(&partitions(1, 0, 0), Some(&missing))[..] else {
+                panic!("one breach")
+            };
+            let told = (breach.kind, breach.partition.as_str(), breach.text.as_str());
+            assert_eq!(told, (Kind::Load, "linux", "the load stood still"));
+            assert!(limits.breaches(&partitions(1, 0, 0), Some(&given)).is_empty());
+        }
+        let none = Limits::default();
+        assert!(none.breaches(&partitions(1, 0, 0), Some(&missing)).is_empty());
     }
 
     #[test]

@@ -46,17 +46,6 @@ impl Load {
     }
 }
 
-/// What the load says that it has done.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Progress {
-    /// The load.
-    pub load: String,
-    /// How many.
-    pub count: u64,
-    /// Of what.
-    pub unit: String,
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

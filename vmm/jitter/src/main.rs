@@ -21,10 +21,9 @@ mod measurement;
 mod output;
 mod page;
 mod plot;
-mod progress;
+mod proof;
 mod terminal;
 
-use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -35,7 +34,7 @@ use takt_scheduler::time::Nanos;
 
 use error::JitterError;
 use gate::Limits;
-use load::{Load, Progress};
+use load::Load;
 use measurement::Measurement;
 
 /// Exit statuses beside those of `takt run`; `--help` tells them.
@@ -47,7 +46,7 @@ mod status {
 
 const AFTER_HELP: &str = "\
 Exit status: 0 good; 2 bad partition file or usage; 3 the host cannot; 4 a partition failed;
-5 a limit (--max-...) is exceeded.
+5 a limit (--max-...) is exceeded, or one is given and the load is not proved.
 Ctrl-C ends the measurement; what was measured until then is shown.";
 
 /// Measures how punctual the releases of a partition file are under a load.
@@ -94,9 +93,6 @@ struct Render {
     /// The samples.
     #[arg(long, value_name = "SAMPLES.json")]
     samples: PathBuf,
-    /// What was shown on the console, to find what the load has done.
-    #[arg(long, value_name = "LOG")]
-    console: Option<PathBuf>,
     /// The command that has measured, for the page.
     #[arg(long, value_name = "TEXT", default_value = "not known")]
     command: String,
@@ -170,19 +166,12 @@ fn run(file: &Path, run: &Run) -> Result<u8, JitterError> {
         return Ok(measured.status);
     }
     let command = command::line(std::env::args_os());
-    let gate = show(&run.rest, &report, &samples, command, measured.progress)?;
+    let gate = show(&run.rest, &report, &samples, command)?;
     Ok(if measured.status == 0 { gate } else { measured.status })
 }
 
 fn render(render: &Render) -> Result<u8, JitterError> {
-    let progress = match &render.console {
-        None => None,
-        Some(path) => {
-            let console = fs::File::open(path).map_err(error::reading(path))?;
-            progress::last(console).map_err(error::reading(path))?
-        }
-    };
-    show(&render.rest, &render.report, &render.samples, render.command.clone(), progress)
+    show(&render.rest, &render.report, &render.samples, render.command.clone())
 }
 
 /// Shows a measurement, and tells the exit status that follows from its limits.
@@ -191,13 +180,9 @@ fn show(
     report: &Path,
     samples: &Path,
     command: String,
-    progress: Option<Progress>,
 ) -> Result<u8, JitterError> {
     let (raw, figures) = figures::read(report, samples)?;
-    let limits = common.limits();
-    let breaches = limits.breaches(&figures.partitions);
-    let measurement =
-        Measurement { figures, command, load: common.load, progress, limits, breaches };
+    let measurement = Measurement::new(figures, command, common.load, common.limits());
     let text = terminal::text(&measurement);
     // Nobody may be left to read it; the status and the files still tell.
     let _ = std::io::stdout().write_all(text.as_bytes());

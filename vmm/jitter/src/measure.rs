@@ -14,12 +14,12 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use takt::load::{Lines, Word};
 use takt_scheduler::time::Nanos;
 use vmm_sys_util::signal::register_signal_handler;
 
 use crate::error::{JitterError, writing};
-use crate::load::{Load, Progress};
-use crate::progress::{self, Lines};
+use crate::load::Load;
 use crate::status;
 
 /// How often the progress is shown on a terminal, and elsewhere.
@@ -49,8 +49,6 @@ pub struct Order<'a> {
 pub struct Measured {
     /// Exit status of Takt.
     pub status: u8,
-    /// What the load has said last.
-    pub progress: Option<Progress>,
 }
 
 impl Measured {
@@ -97,10 +95,12 @@ pub fn run(order: &Order<'_>) -> Result<Measured, JitterError> {
     let failed = |source| JitterError::Takt { path: takt.clone(), source };
     keep_running_on_interrupt().map_err(failed)?;
     let mut child = start(&takt, order).map_err(failed)?;
-    let progress = child.stdout.take().and_then(|console| watch(console, order.duration));
+    if let Some(console) = child.stdout.take() {
+        watch(console, order.duration);
+    }
     let status = child.wait().map_err(failed)?;
     let status = status.code().and_then(|code| u8::try_from(code).ok());
-    Ok(Measured { status: status.unwrap_or(status::HOST_CANNOT), progress })
+    Ok(Measured { status: status.unwrap_or(status::HOST_CANNOT) })
 }
 
 fn start(takt: &Path, order: &Order<'_>) -> io::Result<Child> {
@@ -136,13 +136,12 @@ fn keep_running_on_interrupt() -> io::Result<()> {
 }
 
 /// Shows how far it is until the console ends.
-fn watch(console: ChildStdout, duration: Option<Nanos>) -> Option<Progress> {
+fn watch(console: ChildStdout, duration: Option<Nanos>) {
     let (sender, lines) = channel();
     let reader = thread::spawn(move || read(console, &sender));
-    let last = follow(&lines, duration);
+    follow(&lines, duration);
     // It has ended: that is why there are no more lines. A panic of it is no reason to lose them.
     let _ = reader.join();
-    last
 }
 
 /// Passes the console's lines on.
@@ -153,7 +152,7 @@ fn read(mut console: ChildStdout, lines: &Sender<String>) {
             Ok(0) => return,
             Ok(read) => cut.add(&buffer[..read], |line| {
                 // Nobody cares any more: then the console is only emptied.
-                let _ = lines.send(line.to_owned());
+                let _ = lines.send(String::from_utf8_lossy(line).into_owned());
             }),
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
             Err(_) => return,
@@ -161,27 +160,27 @@ fn read(mut console: ChildStdout, lines: &Sender<String>) {
     }
 }
 
-fn follow(lines: &Receiver<String>, duration: Option<Nanos>) -> Option<Progress> {
+fn follow(lines: &Receiver<String>, duration: Option<Nanos>) {
     let start = Instant::now();
     let on_terminal = io::stderr().is_terminal();
     let tick = if on_terminal { TICK } else { TICK_IN_FILE };
-    let (mut last, mut next) = (None, start + tick);
+    let (mut done, mut next) = (None, start + tick);
     loop {
         match lines.recv_timeout(next.saturating_duration_since(Instant::now())) {
             Ok(line) => {
                 if line.starts_with(OWN) {
                     show(on_terminal, &printable(&line), "\n");
                 }
-                last = progress::of(&line).or(last);
+                done = Word::of(line.as_bytes()).map(|word| words(&word)).or(done);
             }
             Err(RecvTimeoutError::Timeout) => {
                 let end = if on_terminal { "" } else { "\n" };
-                show(on_terminal, &position(start.elapsed(), duration, last.as_ref()), end);
+                show(on_terminal, &position(start.elapsed(), duration, done.as_deref()), end);
                 next += tick;
             }
             Err(RecvTimeoutError::Disconnected) => {
                 show(on_terminal, "", "");
-                return last;
+                return;
             }
         }
     }
@@ -198,13 +197,17 @@ fn printable(line: &str) -> String {
     line.chars().map(|c| if c.is_control() { '?' } else { c }).collect()
 }
 
-fn position(elapsed: Duration, duration: Option<Nanos>, load: Option<&Progress>) -> String {
+fn words(word: &Word<'_>) -> String {
+    format!("{}: {} {}", word.load, word.count, word.unit)
+}
+
+fn position(elapsed: Duration, duration: Option<Nanos>, done: Option<&str>) -> String {
     let mut text = format!("takt-jitter: {} s", elapsed.as_secs());
     if let Some(duration) = duration {
         text += &format!(" of {duration}");
     }
-    if let Some(Progress { load, count, unit }) = load {
-        text += &format!("; {load}: {count} {unit}");
+    if let Some(done) = done {
+        text += &format!("; {done}");
     }
     text
 }
@@ -215,10 +218,10 @@ mod tests {
 
     #[test]
     fn the_position_is_told_as_far_as_it_is_known() {
-        let progress = Progress { load: "cpu".into(), count: 3, unit: "rounds".into() };
+        let done = words(&Word { load: "cpu", count: 3, unit: "rounds" });
         let at = Duration::from_millis(12_900);
         assert_eq!(position(at, None, None), "takt-jitter: 12 s");
-        let whole = position(at, Some(Nanos(60_000_000_000)), Some(&progress));
+        let whole = position(at, Some(Nanos(60_000_000_000)), Some(&done));
         assert_eq!(whole, "takt-jitter: 12 s of 60s; cpu: 3 rounds");
     }
 

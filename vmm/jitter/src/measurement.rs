@@ -1,8 +1,11 @@
 //! What there is to tell when a run is over, in the terminal and in the folder.
 
+use takt::load::Course;
+
 use crate::figures::Figures;
 use crate::gate::{Breach, Limits};
-use crate::load::{Load, Progress};
+use crate::load::Load;
+use crate::proof::Proof;
 
 /// A measurement, and how it was made.
 pub struct Measurement {
@@ -12,18 +15,37 @@ pub struct Measurement {
     pub command: String,
     /// What Linux was to do.
     pub load: Load,
-    /// What Linux says that it has done.
-    pub progress: Option<Progress>,
+    /// Whether it has; `None` if it was to do nothing.
+    pub proof: Option<Proof>,
     /// What was asked for.
     pub limits: Limits,
-    /// Where it was not kept.
+    /// Why it was not kept.
     pub breaches: Vec<Breach>,
 }
 
 impl Measurement {
-    /// What Linux says that it has done, in words.
+    /// A measurement of these figures, with what follows from the limits.
+    pub fn new(figures: Figures, command: String, load: Load, limits: Limits) -> Self {
+        let proof = Proof::of(load, &figures);
+        let breaches = limits.breaches(&figures.partitions, proof.as_ref());
+        Self { figures, command, load, proof, limits, breaches }
+    }
+
+    /// What Linux says that it has done, over time.
+    pub fn progress(&self) -> Option<&Course> {
+        self.figures.loads.first()
+    }
+
+    /// The same in words.
     pub fn meanwhile(&self) -> Option<String> {
-        let Progress { load, count, unit } = self.progress.as_ref()?;
-        Some(format!("{load}: {count} {unit}"))
+        let Course { load, unit, points, began_ns, .. } = self.progress()?;
+        let done = points.last().map_or(0, |point| point.1);
+        Some(format!("{load}: {done} {unit} from {:.3} s on", *began_ns as f64 / 1e9))
+    }
+
+    /// Why the load is not proved, if that is no breach because there are no limits.
+    pub fn warning(&self) -> Option<&str> {
+        let proof = self.proof.as_ref().filter(|_| self.limits.none())?;
+        proof.reason.as_deref()
     }
 }

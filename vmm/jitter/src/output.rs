@@ -5,18 +5,20 @@ use std::path::Path;
 
 use serde::Serialize;
 use serde_json::Value;
+use takt::load::Course;
 
 use crate::error::{JitterError, writing};
 use crate::gate::Breach;
-use crate::load::{Load, Progress};
+use crate::load::Load;
 use crate::measurement::Measurement;
 use crate::page;
+use crate::proof::Proof;
 
 /// The page's name in the folder.
 pub const PAGE: &str = "report.html";
 /// Version of what this program adds to the report; grows with every change that a reader could
 /// stumble over.
-const SCHEMA_VERSION: u32 = 1;
+const SCHEMA_VERSION: u32 = 2;
 
 /// What is added to Takt's report, under the key `jitter`.
 #[derive(Serialize)]
@@ -24,7 +26,8 @@ struct Addition<'a> {
     schema_version: u32,
     command: &'a str,
     load: Load,
-    progress: Option<&'a Progress>,
+    progress: Option<&'a Course>,
+    proof: Option<&'a Proof>,
     max_latency_ns: Option<u64>,
     max_late: Option<u64>,
     max_lost: Option<u64>,
@@ -54,12 +57,13 @@ pub fn write(
 }
 
 fn with_addition(mut report: Value, measurement: &Measurement) -> Result<Vec<u8>, JitterError> {
-    let Measurement { command, load, progress, limits, breaches, .. } = measurement;
+    let Measurement { command, load, proof, limits, breaches, .. } = measurement;
     let addition = Addition {
         schema_version: SCHEMA_VERSION,
         command,
         load: *load,
-        progress: progress.as_ref(),
+        progress: measurement.progress(),
+        proof: proof.as_ref(),
         max_latency_ns: limits.latency.map(|ns| ns.0),
         max_late: limits.late,
         max_lost: limits.lost,

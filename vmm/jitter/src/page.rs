@@ -6,6 +6,7 @@
 
 use std::fmt::{self, Write};
 
+use takt::load::Course;
 use takt::report::Summary;
 
 use crate::cause;
@@ -67,6 +68,7 @@ pub fn html(measurement: &Measurement) -> Result<String, JitterError> {
     let _ = write!(page, "<title>{title}</title>\n{STYLE}</head>\n<body>\n<h1>{title}</h1>\n");
     verdict(&mut page, measurement);
     circumstances(&mut page, measurement);
+    load(&mut page, measurement)?;
     for partition in &figures.partitions {
         if let Some(releases) = &partition.releases {
             self::releases(&mut page, measurement, partition, releases)?;
@@ -78,6 +80,9 @@ pub fn html(measurement: &Measurement) -> Result<String, JitterError> {
 }
 
 fn verdict(page: &mut String, measurement: &Measurement) {
+    if let Some(warning) = measurement.warning() {
+        let _ = writeln!(page, "<p class=\"bad\">{}</p>", Html(warning));
+    }
     if measurement.limits.none() {
         return;
     }
@@ -115,6 +120,26 @@ fn circumstances(page: &mut String, measurement: &Measurement) {
     }
     let command = Html(&measurement.command);
     let _ = writeln!(page, "<tr><th>Command</th><td><code>{command}</code></td></tr>\n</table>");
+}
+
+/// What Linux did meanwhile.
+fn load(page: &mut String, measurement: &Measurement) -> Result<(), JitterError> {
+    let Some(Course { load, unit, points, standstill, lines, .. }) = measurement.progress() else {
+        return Ok(());
+    };
+    let _ = writeln!(page, "<h2>Load: {}</h2>", Html(load));
+    let _ = writeln!(page, "<h3>Progress, in {}</h3>", Html(unit));
+    page.push_str(&plot::progress(points, measurement.figures.duration_ns)?);
+    let _ = writeln!(
+        page,
+        "<p>The longest time without progress was {} s, from {} s to {} s.</p>\n\
+         <p class=\"note\">By the {lines} lines that Linux has printed, at the times when Takt has taken \
+         them from the console.</p>",
+        seconds(standstill.duration().0),
+        seconds(standstill.from_ns),
+        seconds(standstill.to_ns),
+    );
+    Ok(())
 }
 
 /// What the times of a lane mean.
@@ -274,6 +299,9 @@ fn background(page: &mut String, measurement: &Measurement) {
             seconds(donation.offered_ns),
             Html(&partition.end),
         );
+        if let Some(stuck) = partition.stuck {
+            let _ = writeln!(page, "<p class=\"bad\">Its kernel {}.</p>", Html(stuck.to_string()));
+        }
         if let Some(ns) = partition.boot_to_init_ns {
             let _ = writeln!(page, "<p>Its first process started after {} s.</p>", seconds(ns));
         }

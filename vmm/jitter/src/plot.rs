@@ -143,6 +143,32 @@ pub fn course(
     .map(Some)
 }
 
+/// The progress of a load: what had been done when, over the whole run.
+pub fn progress(points: &[(u64, u64)], duration_ns: u64) -> Result<String, JitterError> {
+    let seconds = |ns: u64| ns as f64 / 1e9;
+    let last = points.iter().map(|(at, _)| seconds(*at)).fold(0.0, f64::max);
+    let end = seconds(duration_ns).max(last).max(1e-6);
+    let top = points.iter().map(|(_, count)| *count as f64).fold(1.0, f64::max) * 1.08;
+    let done = points.last().map_or(0.0, |(_, count)| *count as f64);
+    // What was told last holds until something else is told.
+    let line = points.iter().map(|(at, count)| (seconds(*at), *count as f64));
+    let line: Vec<_> = line.chain([(end, done)]).collect();
+    svg(|area| {
+        let mut chart = chart(area).build_cartesian_2d(0.0..end, 0.0..top).map_err(words)?;
+        let mut mesh = chart.configure_mesh();
+        style(&mut mesh);
+        mesh.x_desc("time, in s")
+            .y_desc("done")
+            .y_label_formatter(&|count: &f64| format!("{count:.0}"))
+            .draw()
+            .map_err(words)?;
+        chart.draw_series([PathElement::new(line.clone(), LINE.stroke_width(2))]).map_err(words)?;
+        let dots = line.iter().take(points.len()).map(|at| Circle::new(*at, 2, BAR.filled()));
+        chart.draw_series(dots).map_err(words)?;
+        Ok(())
+    })
+}
+
 /// A range with labels at given places.
 struct Labelled {
     range: RangedCoordf64,
@@ -259,6 +285,20 @@ mod tests {
         ] {
             let svg = course(points, "x", pick).unwrap().unwrap();
             assert!(svg.contains("polygon") && !svg.contains("NaN"), "{points:?}: {svg}");
+        }
+    }
+
+    #[test]
+    fn any_progress_can_be_drawn() {
+        for (points, duration) in [
+            (&[][..], 0),
+            (&[(0, 0)], 0),
+            (&[(1, 0), (2, u64::MAX)], u64::MAX),
+            (&[(u64::MAX, 7), (0, 3)], 5),
+        ] {
+            let svg = progress(points, duration).unwrap();
+            assert_eq!(svg.matches("<circle").count(), points.len(), "{svg}");
+            assert!(!svg.contains("NaN") && !svg.contains("inf"), "{points:?}: {svg}");
         }
     }
 

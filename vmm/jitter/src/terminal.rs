@@ -5,11 +5,14 @@ use std::fmt::Write;
 use crate::cause;
 use crate::distribution::{Distribution, coarse};
 use crate::figures::Partition;
+use crate::gate::Kind;
 use crate::guard;
 use crate::measurement::Measurement;
 
 /// Longest bar, in characters.
 const WIDTH: f64 = 50.0;
+/// What a line about a load begins with that is not proved.
+const NOT_PROVED: &str = "NOT PROVED";
 /// In a million, and what they are called.
 const QUANTILES: [(u32, &str); 6] = [
     (500_000, "50 %"),
@@ -37,9 +40,21 @@ pub fn text(measurement: &Measurement) -> String {
     for partition in &figures.partitions {
         describe(&mut text, measurement, partition);
     }
+    for partition in &figures.partitions {
+        if let Some(stuck) = partition.stuck {
+            let _ = writeln!(text, "\nSTUCK {}: its kernel {stuck}", partition.name);
+        }
+    }
     for breach in &measurement.breaches {
         let who = if breach.partition.is_empty() { "limits" } else { &breach.partition };
-        let _ = writeln!(text, "\nEXCEEDED {who}: {}", breach.text);
+        let what = match breach.kind {
+            Kind::Limit => "EXCEEDED",
+            Kind::Load => NOT_PROVED,
+        };
+        let _ = writeln!(text, "\n{what} {who}: {}", breach.text);
+    }
+    if let Some(warning) = measurement.warning() {
+        let _ = writeln!(text, "\n{NOT_PROVED} load: {warning}");
     }
     if measurement.breaches.is_empty() && !measurement.limits.none() {
         text.push_str("\nall limits are kept\n");

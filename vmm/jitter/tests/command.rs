@@ -73,7 +73,7 @@ fn a_recorded_run_becomes_one_page_that_needs_no_other() {
     assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
     let page = page(&out);
     assert_self_contained(&page);
-    assert_eq!(page.matches("<svg").count(), 5);
+    assert_eq!(page.matches("<svg").count(), 6);
     let report = json(&recorded("report.json"));
     let plc = &report["partitions"][0];
     let worst = plc["late_starts"].as_array().unwrap();
@@ -104,7 +104,7 @@ fn what_is_left_beside_the_page_can_be_rendered_again() {
     assert_eq!(json(&samples_file), json(&recorded("samples.json")));
     let addition = report.as_object_mut().unwrap().remove("jitter").unwrap();
     assert_eq!(report, json(&recorded("report.json")));
-    assert_eq!((&addition["schema_version"], &addition["load"]), (&1.into(), &"none".into()));
+    assert_eq!((&addition["schema_version"], &addition["load"]), (&2.into(), &"none".into()));
 }
 
 #[test]
@@ -131,7 +131,7 @@ fn no_text_of_a_report_is_taken_for_html_or_for_the_terminals_orders() {
     assert!(!text(&output.stdout).contains('\u{1b}'));
     let page = page(&out);
     assert_self_contained(&page);
-    assert!(page.contains("&lt;script&gt;") && page.matches("<svg").count() == 5);
+    assert!(page.contains("&lt;script&gt;") && page.matches("<svg").count() == 6);
 }
 
 #[test]
@@ -179,6 +179,55 @@ fn a_limit_that_is_exceeded_gives_status_5_and_is_told_everywhere() {
     let addition = &json(&out.join("report.json"))["jitter"];
     assert_eq!(addition["breaches"][0]["partition"], "plc");
     assert_eq!(addition["max_latency_ns"], latest - 1);
+}
+
+/// The recorded samples with another course of the load; `None` for no load at all.
+fn samples_with(name: &str, change: Option<fn(&mut Value)>) -> PathBuf {
+    let mut samples = json(&recorded("samples.json"));
+    match change {
+        Some(change) => change(&mut samples["loads"][0]),
+        None => samples["loads"] = Value::Array(Vec::new()),
+    }
+    let path = scratch(name).join("samples.json");
+    fs::write(&path, samples.to_string()).unwrap();
+    path
+}
+
+#[test]
+fn a_load_that_is_not_proved_keeps_no_limit_and_is_told_everywhere() {
+    let stood_still = |load: &mut Value| {
+        load["standstill"] =
+            serde_json::json!({ "from_ns": 1, "to_ns": 2_000_000_001_u64, "lines": 3 });
+    };
+    let not_begun = |load: &mut Value| load["points"] = serde_json::json!([[1, 0]]);
+    for (samples, expected) in [
+        (samples_with("still", Some(stood_still)), "the load compile stood still for 2.000 s"),
+        (
+            samples_with("short", Some(not_begun)),
+            "the load compile began at 0.820 s and had no progress",
+        ),
+        (samples_with("unseen", None), "the load compile was not seen"),
+    ] {
+        let out = scratch("not-proved");
+        let report = recorded("report.json");
+        let limited = ["--load", "compile", "--max-lost", "9999"];
+        for (options, status) in [(&limited[..], 5), (&limited[..2], 0)] {
+            let output = render(&report, &samples, &out, options);
+            let shown = text(&output.stdout);
+            assert_eq!(output.status.code(), Some(status), "{shown}");
+            assert!(shown.contains("NOT PROVED") && shown.contains(expected), "{shown}");
+            assert!(!shown.contains("all limits are kept"), "{shown}");
+            assert!(page(&out).contains(expected) && !page(&out).contains("All limits are kept"));
+            assert_self_contained(&page(&out));
+            let addition = &json(&out.join("report.json"))["jitter"];
+            assert_eq!(addition["proof"]["proved"], false);
+            assert!(addition["proof"]["reason"].as_str().unwrap().starts_with(expected));
+            let kinds = addition["breaches"].as_array().unwrap().iter().map(|b| &b["kind"]);
+            assert_eq!(kinds.filter(|kind| **kind == "load").count(), usize::from(status == 5));
+        }
+        let output = render(&report, &samples, &out, &["--max-lost", "9999"]);
+        assert_eq!(output.status.code(), Some(0), "no load was asked for: {output:?}");
+    }
 }
 
 #[test]
@@ -242,7 +291,7 @@ fn a_measurement_runs_takt_with_the_load_and_shows_what_it_leaves() {
         .unwrap();
     assert_eq!(output.status.code(), Some(0), "{output:?}");
     assert!(text(&output.stderr).contains("[takt] what takt says"));
-    assert!(text(&output.stdout).contains("load compile (compile: 37 objects)"));
+    assert!(text(&output.stdout).contains("load compile (compile: 37 objects from 0.820 s on)"));
     let arguments = fs::read_to_string(folder.join("arguments")).unwrap();
     let arguments: Vec<&str> = arguments.lines().collect();
     assert_eq!(arguments[..2], ["run", "some.toml"]);
@@ -250,8 +299,13 @@ fn a_measurement_runs_takt_with_the_load_and_shows_what_it_leaves() {
     assert!(followed(["--for", "60s"]) && followed(["--append", "takt.load=compile"]));
     assert_eq!(arguments[arguments.len() - 2..], ["--lane", "direct"]);
     let addition = &json(&out.join("report.json"))["jitter"];
-    let progress = serde_json::json!({ "load": "compile", "count": 37, "unit": "objects" });
+    let progress = json(&recorded("samples.json"))["loads"][0].take();
+    assert_eq!(progress["points"][2][1], 37);
     assert_eq!(addition["progress"], progress);
+    assert_eq!(
+        (&addition["proof"]["proved"], &addition["proof"]["reason"]),
+        (&true.into(), &Value::Null)
+    );
     assert!(page(&out).contains("some.toml --for 60s --load compile --out"));
 }
 

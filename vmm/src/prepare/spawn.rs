@@ -141,6 +141,7 @@ impl Preparation<'_> {
             health,
             releases: None,
             samples: None,
+            load: None,
             occupied: Nanos::ZERO,
             watchdog: None,
             restart: None,

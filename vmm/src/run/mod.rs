@@ -229,8 +229,12 @@ impl Run<'_> {
             trace.finish().map_err(failed)?;
         }
         if let Some(file) = self.samples_file.take() {
-            let partitions = supervisor.accounts.iter().filter_map(Account::course).collect();
-            let samples = Samples { schema_version: samples::SCHEMA_VERSION, partitions };
+            let accounts = &supervisor.accounts;
+            let samples = Samples {
+                schema_version: samples::SCHEMA_VERSION,
+                partitions: accounts.iter().filter_map(Account::course).collect(),
+                loads: accounts.iter().filter_map(|a| a.load_course(duration)).collect(),
+            };
             file.write(serde_json::to_string(&samples))?;
         }
         let host_ports = supervisor.host_ports.as_mut().map_or_else(Vec::new, HostPorts::accounts);

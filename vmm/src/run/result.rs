@@ -90,6 +90,7 @@ impl Run<'_> {
             console_dropped: account.output.dropped(),
             releases: account.releases.as_ref().map(|r| r.report(unrecorded)),
             donation,
+            stuck: init.map(|_| None),
             boot_to_init_ns: init.map(|i| i.instant().map(|at| base.offset(at).0)),
         }
     }

@@ -129,6 +129,9 @@ impl Supervisor {
             account.output.drain_into(&mut buffer);
             if account.is_terminal {
                 self.screen.raw(&buffer);
+                if let Some(load) = &mut account.load {
+                    load.add(&buffer, self.desk.now());
+                }
             } else {
                 account.lines.add(&buffer, |line| self.screen.line(&account.name, line));
             }

@@ -36,6 +36,7 @@ fn account() -> (Account, Receiver<Revival<PlcGuest>>) {
         health: Watch::new(Table::PLC).0,
         releases: None,
         samples: None,
+        load: None,
         occupied: Nanos::ZERO,
         watchdog: None,
         restart: Some(Restart::Plc(restart)),
