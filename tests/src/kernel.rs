@@ -77,6 +77,19 @@ pub fn restarting_kernel() -> PathBuf {
     write("restarting-kernel", &RESTARTING)
 }
 
+/// Writes a kernel that says "hello" on its serial port and halts with interrupts off, and returns its
+/// path.
+#[must_use]
+pub fn silent_kernel() -> PathBuf {
+    let mut code = vec![0x66, 0xba, 0xf8, 0x03]; // mov dx, 0x3f8
+    for letter in b"hello\n" {
+        code.extend([0xb0, *letter, 0xee]); // mov al, letter; out dx, al
+    }
+    code.extend([0xf4]); // 1: hlt
+    code.extend([0xeb, 0xfd]); // jmp 1b
+    write("silent-kernel", &code)
+}
+
 /// Writes a kernel that makes an error of the health monitor's list once it has counted down, which
 /// takes two instructions for each `count`, and returns its path; `None` if it knows of no such error.
 /// After an error that it survives it sleeps.

@@ -11,6 +11,7 @@ use crate::boot::StartMode;
 use crate::control::Orders;
 use crate::gather::Gather;
 use crate::health::Watch;
+use crate::kernel_watch::{KernelWatch, News};
 use crate::load;
 use crate::restart::Restart;
 use crate::samples::{Course, Recorder};
@@ -65,6 +66,8 @@ pub struct Account {
     pub occupied: Nanos,
     /// What notices that its guest is silent.
     pub watchdog: Option<Timer>,
+    /// What notices that its kernel does nothing any more; only of a Linux.
+    pub kernel: Option<KernelWatch>,
     /// For starting its guest anew; `None` if it cannot be.
     pub restart: Option<Restart>,
     /// How often its guest was started anew.
@@ -108,6 +111,9 @@ impl Account {
         self.restarts += 1;
         self.start_mode = mode;
         self.orders = Orders::default();
+        if let Some(kernel) = &mut self.kernel {
+            kernel.restarted();
+        }
         if let Some(releases) = &mut self.releases {
             releases.restarted();
         }
@@ -122,6 +128,14 @@ impl Account {
         if self.watchdog.as_ref().is_some_and(|timer| timer.expires(now)) {
             self.control.kick();
         }
+    }
+
+    /// Looks whether its kernel does something. A thread with windows is not asked: it has little to
+    /// do in them, and how it is can be told from them.
+    pub fn look_at_kernel(&mut self, base: &Timebase, now: Nanos) -> Option<News> {
+        let runs = self.finished.is_none() && self.control.has_guest();
+        let control = (runs && self.records.is_none()).then_some(&*self.control);
+        self.kernel.as_mut()?.look(base, now, control)
     }
 
     /// Takes everything out of the ring of records, and shows each window with its detours.

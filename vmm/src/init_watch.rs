@@ -1,9 +1,9 @@
-//! Noticing that Linux has started its first process.
+//! Noticing that Linux has started its first process, or that its kernel has panicked.
 //!
 //! An unmodified guest does not tell Takt so, but it tells its console: every kernel since 5.0
 //! prints "Run /init as init process" just before it leaves kernel mode for the first time. That
-//! line is watched for in the output; it is used for a figure in the report and nothing else,
-//! since a guest can print what it likes.
+//! line is watched for in the output, and so is the one that a kernel prints when it panics. They are
+//! used for the report and a message and nothing else, since a guest can print what it likes.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -15,7 +15,9 @@ use takt_scheduler::time::Tsc;
 
 const BEFORE: &[u8] = b"Run /";
 const AFTER: &[u8] = b" as init process";
-/// Longer lines are not looked at.
+/// `panic` in the kernel's `kernel/panic.c`.
+const PANIC: &[u8] = b"Kernel panic - not syncing";
+/// Of longer lines only the beginning is looked at, for a panic.
 const LINE_MAX: usize = 160;
 
 /// When the line was seen.
@@ -30,6 +32,23 @@ impl InitSeen {
     }
 }
 
+/// When the kernel has said that it panics.
+#[derive(Clone, Debug, Default)]
+pub struct PanicSeen(Arc<AtomicU64>);
+
+impl PanicSeen {
+    /// The instant at which it had said so; `None` before that.
+    #[must_use]
+    pub fn instant(&self) -> Option<Tsc> {
+        Some(self.0.load(Ordering::Relaxed)).filter(|&tsc| tsc != 0).map(Tsc)
+    }
+
+    /// Another kernel runs now.
+    pub fn forget(&self) {
+        self.0.store(0, Ordering::Relaxed);
+    }
+}
+
 /// The serial port of the Linux guest, watched, and through a ring to the event thread.
 pub type Console = SerialPort<InitWatch<WaitingOutput>>;
 
@@ -39,12 +58,13 @@ pub struct InitWatch<W> {
     line: [u8; LINE_MAX],
     length: usize,
     seen: InitSeen,
+    panic: PanicSeen,
 }
 
 impl<W: Write> InitWatch<W> {
     /// Watches what goes to `out`.
-    pub fn new(out: W, seen: InitSeen) -> Self {
-        Self { out, line: [0; LINE_MAX], length: 0, seen }
+    pub fn new(out: W, seen: InitSeen, panic: PanicSeen) -> Self {
+        Self { out, line: [0; LINE_MAX], length: 0, seen, panic }
     }
 
     fn watch(&mut self, byte: u8) {
@@ -55,10 +75,14 @@ impl<W: Write> InitWatch<W> {
             self.length = self.length.saturating_add(1);
             return;
         }
+        let contains = |line: &[u8], part: &[u8]| line.windows(part.len()).any(|w| w == part);
+        let beginning = &self.line[..self.length.min(LINE_MAX)];
+        if self.panic.instant().is_none() && contains(beginning, PANIC) {
+            self.panic.0.store(Tsc::now().0, Ordering::Relaxed);
+        }
         let line = self.line.get(..self.length).unwrap_or(&[]).trim_ascii_end();
         self.length = 0;
-        let contains = |part: &[u8]| line.windows(part.len()).any(|w| w == part);
-        if self.seen.instant().is_none() && line.ends_with(AFTER) && contains(BEFORE) {
+        if self.seen.instant().is_none() && line.ends_with(AFTER) && contains(line, BEFORE) {
             self.seen.0.store(Tsc::now().0, Ordering::Relaxed);
         }
     }
@@ -82,12 +106,20 @@ impl<W: Write> Write for InitWatch<W> {
 mod tests {
     use super::*;
 
-    fn sees(text: &[u8]) -> bool {
-        let seen = InitSeen::default();
+    /// Whether an init and a panic are seen in a console's output.
+    fn both(text: &[u8]) -> (bool, bool) {
+        let (seen, panic) = (InitSeen::default(), PanicSeen::default());
         let mut out = Vec::new();
-        InitWatch::new(&mut out, seen.clone()).write_all(text).unwrap();
+        InitWatch::new(&mut out, seen.clone(), panic.clone()).write_all(text).unwrap();
         assert_eq!(out, text);
-        seen.instant().is_some()
+        let panicked = panic.instant().is_some();
+        panic.forget();
+        assert_eq!(panic.instant(), None);
+        (seen.instant().is_some(), panicked)
+    }
+
+    fn sees(text: &[u8]) -> bool {
+        both(text).0
     }
 
     #[test]
@@ -104,5 +136,20 @@ mod tests {
         let mut long = vec![b'x'; 1 << 20];
         long.extend(b"Run /init as init process\n");
         assert!(!sees(&long));
+    }
+
+    #[test]
+    fn a_panic_is_recognised_also_in_a_long_line() {
+        assert_eq!(
+            both(b"[    3.2] Kernel panic - not syncing: Fatal exception\r\n"),
+            (false, true)
+        );
+        assert_eq!(both(b"Kernel panic - not syncing: x"), (false, false));
+        let mut long = b"[    3.2] Kernel panic - not syncing: ".to_vec();
+        long.extend([b'x'; 4096]);
+        long.push(b'\n');
+        assert_eq!(both(&long), (false, true));
+        long.rotate_left(1000);
+        assert_eq!(both(&long), (false, false));
     }
 }

@@ -23,6 +23,7 @@ pub mod host_ports;
 pub mod host_watchdog;
 pub mod init_watch;
 pub mod interrupts;
+pub mod kernel_watch;
 pub mod load;
 pub mod machine;
 pub mod memory;

@@ -166,7 +166,7 @@ impl fmt::Display for Stuck {
             How::Spinning => "spins with interrupts off",
             How::Deaf => "spins and gets no interrupt",
             How::Halted => "has halted with interrupts off",
-            How::Panicked => "has panicked, as its console says",
+            How::Panicked => "has panicked, as its console says,",
         };
         write!(f, "{what} since {:.3} s", self.since_ns as f64 / 1e9)
     }

@@ -1,10 +1,12 @@
-//! What shows that a figure was taken under the load that it is said to be of, and that the emulated
-//! machine below did not take part in it.
+//! What shows that a figure was taken under the load that it is said to be of, beside a Linux that lived,
+//! and that the emulated machine below did not take part in it.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use takt_tests::{File, Outcome, System, initrd_and, long, target};
+use takt_tests::{
+    File, Outcome, System, Value, initrd_and, initrd_with, long, parse, silent_kernel, target,
+};
 
 /// A PLC of the built-in kind at 1 kHz, and a Linux with stress-ng.
 fn beside_stress(name: &str, duration: &str, at_the_end: u64) -> Outcome {
@@ -69,4 +71,130 @@ fn a_linux_is_woken_a_thousand_times_a_second_by_doorbells() {
 
 fn peer() -> PathBuf {
     takt_tests::plc_image("peer")
+}
+
+/// A PLC, and a Linux that executes this beside its load.
+fn system(initrd: &str, exec: &str) -> File {
+    File::new("1ms")
+        .plc("plc", None, "release_guard = \"10us\"")
+        .linux_with(initrd, exec)
+        .schedule("normal")
+        .window("plc", 0, 300)
+}
+
+/// Measures it under the load `fork` with a limit that it keeps.
+fn measure(name: &str, file: &File, duration: &str) -> (Outcome, Value) {
+    let folder = target("tests").join(name);
+    let _ = fs::remove_dir_all(&folder);
+    let run = file.run(name).for_jitter().lasting(duration).with("--load").with("fork");
+    let run = run.with("--max-lost").with("0").with("--out").with(folder.to_str().unwrap());
+    let outcome = run.run();
+    let read = |name: &str| fs::read_to_string(folder.join(name)).unwrap_or_default();
+    let report = parse(&read("report.json"));
+    let page = read("report.html");
+    if let Some(reason) = report["jitter"]["proof"]["reason"].as_str() {
+        assert!(page.contains(reason), "{page}");
+        outcome.assert_shows(&format!("NOT PROVED linux: {reason}"));
+        assert!(
+            !outcome.output.contains("all limits are kept") && !page.contains("limits are kept")
+        );
+    }
+    (outcome, report)
+}
+
+/// The points of a load's progress: when, in ns, and how much was done.
+fn points(report: &Value) -> Vec<(u64, u64)> {
+    let points = report["jitter"]["progress"]["points"].as_array();
+    let numbers = |point: &Value| Some((point[0].as_u64()?, point[1].as_u64()?));
+    points.into_iter().flatten().filter_map(numbers).collect()
+}
+
+#[test]
+fn a_load_that_goes_on_is_in_the_report_over_time() {
+    let (outcome, report) = measure("load-goes-on", &system("guest/initrd.img", ""), "6s");
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("all limits are kept");
+    let jitter = &report["jitter"];
+    assert_eq!(jitter["proof"]["proved"], true, "{jitter}");
+    assert_eq!(jitter["progress"]["unit"], "processes");
+    let points = points(&report);
+    // One for each half second after some two seconds of boot.
+    assert!(points.len() >= 6, "{points:?}");
+    assert!(points.is_sorted_by(|a, b| a.0 < b.0 && a.1 < b.1), "{points:?}");
+    assert!(points.iter().all(|(at, _)| *at <= 6_000_000_000), "{points:?}");
+    outcome.assert_kept_its_time("plc", 5_900);
+    assert!(outcome.partition("linux")["stuck"].is_null());
+}
+
+#[test]
+fn a_load_that_stands_still_is_not_all_limits_are_kept() {
+    let stop = "sleep 3; killall -STOP takt-load; echo load stopped";
+    let (outcome, report) = measure("load-stops", &system("guest/initrd.img", stop), "9s");
+    outcome.assert_shows("load stopped");
+    assert_eq!(outcome.status, 5, "{}", outcome.output);
+    let reason = report["jitter"]["proof"]["reason"].as_str().unwrap_or_default();
+    assert!(reason.starts_with("the load fork stood still for "), "{reason}");
+    assert!(reason.contains(" to 9.000 s of 9.000 s: Linux said nothing of it. "), "{reason}");
+    // It is the load that has stopped, and the kernel idles.
+    assert!(outcome.partition("linux")["stuck"].is_null(), "{}", outcome.output);
+    assert!(points(&report).len() > 2, "{}", outcome.output);
+    outcome.assert_kept_its_time("plc", 8_900);
+}
+
+#[test]
+fn a_linux_whose_kernel_hangs_is_not_all_limits_are_kept() {
+    let initrd = initrd_with("hang-kernel", &[Path::new(env!("CARGO_BIN_EXE_hang-kernel"))]);
+    let (outcome, report) = measure("kernel-hangs", &system(&initrd, "sleep 3; hang-kernel"), "9s");
+    outcome.assert_shows("hang-kernel: now");
+    assert_eq!(outcome.status, 5, "{}", outcome.output);
+    outcome.assert_shows("[takt] linux: its kernel spins with interrupts off since ");
+    let stuck = &outcome.partition("linux")["stuck"];
+    assert_eq!(stuck["how"], "spinning", "{}", outcome.output);
+    let reason = report["jitter"]["proof"]["reason"].as_str().unwrap_or_default();
+    assert!(reason.starts_with("the load fork stood still for "), "{reason}");
+    assert!(reason.contains("and its kernel spins with interrupts off since "), "{reason}");
+    // What was seen is when it happened: Linux was there until then, and the load as well.
+    let last = points(&report).last().map_or(0, |point| point.0);
+    let since = stuck["since_ns"].as_u64().unwrap_or_default();
+    assert!((last..last + 1_500_000_000).contains(&since), "{last} {stuck}");
+    outcome.assert_kept_its_time("plc", 8_900);
+}
+
+#[test]
+fn a_kernel_that_has_halted_or_panicked_is_named_and_an_idle_one_is_not() {
+    let halted = File::new("1ms")
+        .plc("plc", None, "")
+        .lines(&format!(
+            "[[partition]]\nname = \"linux\"\nkind = \"linux\"\ncpu = 0\nbackground = true\n\
+             memory = \"32MiB\"\nkernel = {:?}",
+            silent_kernel()
+        ))
+        .schedule("normal")
+        .window("plc", 0, 300);
+    let panics = system("guest/initrd.img", "echo c > /proc/sysrq-trigger");
+    let idle = system("guest/initrd.img", "");
+    for (name, file, duration, how) in [
+        ("kernel-halted", halted, "4s", Some(("halted", "has halted with interrupts off since "))),
+        (
+            "kernel-panics",
+            panics,
+            "4s",
+            Some(("panicked", "has panicked, as its console says, since ")),
+        ),
+        ("kernel-idle", idle, "60s", None),
+    ] {
+        let outcome = file.run(name).lasting(duration).run();
+        // What follows from a dead kernel is for a watchdog: without one the run is as good as before.
+        assert_eq!(outcome.status, 0, "{}", outcome.output);
+        let stuck = &outcome.partition("linux")["stuck"];
+        let told = outcome.output.matches("[takt] linux: its kernel ").count();
+        let Some((how, words)) = how else {
+            assert!(stuck.is_null() && told == 0, "{}", outcome.output);
+            outcome.assert_shows("linux# ");
+            continue;
+        };
+        assert_eq!((stuck["how"].as_str(), told), (Some(how), 1), "{}", outcome.output);
+        outcome.assert_shows(&format!("[takt] linux: its kernel {words}"));
+        outcome.assert_shows(&format!("  kernel         {words}"));
+    }
 }

@@ -176,6 +176,9 @@ pub fn read(report: &Path, samples: &Path) -> Result<(serde_json::Value, Figures
         // Takt writes no more; a plot of millions would be of no use to anybody.
         course.points.truncate(POINTS_MAX);
     }
+    for load in &mut loads {
+        load.points.truncate(load::POINTS_MAX);
+    }
     let Report { lane, emulator, host, system, duration_ns, partitions, .. } = parsed;
     Ok((raw, Figures { lane, emulator, host, system, duration_ns, partitions, courses, loads }))
 }

@@ -13,7 +13,8 @@ use crate::boot::linux::Image;
 use crate::config::Partition;
 use crate::disk::Drive;
 use crate::event;
-use crate::init_watch::{InitSeen, InitWatch};
+use crate::init_watch::{InitSeen, InitWatch, PanicSeen};
+use crate::kernel_watch::KernelWatch;
 use crate::machine;
 use crate::memory::GuestMemory;
 use crate::pci::Pci;
@@ -37,8 +38,8 @@ impl Preparation<'_> {
         let irq = event::eventfd()?;
         let watchdog = partition.watchdog().map(board::timer);
         let (writer, output) = output::waiting(self.closing.clone());
-        let init = InitSeen::default();
-        let watch = InitWatch::new(writer, init.clone());
+        let (init, panic) = (InitSeen::default(), PanicSeen::default());
+        let watch = InitWatch::new(writer, init.clone(), panic.clone());
         let console = SerialPort::new(IrqLine(event::clone(&irq)?), watch);
         self.console = Some(console.clone());
         let place = Place {
@@ -78,6 +79,7 @@ impl Preparation<'_> {
         prepared.account.restart = Some(Restart::Linux(restart));
         prepared.account.is_terminal = true;
         prepared.account.watchdog = watchdog;
+        prepared.account.kernel = Some(KernelWatch::new(panic));
         prepared.init = Some(init);
         prepared.disks = disks;
         Ok(prepared)

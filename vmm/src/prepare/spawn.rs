@@ -144,6 +144,7 @@ impl Preparation<'_> {
             load: None,
             occupied: Nanos::ZERO,
             watchdog: None,
+            kernel: None,
             restart: None,
             restarts: 0,
             finished: None,

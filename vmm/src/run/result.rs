@@ -10,6 +10,7 @@ use crate::config::{Kind, Partition};
 use crate::health::Fault;
 use crate::host_ports;
 use crate::init_watch::InitSeen;
+use crate::kernel_watch::KernelWatch;
 use crate::report::{self, Report};
 use crate::supervisor::Supervisor;
 
@@ -90,7 +91,7 @@ impl Run<'_> {
             console_dropped: account.output.dropped(),
             releases: account.releases.as_ref().map(|r| r.report(unrecorded)),
             donation,
-            stuck: init.map(|_| None),
+            stuck: account.kernel.as_ref().map(KernelWatch::stuck),
             boot_to_init_ns: init.map(|i| i.instant().map(|at| base.offset(at).0)),
         }
     }

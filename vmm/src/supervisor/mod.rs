@@ -129,6 +129,9 @@ impl Supervisor {
             account.output.drain_into(&mut buffer);
             if account.is_terminal {
                 self.screen.raw(&buffer);
+                if let Some(kernel) = account.kernel.as_mut().filter(|_| !buffer.is_empty()) {
+                    kernel.printed();
+                }
                 if let Some(load) = &mut account.load {
                     load.add(&buffer, self.desk.now());
                 }
@@ -241,6 +244,17 @@ impl Supervisor {
             account.orders.forget();
         }
         self
+    }
+
+    /// Says which kernels do nothing any more.
+    fn look_at_kernels(&mut self) {
+        let (base, now) = (self.desk.base(), self.desk.now());
+        for account in &mut self.accounts {
+            let Some(news) = account.look_at_kernel(&base, now) else { continue };
+            let (name, news) = (&account.name, news.to_string());
+            self.screen.line("takt", &format!("{name}: {news}"));
+            tell(&mut self.operators, now, EventKind::Health, Some(name), &news);
+        }
     }
 
     /// Says when a switch of the schedule has taken effect.

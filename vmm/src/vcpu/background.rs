@@ -21,6 +21,7 @@ pub fn run(
         if let Some(end) = guest.ended_from_outside() {
             return end;
         }
+        control.look_if_asked(kickable);
         match kickable.vcpu().run() {
             Ok(exit) => {
                 let answer = Answer::to(exit, guest);

@@ -1,4 +1,4 @@
-//! KVM's own count of the exits of a vCPU.
+//! KVM's own counts of a vCPU's exits and of the interrupts that it has injected.
 //!
 //! A thread sees only those exits that KVM cannot answer by itself. A host interrupt is none of
 //! them: it takes the processor out of the guest, and the guest goes on later, without a trace. KVM
@@ -19,6 +19,8 @@ use vmm_sys_util::ioctl::ioctl;
 
 /// The statistic that counts all exits, on x86 (`arch/x86/kvm/x86.c`, `kvm_vcpu_stats_desc`).
 const NAME: &[u8] = b"exits";
+/// The one that counts injected interrupts, where KVM injects them.
+const INJECTIONS: &[u8] = b"irq_injections";
 /// Length of `struct kvm_stats_header`.
 const HEADER_LEN: usize = 24;
 /// Length of `struct kvm_stats_desc` without the name that follows it.
@@ -38,6 +40,7 @@ mod request {
 pub struct ExitCount {
     statistics: File,
     offset: u64,
+    injections: Option<u64>,
 }
 
 impl ExitCount {
@@ -59,7 +62,8 @@ impl ExitCount {
         let mut descriptors = vec![0; layout.descriptors_len];
         statistics.read_exact_at(&mut descriptors, layout.descriptors).ok()?;
         let offset = layout.offset_of(NAME, &descriptors)?;
-        let this = ExitCount { statistics, offset };
+        let injections = layout.offset_of(INJECTIONS, &descriptors);
+        let this = ExitCount { statistics, offset, injections };
         // A count that cannot be read is none.
         this.read().map(|_| this)
     }
@@ -67,8 +71,19 @@ impl ExitCount {
     /// Exits so far; `None` if KVM cannot be read. One system call; does not allocate.
     #[must_use]
     pub fn read(&self) -> Option<u64> {
+        self.read_at(self.offset)
+    }
+
+    /// Interrupts that KVM has injected so far; `None` if it does not tell. One system call; does not
+    /// allocate.
+    #[must_use]
+    pub fn injections(&self) -> Option<u64> {
+        self.read_at(self.injections?)
+    }
+
+    fn read_at(&self, offset: u64) -> Option<u64> {
         let mut count = [0; 8];
-        self.statistics.read_exact_at(&mut count, self.offset).ok()?;
+        self.statistics.read_exact_at(&mut count, offset).ok()?;
         Some(u64::from_ne_bytes(count))
     }
 }

@@ -96,6 +96,12 @@ impl Kickable {
         self.exit_count.as_ref().and_then(ExitCount::read).unwrap_or(0)
     }
 
+    /// Interrupts that KVM has injected into the vCPU; `None` if it does not tell.
+    #[must_use]
+    pub fn count_injections(&self) -> Option<u64> {
+        self.exit_count.as_ref().and_then(ExitCount::injections)
+    }
+
     /// Forgets earlier kicks. Whatever reason there was for one must be looked for *after* this.
     pub fn clear(&mut self) {
         self.vcpu.set_kvm_immediate_exit(0);

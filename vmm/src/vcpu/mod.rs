@@ -28,6 +28,7 @@ pub mod kicker;
 pub mod linux;
 pub mod plc;
 pub mod port_access;
+pub mod probe;
 pub mod record;
 pub mod thread;
 pub mod windowed;
@@ -50,6 +51,8 @@ pub struct Control {
     thread: AtomicI32,
     /// Whether its guest may still do something.
     guest: AtomicBool,
+    /// What it was asked about its guest.
+    probe: probe::Probe,
 }
 
 impl Control {

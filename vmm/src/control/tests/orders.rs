@@ -39,6 +39,7 @@ fn account() -> (Account, Receiver<Revival<PlcGuest>>) {
         load: None,
         occupied: Nanos::ZERO,
         watchdog: None,
+        kernel: None,
         restart: Some(Restart::Plc(restart)),
         restarts: 0,
         finished: None,
