@@ -20,7 +20,7 @@ fn both_guests_run_from_the_shipped_file() {
     let seconds = report["duration_ns"].as_f64().unwrap_or(0.0) / 1e9;
     let share = outcome.share("linux");
     assert!(share * seconds > 1.0, "Linux's share is {share}\n{}", outcome.output);
-    assert_eq!((&report["schema_version"], &report["lane"]), (&Value::from(2), &"lab".into()));
+    assert_eq!((&report["schema_version"], &report["lane"]), (&Value::from(3), &"lab".into()));
     assert_eq!(report["host"]["preempt_rt"], true);
     // With the 3 MiB of the program at most 5 MiB beyond the guests' memory, all of it locked.
     let own = report["process"]["start"]["anonymous_bytes"].as_u64();
