@@ -93,7 +93,7 @@ fn measure(name: &str, file: &File, duration: &str) -> (Outcome, Value) {
     let report = parse(&read("report.json"));
     let page = read("report.html");
     if let Some(reason) = report["jitter"]["proof"]["reason"].as_str() {
-        assert!(page.contains(reason), "{page}");
+        assert!(page.contains(reason), "not on the page: {reason}");
         outcome.assert_shows(&format!("NOT PROVED linux: {reason}"));
         assert!(
             !outcome.output.contains("all limits are kept") && !page.contains("limits are kept")
@@ -166,7 +166,7 @@ fn a_kernel_that_has_halted_or_panicked_is_named_and_an_idle_one_is_not() {
         .plc("plc", None, "")
         .lines(&format!(
             "[[partition]]\nname = \"linux\"\nkind = \"linux\"\ncpu = 0\nbackground = true\n\
-             memory = \"32MiB\"\nkernel = {:?}",
+             memory = \"64MiB\"\nkernel = {:?}",
             silent_kernel()
         ))
         .schedule("normal")

@@ -51,7 +51,7 @@ fn missing(load: &str, figures: &Figures) -> Option<String> {
         };
         return Some(format!(
             "the load {load} was not seen: Linux told nothing of it in {run}, {boot}{}. Is the run long \
-             enough, and does the guest's /init know takt.load?",
+             enough, and does the /init of the guest know takt.load?",
             stuck(figures)
         ));
     };
@@ -69,7 +69,7 @@ fn missing(load: &str, figures: &Figures) -> Option<String> {
         };
         return Some(format!(
             "the load {load} stood still for {}, from {} to {} of {run}: {meanwhile}{}. What was measured \
-             then was not under load: look at Linux's console for the reason, and measure again",
+             then was not under load: look at the console of Linux for the reason, and measure again",
             seconds(standstill.duration().0),
             seconds(standstill.from_ns),
             seconds(standstill.to_ns),
