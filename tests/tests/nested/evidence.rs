@@ -181,7 +181,7 @@ fn a_kernel_that_has_halted_or_panicked_is_named_and_an_idle_one_is_not() {
             "4s",
             Some(("panicked", "has panicked, as its console says, since ")),
         ),
-        ("kernel-idle", idle, "60s", None),
+        ("kernel-idle", idle, if long() { "60s" } else { "10s" }, None),
     ] {
         let outcome = file.run(name).lasting(duration).run();
         // What follows from a dead kernel is for a watchdog: without one the run is as good as before.

@@ -62,9 +62,10 @@ impl Judge {
         (self.alive, self.episode) = (false, None);
     }
 
-    /// True if it would be good to look again soon: a second look has confirmed the first.
+    /// True if it would be good to look again soon: a second look has confirmed the first, and it is not
+    /// told yet.
     pub fn suspects(&self) -> bool {
-        self.episode.as_ref().is_some_and(|episode| episode.looks >= 2)
+        self.episode.as_ref().is_some_and(|episode| episode.looks >= 2 && !episode.told)
     }
 
     /// Takes a look into account.

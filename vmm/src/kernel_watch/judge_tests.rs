@@ -148,4 +148,7 @@ fn a_second_look_makes_a_suspicion() {
     assert!(kernel.judge.suspects());
     kernel.look(RUNNING, false);
     assert!(!kernel.judge.suspects());
+    // What is known needs no more looks than what is not suspected.
+    kernel.stay(OFF, 5_000);
+    assert!(!kernel.news.is_empty() && !kernel.judge.suspects());
 }
