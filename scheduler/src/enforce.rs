@@ -1,14 +1,10 @@
-//! From an instant to a kernel call.
-//!
-//! Everything here is one system call or two, on the calling thread, without allocation: the
-//! PLC's path runs through [`sleep_until`] in every cycle.
+//! From a reservation to a kernel call: pinning a thread to its CPU, and giving it its class.
 
 use std::io;
 use std::mem;
 
 use crate::reservation::Reservation;
 use crate::table::Cpu;
-use crate::time::{Ticks, Tsc, TscFrequency};
 
 /// Pins the calling thread to one CPU. Must come before [`become_deadline`]: the kernel refuses
 /// to change the affinity of a deadline thread (`EBUSY`).
@@ -78,43 +74,6 @@ pub fn make_deadline(thread: i32, reservation: Reservation) -> io::Result<()> {
     if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
-/// How a sleep ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Woken {
-    /// The instant has come, or had already passed.
-    OnTime,
-    /// A signal arrived first.
-    BySignal,
-}
-
-/// Sleeps until the TSC reaches `instant`, at the earliest.
-///
-/// The kernel sleeps on CLOCK_MONOTONIC, which is steered, while the schedule lies on the TSC,
-/// which is not. The two are therefore compared afresh for each sleep: steering (at most 500 ppm)
-/// can move this wake-up by half a microsecond per millisecond of sleep, and never adds up.
-pub fn sleep_until(instant: Tsc, frequency: TscFrequency) -> Woken {
-    let mut at = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: `at` is a live timespec that the call fills in. It cannot fail for this clock.
-    unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut at) };
-    let Ticks(remaining) = instant.since(Tsc::now());
-    if remaining == 0 {
-        return Woken::OnTime;
-    }
-    let ns = frequency.nanos(Ticks(remaining)).0.saturating_add(at.tv_nsec as u64);
-    at.tv_sec += (ns / 1_000_000_000) as libc::time_t;
-    at.tv_nsec = (ns % 1_000_000_000) as libc::c_long;
-    // SAFETY: `at` is a live, normalised timespec; no remainder is asked for.
-    let result = unsafe {
-        libc::clock_nanosleep(
-            libc::CLOCK_MONOTONIC,
-            libc::TIMER_ABSTIME,
-            &raw const at,
-            std::ptr::null_mut(),
-        )
-    };
-    if result == libc::EINTR { Woken::BySignal } else { Woken::OnTime }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -123,21 +82,6 @@ mod tests {
     fn a_cpu_that_cannot_exist_is_refused() {
         assert!(pin_to(Cpu(usize::MAX)).is_err());
         assert!(pin_to(Cpu(1023)).is_err());
-    }
-
-    #[test]
-    fn an_instant_that_has_passed_does_not_sleep() {
-        let frequency = TscFrequency::from_khz(1).unwrap();
-        assert_eq!(sleep_until(Tsc(0), frequency), Woken::OnTime);
-    }
-
-    #[test]
-    fn a_sleep_does_not_end_early() {
-        // The frequency is a lower bound here: a faster counter only makes the sleep longer.
-        let frequency = TscFrequency::from_khz(1_000_000).unwrap();
-        let until = Tsc::now().after(Ticks(1_000_000));
-        sleep_until(until, frequency);
-        assert!(Tsc::now() >= until);
     }
 
     #[test]

@@ -6,13 +6,14 @@
 //!   are arithmetic over values: no clock is read, no call is made, so every rule can be tested
 //!   exhaustively and the same code answers `takt check` and drives the running system. "Now" is
 //!   always an argument.
-//! * [`enforce`] is the one thin layer that turns an instant into a kernel call: pinning,
+//! * [`enforce`] and [`sleep`] are the thin layer that turns it into kernel calls: pinning,
 //!   SCHED_DEADLINE, and the absolute sleep on the TSC.
 
 pub mod analysis;
 pub mod enforce;
 pub mod reservation;
 pub mod schedules;
+pub mod sleep;
 pub mod switch;
 pub mod table;
 pub mod time;

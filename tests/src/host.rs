@@ -47,14 +47,35 @@ impl Host {
     /// Runs one partition file after the other, each for this time: cheaper than a machine for each.
     #[must_use]
     pub fn run_each(self, name: &str, duration: &str, files: &[PathBuf]) -> Vec<Outcome> {
+        let lines: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
+        self.run_list(name, "run-each", &[duration], &lines, files)
+    }
+
+    /// Lets a script of `tests/host` that has this name run the partition files, with a line of its list
+    /// for each.
+    #[must_use]
+    pub fn run_lines(self, name: &str, lines: &[String], files: &[PathBuf]) -> Vec<Outcome> {
+        self.run_list(name, name, &[], lines, files)
+    }
+
+    fn run_list(
+        self,
+        name: &str,
+        script: &str,
+        arguments: &[&str],
+        lines: &[String],
+        files: &[PathBuf],
+    ) -> Vec<Outcome> {
         let out = scratch().join(format!("{name}.out"));
         let _ = fs::remove_dir_all(&out);
-        let lines = files.iter().map(|file| format!("{}\n", file.display()));
         let list = scratch().join(format!("{name}.list"));
-        fs::write(&list, lines.collect::<String>()).expect("the list can be written");
+        let lines: String = lines.iter().map(|line| format!("{line}\n")).collect();
+        fs::write(&list, lines).expect("the list can be written");
         let list = list.canonicalize().expect("the list is there");
         let host = files.iter().fold(self.with_file(&list), |host, file| host.with_file(file));
-        let machine = host.leaving(&out, "run-each", &[duration, &list.to_string_lossy()]);
+        let list = list.to_string_lossy();
+        let arguments: Vec<&str> = arguments.iter().copied().chain([&*list]).collect();
+        let machine = host.leaving(&out, script, &arguments);
         assert_eq!(machine.status, 0, "{}", machine.output);
         let outcome = |file: &PathBuf| {
             let left = |kind| out.join(file.file_name().unwrap_or_default()).with_extension(kind);

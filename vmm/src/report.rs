@@ -1,5 +1,7 @@
 //! What a run tells at its end: a table for people and the same as JSON for programs.
 
+mod wake_ups;
+
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
 use std::fs;
@@ -9,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::footprint::Footprint;
 use crate::host_ports::Account as HostPort;
 use crate::worst::{LateStart, LongScan};
+pub use wake_ups::{WakeUps, WindowEnforcer};
 
 /// Version of the JSON form: grows with every change that a reader could stumble over.
 pub const SCHEMA_VERSION: u32 = 3;
@@ -38,6 +41,8 @@ pub struct Report {
     pub schedule: Schedule,
     /// In the order of the partition file.
     pub partitions: Vec<Partition>,
+    /// What ends windows, by its CPU.
+    pub window_enforcers: Vec<WindowEnforcer>,
     /// The ends of channels that are Takt's own, in the order of the partition file.
     pub host_ports: Vec<HostPort>,
     /// What Takt itself held.
@@ -124,6 +129,9 @@ pub struct Partition {
     /// Only for partitions with windows and a scan.
     #[serde(flatten)]
     pub releases: Option<Releases>,
+    /// Only for partitions with windows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wake_ups: Option<WakeUps>,
     /// Only for a background partition.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub donation: Option<Donation>,
@@ -303,6 +311,9 @@ impl Report {
         for partition in &self.partitions {
             partition.describe(&mut text);
         }
+        for enforcer in &self.window_enforcers {
+            enforcer.describe(&mut text);
+        }
         for port in &self.host_ports {
             describe_host_port(&mut text, port);
         }
@@ -359,6 +370,9 @@ impl Partition {
                     start.release, start.parts
                 );
             }
+        }
+        if let Some(w) = self.wake_ups {
+            w.describe(text);
         }
         if let Some(d) = self.donation {
             let received = d.received_ns as f64 / d.offered_ns.max(1) as f64 * 100.0;
@@ -471,6 +485,7 @@ mod tests {
                         late_starts: Vec::new(),
                         longest_scans: Vec::new(),
                     }),
+                    wake_ups: Some(WakeUps { early: 7, divided: 2, steered: 3 }),
                     donation: None,
                     boot_to_init_ns: None,
                     stuck: None,
@@ -486,6 +501,7 @@ mod tests {
                     illegal_accesses: 3,
                     console_dropped: 0,
                     releases: None,
+                    wake_ups: None,
                     donation: Some(Donation {
                         offered_ns: 9_000_000_000,
                         received_ns: 8_910_000_000,
@@ -495,6 +511,7 @@ mod tests {
                     stuck: Some(Some(Stuck { how: How::Spinning, since_ns: 5_120_000_000 })),
                 },
             ],
+            window_enforcers: vec![WindowEnforcer { cpu: 0, wake_ups: WakeUps::default() }],
             host_ports: vec![HostPort {
                 channel: "state".into(),
                 port: "levels".into(),
@@ -522,6 +539,9 @@ mod tests {
             assert!(plc["release_latency_ns"][key].is_u64(), "{key}");
         }
         assert!(plc.get("boot_to_init_ns").is_none());
+        assert_eq!(plc["wake_ups"], serde_json::json!({"early": 7, "divided": 2, "steered": 3}));
+        assert_eq!(json["window_enforcers"][0]["cpu"], 0);
+        assert!(json["window_enforcers"][0]["wake_ups"]["early"].is_u64());
         let linux = json["partitions"][1].as_object().unwrap();
         assert!(linux["boot_to_init_ns"].is_null());
         assert_eq!(linux["stuck"]["how"], "spinning");
@@ -541,6 +561,8 @@ mod tests {
             table.contains("kernel         spins with interrupts off since 5.120 s"),
             "{table}"
         );
+        assert!(table.contains("\n  clock steered  7 early wake-ups corrected, "), "{table}");
+        assert!(!table.contains("window enforcer"), "{table}");
         assert!(table.contains("host:levels (state): 12 messages, 3 clients dropped"), "{table}");
         assert!(table.contains("  errors         numeric-error 2\n"), "{table}");
     }

@@ -46,6 +46,8 @@ pub struct Prepared {
 
 /// A thread that ends windows, ready to run.
 pub struct Kicker {
+    /// Whose windows it ends.
+    pub cpu: Cpu,
     /// For stopping it.
     pub control: Arc<Control>,
     /// The thread.
@@ -155,7 +157,7 @@ impl Preparation<'_> {
             let body = move |base: Timebase| kicker::run(&windows, &base, &own);
             let Cpu(number) = cpu;
             let thread = thread::plain(&format!("kicker-{number}"), place, control.clone(), body)?;
-            kickers.push(Kicker { control, thread });
+            kickers.push(Kicker { cpu, control, thread });
         }
         Ok(kickers)
     }

@@ -19,6 +19,7 @@ use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use takt_scheduler::switch::SwitchBoard;
+use takt_scheduler::table::Cpu;
 use takt_scheduler::time::{Nanos, Tsc, TscFrequency};
 
 use disturbances::{Steps, panic_after};
@@ -148,6 +149,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         trace_file,
         given_back,
         host,
+        enforcers: Vec::new(),
         steps,
     };
     let screen = Screen::new(io::stdout(), raw);
@@ -192,6 +194,8 @@ struct Run<'a> {
     given_back: Vec<Allowed>,
     /// The machine, for the report.
     host: Host,
+    /// What ends windows, once it does.
+    enforcers: Vec<(Cpu, Arc<Control>)>,
     steps: Steps,
 }
 
@@ -201,11 +205,7 @@ impl Run<'_> {
         let Started { supervisor, running, controls, bells, inits, base, starting } = started;
         let start = Footprint::now();
         // The time that was asked for is that of the schedule.
-        let left = self.options.duration.map(|time| {
-            let end = base.instant(Nanos(nanos(time)));
-            Duration::from_nanos(self.frequency.nanos(end.since(Tsc::now())).0)
-        });
-        let supervised = supervisor.supervise(left);
+        let supervised = supervisor.supervise(self.options.duration.map(|time| Nanos(nanos(time))));
         let process = report::Process { start, end: Footprint::now(), starting };
         let duration = base.offset(Tsc::now());
         self.closing.store(true, Ordering::Relaxed);

@@ -1,7 +1,9 @@
 //! From what a run has left to its report.
 
+use std::sync::Arc;
+
 use takt_scheduler::schedules::ScheduleId;
-use takt_scheduler::table::Role;
+use takt_scheduler::table::{Cpu, Role};
 use takt_scheduler::time::{Nanos, Timebase};
 
 use super::Run;
@@ -13,6 +15,7 @@ use crate::init_watch::InitSeen;
 use crate::kernel_watch::KernelWatch;
 use crate::report::{self, Report};
 use crate::supervisor::Supervisor;
+use crate::vcpu::Control;
 
 impl Run<'_> {
     pub(super) fn report(
@@ -27,6 +30,10 @@ impl Run<'_> {
         let partitions = supervisor.accounts.iter().zip(inits).zip(self.file.partitions());
         let describe = |((account, init), partition): ((&Account, &Option<InitSeen>), _)| {
             self.describe(account, partition, duration, &supervisor.accounts, init.as_ref(), base)
+        };
+        let enforcer = |(cpu, control): &(Cpu, Arc<Control>)| report::WindowEnforcer {
+            cpu: cpu.0,
+            wake_ups: control.wake_ups().into(),
         };
         let status = self.board.status(duration);
         let schedule = |id: ScheduleId| self.file.schedule_names()[id.0].clone();
@@ -45,6 +52,7 @@ impl Run<'_> {
                 last_switch_ns: status.last_switch.map(|at| at.0),
             },
             partitions: partitions.map(describe).collect(),
+            window_enforcers: self.enforcers.iter().map(enforcer).collect(),
             host_ports,
             process,
         }
@@ -90,6 +98,7 @@ impl Run<'_> {
             illegal_accesses: account.health.count(Fault::IllegalRequest),
             console_dropped: account.output.dropped(),
             releases: account.releases.as_ref().map(|r| r.report(unrecorded)),
+            wake_ups: account.records.as_ref().map(|_| account.control.wake_ups().into()),
             donation,
             stuck: account.kernel.as_ref().map(KernelWatch::stuck),
             boot_to_init_ns: init.map(|i| i.instant().map(|at| base.offset(at).0)),

@@ -77,8 +77,9 @@ impl Run<'_> {
         }
         self.steps.pass()?;
 
+        self.enforcers = kickers.iter().map(|k| (k.cpu, k.control.clone())).collect();
         let (kickers, mut controls): (Vec<_>, Vec<_>) =
-            kickers.into_iter().map(|Kicker { control, thread }| (thread, control)).unzip();
+            kickers.into_iter().map(|Kicker { control, thread, .. }| (thread, control)).unzip();
         controls.extend(accounts.iter().map(|account| account.control.clone()));
         let mut bells = Vec::new();
         for DiskThread { control, bell, thread } in disks {

@@ -57,6 +57,14 @@ impl MutEventSubscriber for Supervisor {
             self.serve_host_ports(HostPorts::on_tick);
             self.serve_interrupts(Interrupts::on_tick);
             self.serve_operators();
+            self.end_in_time();
+        } else if fd == self.sources.deadline.as_raw_fd() {
+            let _ = self.sources.deadline.wait();
+            self.end_in_time();
+            if let Some(left) = self.left().filter(|_| self.running) {
+                // The tick ends the run if this fails.
+                let _ = self.sources.deadline.reset(left, None);
+            }
         } else if self.host_ports.as_ref().is_some_and(|ports| fd == ports.as_raw_fd()) {
             self.serve_host_ports(HostPorts::on_ready);
         } else if self.interrupts.as_ref().is_some_and(|i| fd == i.as_raw_fd()) {

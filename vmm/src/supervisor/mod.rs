@@ -63,6 +63,8 @@ pub struct Supervisor {
     /// Typed bytes that the guest has not taken yet.
     typed: Vec<u8>,
     sources: Sources,
+    /// When the run is to end by itself, since the epoch.
+    until: Option<Nanos>,
     running: bool,
 }
 
@@ -91,16 +93,17 @@ impl Supervisor {
             console,
             typed: Vec::new(),
             sources,
+            until: None,
             running: true,
         }
     }
 
-    /// Looks after the run until it has lasted `duration` (if given), the user ends it, or no
+    /// Looks after the run until it is as old as `until` says (if given), the user ends it, or no
     /// partition runs any more.
     ///
     /// # Errors
     /// If the event loop fails.
-    pub fn supervise(self, duration: Option<Duration>) -> Result<Self, SupervisorError> {
+    pub fn supervise(self, until: Option<Nanos>) -> Result<Self, SupervisorError> {
         let arm = |timer: &mut TimerFd, first, interval| {
             timer
                 .reset(first, interval)
@@ -108,8 +111,9 @@ impl Supervisor {
         };
         let mut this = self;
         arm(&mut this.sources.tick, TICK, Some(TICK))?;
-        if let Some(duration) = duration {
-            arm(&mut this.sources.deadline, duration.max(Duration::from_nanos(1)), None)?;
+        this.until = until;
+        if let Some(left) = this.left() {
+            arm(&mut this.sources.deadline, left, None)?;
         }
         let mut events = EventManager::new().map_err(SupervisorError::Events)?;
         let id = events.add_subscriber(this);
@@ -118,6 +122,20 @@ impl Supervisor {
             if !events.subscriber_mut(id).map_err(SupervisorError::Events)?.running {
                 return events.remove_subscriber(id).map_err(SupervisorError::Events);
             }
+        }
+    }
+
+    /// What is left of the run by the schedule's clock; a nanosecond if nothing is, since a timer of
+    /// nothing never expires.
+    fn left(&self) -> Option<Duration> {
+        self.until.map(|until| Duration::from_nanos(until.less(self.desk.now()).0.max(1)))
+    }
+
+    /// Ends the run if it is old enough. The timer goes by a clock that may be steered: it is set again
+    /// if it has come too early, and the tick makes up for one that comes too late.
+    fn end_in_time(&mut self) {
+        if self.until.is_some_and(|until| self.desk.now() >= until) {
+            self.running = false;
         }
     }
 

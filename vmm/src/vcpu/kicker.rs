@@ -10,7 +10,7 @@
 
 use std::sync::Arc;
 
-use takt_scheduler::enforce::{Woken, sleep_until};
+use takt_scheduler::sleep::{Sleeper, Woken};
 use takt_scheduler::switch::SwitchBoard;
 use takt_scheduler::time::{Timebase, Tsc};
 use takt_scheduler::timetable::{Slot, Timetable};
@@ -31,12 +31,13 @@ pub struct Windows {
 pub fn run(windows: &Windows, base: &Timebase, own: &Control) {
     let Windows { timetable, owners, board } = windows;
     let mut slot = timetable.first(board.switch());
+    let mut sleeper = Sleeper::new(base.frequency);
     loop {
         let instant = base.instant(match slot {
             Slot::Window(release) => release.end,
             Slot::Idle(idle) => idle.start,
         });
-        while sleep_until(instant, base.frequency) == Woken::BySignal {
+        while sleeper.until(instant, own.wake_ups()) == Woken::BySignal {
             if own.stopping() {
                 return;
             }

@@ -36,6 +36,7 @@ pub mod windowed;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
 
+use takt_scheduler::sleep::WakeUps;
 use takt_scheduler::time::{Nanos, Tsc};
 
 /// What other threads may know of a vCPU's thread and ask of it.
@@ -53,6 +54,7 @@ pub struct Control {
     guest: AtomicBool,
     /// What it was asked about its guest.
     probe: probe::Probe,
+    wake_ups: WakeUps,
 }
 
 impl Control {
@@ -100,6 +102,12 @@ impl Control {
     /// The thread has told of its end: nothing more is asked of it.
     pub fn halted(&self) {
         self.halt.store(false, Ordering::SeqCst);
+    }
+
+    /// How the thread's wake-ups have gone so far.
+    #[must_use]
+    pub fn wake_ups(&self) -> &WakeUps {
+        &self.wake_ups
     }
 
     /// CPU time that the thread has used so far; `None` if there is no such thread.

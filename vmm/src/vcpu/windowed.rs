@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use kvm_ioctls::VcpuExit;
 use rtrb::Producer;
-use takt_scheduler::enforce::{Woken, sleep_until};
+use takt_scheduler::sleep::{Sleeper, Woken};
 use takt_scheduler::switch::{Switch, SwitchBoard};
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use takt_scheduler::timetable::{Slot, Timetable};
@@ -44,6 +44,7 @@ pub struct Plan {
 pub struct Windowed {
     plan: Plan,
     base: Timebase,
+    sleeper: Sleeper,
     slot: Slot,
     /// Under which `slot` was found.
     switch: Switch,
@@ -91,7 +92,8 @@ impl Windowed {
         let slot = plan.timetable.first(switch);
         let log = Log { records, unrecorded: 0 };
         let acted = switch.frame;
-        Self { plan, base, slot, switch, acted, log, starting: true }
+        let sleeper = Sleeper::new(base.frequency);
+        Self { plan, base, sleeper, slot, switch, acted, log, starting: true }
     }
 
     /// Records that did not fit into the ring.
@@ -215,13 +217,18 @@ impl Windowed {
 
     /// Sleeps until `instant`; false if the partition is to stop. A kick that comes just before
     /// the sleep is lost, but what it is for is seen before the next one, a frame later at most.
-    fn sleep(&self, instant: Tsc, control: &Control) -> bool {
-        self.sleep_unless(instant, || control.stopping())
+    fn sleep(&mut self, instant: Tsc, control: &Control) -> bool {
+        self.sleep_unless(instant, control, Control::stopping)
     }
 
-    fn sleep_unless(&self, instant: Tsc, ends: impl Fn() -> bool) -> bool {
-        while !ends() {
-            if sleep_until(instant, self.base.frequency) == Woken::OnTime {
+    fn sleep_unless(
+        &mut self,
+        instant: Tsc,
+        control: &Control,
+        ends: fn(&Control) -> bool,
+    ) -> bool {
+        while !ends(control) {
+            if self.sleeper.until(instant, control.wake_ups()) == Woken::OnTime {
                 return true;
             }
         }
@@ -239,7 +246,7 @@ impl Windowed {
                 Slot::Window(release) => release.start,
                 Slot::Idle(idle) => idle.start,
             };
-            if !self.sleep_unless(self.base.instant(start), || control.ending()) {
+            if !self.sleep_unless(self.base.instant(start), control, Control::ending) {
                 return false;
             }
             if matches!(self.slot, Slot::Window(release) if Tsc::now() < self.base.instant(release.end))

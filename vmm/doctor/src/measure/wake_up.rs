@@ -14,8 +14,9 @@ use std::io;
 use std::time::Instant;
 
 use hdrhistogram::Histogram;
-use takt_scheduler::enforce::{become_deadline, pin_to, sleep_until};
+use takt_scheduler::enforce::{become_deadline, pin_to};
 use takt_scheduler::reservation::{KICK_MARGIN, Reservation};
+use takt_scheduler::sleep::{Sleeper, WakeUps};
 use takt_scheduler::table::GUARD_MAX;
 use takt_scheduler::time::{Nanos, Tsc, TscFrequency};
 
@@ -65,10 +66,11 @@ pub fn measure(cpu: &WindowedCpu, frequency: TscFrequency, end: Instant) -> io::
     let mut measured = Measured { class, wake_ups, lost: 0, gaps };
     let period = frequency.ticks(cpu.period);
     let length = frequency.ticks(cpu.guard_or_usual().plus(cpu.window));
+    let (mut sleeper, passed_over) = (Sleeper::new(frequency), WakeUps::default());
     let mut due = Tsc::now().after(period);
     let mut windows = 0u64;
     while Instant::now() < end {
-        sleep_until(due, frequency);
+        sleeper.until(due, &passed_over);
         let woken = Tsc::now();
         let counts = windows >= WARM_UP;
         if counts {
