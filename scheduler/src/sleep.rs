@@ -96,30 +96,33 @@ pub struct Moment {
 impl Moment {
     /// Reads the counter, then the clock. An interrupt between the two would make a sleep end late by
     /// what it takes, so they are read once more if it seems that there was one.
-    #[must_use]
-    pub fn now(frequency: TscFrequency) -> Moment {
-        let close = frequency.ticks(MOMENT);
-        let tsc = Tsc::now();
-        let clock = monotonic();
-        let after = Tsc::now();
-        if after.since(tsc) <= close {
-            return Moment { tsc, clock };
-        }
-        Moment { tsc: Tsc::now(), clock: monotonic() }
+    fn now(frequency: TscFrequency) -> Moment {
+        Moment::within(MOMENT, frequency)
+            .unwrap_or_else(|| Moment { tsc: Tsc::now(), clock: monotonic() })
     }
 
-    /// How far the clock has gone ahead of the counter since an earlier moment, and how long that is
-    /// ago by the counter.
-    fn ahead_since(self, earlier: Moment, frequency: TscFrequency) -> (i64, Nanos) {
+    /// Reads the counter, then the clock; `None` if that has taken longer than `time`.
+    #[must_use]
+    pub fn within(time: Nanos, frequency: TscFrequency) -> Option<Moment> {
+        let tsc = Tsc::now();
+        let clock = monotonic();
+        (Tsc::now().since(tsc) <= frequency.ticks(time)).then_some(Moment { tsc, clock })
+    }
+
+    /// How many ns the clock has gone ahead of the counter since an earlier moment, and how long that is
+    /// ago by the counter; nothing if the counter has gone back.
+    #[must_use]
+    pub fn ahead_since(self, earlier: Moment, frequency: TscFrequency) -> (i64, Nanos) {
         let passed = frequency.nanos(self.tsc.since(earlier.tsc));
         let clock = self.clock.less(earlier.clock);
-        (clock.0.wrapping_sub(passed.0) as i64, passed)
+        let ahead = i128::from(clock.0) - i128::from(passed.0);
+        let ahead = ahead.clamp(i128::from(i64::MIN), i128::from(i64::MAX));
+        (ahead as i64, passed)
     }
 
     /// Whether the clock has kept within twice NTP's 500 ppm of the counter since an earlier moment, and
     /// what two readings may be off.
-    #[must_use]
-    pub fn agrees_with(self, earlier: Moment, frequency: TscFrequency) -> bool {
+    fn agrees_with(self, earlier: Moment, frequency: TscFrequency) -> bool {
         const READINGS: u64 = 2_000;
         let (ahead, Nanos(passed)) = self.ahead_since(earlier, frequency);
         ahead.unsigned_abs() <= (passed >> 10) + READINGS

@@ -10,7 +10,7 @@ use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 use crate::boot::StartMode;
 use crate::control::Orders;
 use crate::gather::Gather;
-use crate::health::Watch;
+use crate::health::{Detail, Watch};
 use crate::kernel_watch::{KernelWatch, News};
 use crate::load;
 use crate::restart::Restart;
@@ -80,6 +80,8 @@ pub struct Account {
     pub start_mode: StartMode,
     /// What an operator wants of it.
     pub orders: Orders,
+    /// An error of the host's for which its guest has to end.
+    pub host_fault: Option<Detail>,
     /// Output that is no whole line yet.
     pub lines: Lines,
 }
@@ -119,6 +121,25 @@ impl Account {
         }
         if let Some(samples) = &mut self.samples {
             samples.restarted();
+        }
+    }
+
+    /// Takes note of an error of the host's, and ends its guest if its table does not let it go on.
+    pub fn raise(&mut self, detail: Detail, now: Nanos, show: impl FnMut(&str)) {
+        if self.finished.is_none() && !self.health.raise(detail, now, show).goes_on() {
+            self.host_fault = Some(detail);
+            self.control.halt();
+        }
+    }
+
+    /// Its thread has stopped: the same with the error of the host's that was the reason, if one was.
+    pub fn with_reason(&mut self, finished: Finished) -> Finished {
+        let Some(detail) = self.host_fault.take() else { return finished };
+        self.control.halted();
+        match finished.end {
+            End::Stopped => Finished { end: End::Raised(detail), ..finished },
+            // It has ended by itself before it was asked to.
+            _ => finished,
         }
     }
 

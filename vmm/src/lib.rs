@@ -19,6 +19,7 @@ pub mod event;
 pub mod footprint;
 pub mod gather;
 pub mod health;
+pub mod host_clock;
 pub mod host_ports;
 pub mod host_watchdog;
 pub mod init_watch;

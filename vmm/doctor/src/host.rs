@@ -12,6 +12,8 @@ use std::path::{Path, PathBuf};
 use takt::cpuset::list;
 use takt_scheduler::table::Cpu;
 
+use crate::steering::Steering;
+
 /// Longest file that is read, in bytes. `/proc/interrupts` of a large machine has some hundred
 /// thousand.
 const FILE_MAX: u64 = 4 << 20;
@@ -32,19 +34,32 @@ pub enum Capability {
 pub struct Host {
     root: PathBuf,
     log: String,
+    steering: Option<Steering>,
 }
 
 impl Host {
     /// The host that this process runs on.
     #[must_use]
     pub fn here() -> Self {
-        Self { root: "/".into(), log: kernel_log() }
+        Self { root: "/".into(), log: kernel_log(), steering: Steering::here() }
     }
 
     /// The host whose files lie below `root`, and whose kernel has logged `log`.
     #[cfg(test)]
     pub fn recorded(root: &Path, log: String) -> Self {
-        Self { root: root.into(), log }
+        Self { root: root.into(), log, steering: None }
+    }
+
+    /// The same with a clock that is steered so.
+    #[cfg(test)]
+    pub fn steered(self, steering: Option<Steering>) -> Self {
+        Self { steering, ..self }
+    }
+
+    /// How its clock is steered; `None` if the kernel does not tell.
+    #[must_use]
+    pub fn steering(&self) -> Option<Steering> {
+        self.steering
     }
 
     /// The folder that stands for `/`.

@@ -17,6 +17,7 @@ mod progress;
 #[cfg(test)]
 mod recorded;
 mod report;
+mod steering;
 
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;

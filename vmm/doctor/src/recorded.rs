@@ -6,8 +6,9 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use crate::host::Host;
+use crate::steering::Steering;
 
-/// The files of a host, by their paths, and its kernel's log as `log`.
+/// The files of a host, by their paths, its kernel's log as `log`, and its clock's steering as `adjtimex`.
 #[derive(Clone, Debug)]
 pub struct Recorded {
     files: BTreeMap<String, String>,
@@ -55,7 +56,8 @@ impl Recorded {
             fs::write(path, content).unwrap();
         }
         let log = self.files.get("log").cloned().unwrap_or_default();
-        Tree { host: Host::recorded(&root, log), root }
+        let steering = self.files.get("adjtimex").and_then(|text| Steering::recorded(text));
+        Tree { host: Host::recorded(&root, log).steered(steering), root }
     }
 }
 

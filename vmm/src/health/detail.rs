@@ -21,6 +21,34 @@ pub enum Detail {
     Lost(u64, u64),
     /// The guest reports an error with this code and text.
     Application(u32, Text),
+    /// The host's time-stamp counter has turned bad.
+    Clock(ClockFault),
+}
+
+/// How the host's time-stamp counter has turned bad.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ClockFault {
+    /// The kernel has taken this clock source in its place.
+    Source(Text),
+    /// It differs from the kernel's clock by more than that can be steered.
+    Rate {
+        /// How many ns the kernel's clock has gone ahead of it since the last look.
+        clock_ahead_ns: i64,
+    },
+}
+
+impl fmt::Display for ClockFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            ClockFault::Source(name) => {
+                write!(f, "the kernel's clock source is \"{name}\" and no longer the TSC")
+            }
+            ClockFault::Rate { clock_ahead_ns } => {
+                let ms = *clock_ahead_ns as f64 / 1e6;
+                write!(f, "the TSC and the kernel's clock differ by {ms:.3} ms within a look")
+            }
+        }
+    }
 }
 
 impl Detail {
@@ -31,6 +59,7 @@ impl Detail {
             Detail::Access(_) => Fault::IllegalRequest,
             Detail::Overrun(_) | Detail::Lost(..) => Fault::DeadlineMissed,
             Detail::Application(..) => Fault::ApplicationError,
+            Detail::Clock(_) => Fault::ClockFault,
         }
     }
 }
@@ -47,6 +76,7 @@ impl fmt::Display for Detail {
                 write!(f, "{count} releases up to {last} passed without a scan")
             }
             Detail::Application(code, text) => write!(f, "code {code}: {text}"),
+            Detail::Clock(fault) => fault.fmt(f),
         }
     }
 }

@@ -6,7 +6,7 @@ use std::fmt;
 /// does; in Rust that word is taken.
 ///
 /// The first seven are those of ARINC 653 Part 1, without the power failure, of which Takt learns
-/// nothing. The other four are ends that a machine has and a process does not.
+/// nothing. The next four are ends that a machine has and a process does not. The last is the host's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// A window ended before the guest was done, or a release passed without a scan.
@@ -31,10 +31,12 @@ pub enum Fault {
     PartitionSilent,
     /// The guest ended itself in order.
     PartitionEnded,
+    /// The host's time-stamp counter has turned bad, on which all time of the guest lies.
+    ClockFault,
 }
 
 /// All errors, in the order of their declaration.
-pub const FAULTS: [Fault; 11] = [
+pub const FAULTS: [Fault; 12] = [
     Fault::DeadlineMissed,
     Fault::ApplicationError,
     Fault::NumericError,
@@ -46,6 +48,7 @@ pub const FAULTS: [Fault; 11] = [
     Fault::PartitionReset,
     Fault::PartitionSilent,
     Fault::PartitionEnded,
+    Fault::ClockFault,
 ];
 
 impl Fault {
@@ -64,6 +67,7 @@ impl Fault {
             Fault::PartitionReset => "partition-reset",
             Fault::PartitionSilent => "partition-silent",
             Fault::PartitionEnded => "partition-ended",
+            Fault::ClockFault => "clock-fault",
         }
     }
 
@@ -85,6 +89,7 @@ impl Fault {
                 | Fault::PartitionReset
                 | Fault::PartitionSilent
                 | Fault::PartitionEnded
+                | Fault::ClockFault
         )
     }
 

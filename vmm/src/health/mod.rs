@@ -24,7 +24,7 @@ mod reporter;
 mod table;
 mod watch;
 
-pub use detail::{Access, Detail, Target, Text};
+pub use detail::{Access, ClockFault, Detail, Target, Text};
 pub use fault::{FAULTS, Fault};
 pub use monitor::{Monitor, Reason, Verdict};
 pub use reporter::{Answer, Counts, Occurrence, Reporter};

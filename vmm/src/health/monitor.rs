@@ -76,6 +76,12 @@ impl Monitor {
         Monitor { table, starts: VecDeque::with_capacity(table.limit().at_most as usize) }
     }
 
+    /// What the table says of an error.
+    #[must_use]
+    pub fn action(&self, fault: Fault) -> Action {
+        self.table.action(fault)
+    }
+
     /// What follows from the end of the guest by `fault` at `now`, an instant that is never before
     /// that of an earlier call. `starting` says that the guest had not scanned since its start.
     pub fn end(&mut self, fault: Fault, starting: bool, now: Nanos) -> Verdict {

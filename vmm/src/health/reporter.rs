@@ -36,7 +36,7 @@ impl Counts {
         self.0[fault as usize].load(Ordering::Relaxed)
     }
 
-    fn add(&self, fault: Fault, times: u64) {
+    pub(super) fn add(&self, fault: Fault, times: u64) {
         self.0[fault as usize].fetch_add(times, Ordering::Relaxed);
     }
 }

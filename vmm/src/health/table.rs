@@ -104,17 +104,19 @@ impl Table {
             Action::Idle,
             Action::Idle,
             Action::Idle,
+            Action::Log,
         ],
         limit: Limit::DEFAULT,
     };
 
     /// For a Linux of which the file says nothing. It looks for devices that are not there, as on
     /// any machine. A restart that it asks for is what its user wants, and so is one for its silence if
-    /// he has given it a watchdog.
+    /// he has given it a watchdog. It has no releases that a bad clock could move.
     pub const LINUX: Table = Table::PLC
         .with(Fault::IllegalRequest, Action::Ignore)
         .with(Fault::PartitionReset, Action::ColdStart)
-        .with(Fault::PartitionSilent, Action::ColdStart);
+        .with(Fault::PartitionSilent, Action::ColdStart)
+        .with(Fault::ClockFault, Action::Ignore);
 
     /// The same table with another action for one error.
     #[must_use]
@@ -162,7 +164,12 @@ mod tests {
             let restarts = Table::LINUX.action(fault) == Action::ColdStart;
             assert_eq!(restarts, [Fault::PartitionReset, Fault::PartitionSilent].contains(&fault));
         }
-        for survived in [Fault::DeadlineMissed, Fault::ApplicationError, Fault::IllegalRequest] {
+        for survived in [
+            Fault::DeadlineMissed,
+            Fault::ApplicationError,
+            Fault::IllegalRequest,
+            Fault::ClockFault,
+        ] {
             assert_eq!(Table::PLC.action(survived), Action::Log);
         }
         assert_eq!(Table::LINUX.action(Fault::IllegalRequest), Action::Ignore);

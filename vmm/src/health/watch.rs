@@ -9,6 +9,7 @@ use std::sync::Arc;
 use rtrb::Consumer;
 use takt_scheduler::time::{Nanos, Timebase};
 
+use super::detail::Detail;
 use super::fault::{FAULTS, Fault};
 use super::monitor::{Monitor, Verdict};
 use super::reporter::{Counts, Occurrence, Reporter};
@@ -117,6 +118,23 @@ impl Watch {
             }
         }
         self.lines.advance(now, |hidden| show(&more(hidden)));
+    }
+
+    /// Counts an error that was found on this side, of a guest that runs, and tells of it if it is to go
+    /// on. Returns what the table says: a guest that is not to go on has to be ended.
+    pub fn raise(&mut self, detail: Detail, now: Nanos, mut show: impl FnMut(&str)) -> Action {
+        let fault = detail.fault();
+        self.counts.add(fault, 1);
+        let action = self.monitor.action(fault);
+        if action == Action::Log {
+            self.events += 1;
+            let event = self.event(now, fault, detail.to_string(), action);
+            show(&describe(&event, event.action));
+            if self.list.len() < LISTED {
+                self.list.push(event);
+            }
+        }
+        action
     }
 
     /// Takes note of how the guest ended, and says what follows; `None` if it is no error.
@@ -275,6 +293,27 @@ mod tests {
         limit.advance(Nanos(1_000_000_000), |n| told.push(n));
         assert!(limit.allows(Nanos(1_000_000_001), |n| told.push(n)));
         assert_eq!(told, [2]);
+    }
+
+    #[test]
+    fn an_error_of_the_hosts_is_counted_once_whatever_follows() {
+        use super::super::detail::ClockFault;
+        use super::super::table::ACTIONS;
+        let detail = Detail::Clock(ClockFault::Rate { clock_ahead_ns: -40_000_000 });
+        for action in ACTIONS {
+            let (mut watch, mut reporter) = Watch::new(Table::PLC.with(Fault::ClockFault, action));
+            let mut lines = Vec::new();
+            let told = watch.raise(detail, Nanos(5), |line| lines.push(line.to_owned()));
+            assert_eq!((told, lines.len()), (action, usize::from(action == Action::Log)));
+            if !action.goes_on() {
+                let end = End::Raised(detail);
+                reporter.end(end);
+                watch.end(&finished(end, 9, 0), BASE, |line| lines.push(line.to_owned()));
+            }
+            assert_eq!(watch.count(Fault::ClockFault), 1, "{action}");
+            let events = usize::from(action != Action::Ignore);
+            assert_eq!((watch.report().list.len(), lines.len()), (events, events), "{action}");
+        }
     }
 
     #[test]

@@ -151,6 +151,7 @@ impl Preparation<'_> {
             ended_run: false,
             start_mode: StartMode::Cold,
             orders: Orders::default(),
+            host_fault: None,
             lines: Lines::default(),
         };
         Ok(Prepared { account, thread, init: None, disks: Vec::new() })

@@ -13,6 +13,7 @@ use super::{Run, nanos};
 use crate::account::Account;
 use crate::config::Partition;
 use crate::disk::DiskThread;
+use crate::host_clock::HostClock;
 use crate::host_watchdog::HostWatchdog;
 use crate::init_watch::{Console, InitSeen};
 use crate::prepare::{Kicker, Prepared};
@@ -69,6 +70,7 @@ impl Run<'_> {
         if let Some(thread) = &self.options.provoke {
             provoke(thread, &accounts, &kickers)?;
         }
+        let clock = HostClock::open(self.frequency);
         self.steps.pass()?;
         // Nothing of the host is opened any more, and no guest has run yet.
         let doors = (sandbox::Kind::Main, self.options.seccomp);
@@ -109,6 +111,7 @@ impl Run<'_> {
         supervisor.operators = self.operators.take();
         supervisor.interrupts = self.interrupts.take();
         supervisor.watchdog = watchdog;
+        supervisor.clock = Some(clock);
         self.tell(&mut supervisor.screen, starting);
         Ok(Started { supervisor, running, controls, bells, inits, base, starting })
     }

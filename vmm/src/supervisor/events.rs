@@ -52,6 +52,7 @@ impl MutEventSubscriber for Supervisor {
             }
             self.accounts.iter().for_each(|a| a.look_for_silence(board::clock()));
             self.look_at_kernels();
+            self.watch_clock();
             self.watch_schedule();
             self.deliver_typed();
             self.serve_host_ports(HostPorts::on_tick);

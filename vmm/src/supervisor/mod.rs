@@ -22,7 +22,8 @@ use crate::account::{Account, Finished};
 use crate::boot::{Start, StartMode, StartReason};
 use crate::control::protocol::EventKind;
 use crate::control::{Operators, Outcome};
-use crate::health::{Action, Verdict};
+use crate::health::{Action, Detail, Verdict};
+use crate::host_clock::HostClock;
 use crate::host_ports::HostPorts;
 use crate::host_watchdog::HostWatchdog;
 use crate::init_watch::Console;
@@ -56,6 +57,8 @@ pub struct Supervisor {
     pub operators: Option<Operators>,
     /// What may interrupt PLC guests.
     pub interrupts: Option<Interrupts>,
+    /// The clock on which all of it lies.
+    pub clock: Option<HostClock>,
     desk: ScheduleDesk,
     keyboard: Keyboard,
     stdin: Stdin,
@@ -87,6 +90,7 @@ impl Supervisor {
             watchdog: None,
             operators: None,
             interrupts: None,
+            clock: None,
             desk,
             keyboard: Keyboard::default(),
             stdin: io::stdin(),
@@ -198,6 +202,8 @@ impl Supervisor {
         while let Ok((id, finished)) = self.sources.endings.ends.try_recv() {
             // What it said last comes before the news of its end.
             self.drain();
+            let Some(account) = self.accounts.get_mut(id.0) else { continue };
+            let finished = account.with_reason(finished);
             let start = self.judge(id, &finished);
             self.follow(id, finished, start);
         }
@@ -272,6 +278,20 @@ impl Supervisor {
             let (name, news) = (&account.name, news.to_string());
             self.screen.line("takt", &format!("{name}: {news}"));
             tell(&mut self.operators, now, EventKind::Health, Some(name), &news);
+        }
+    }
+
+    /// Looks whether the host's clock has turned bad, which is an error of every partition.
+    fn watch_clock(&mut self) {
+        let now = self.desk.now();
+        let Some(fault) = self.clock.as_mut().and_then(|clock| clock.look(now)) else { return };
+        self.screen.line("takt", &format!("the host's clock has turned bad: {fault}"));
+        for account in &mut self.accounts {
+            let name = account.name.clone();
+            account.raise(Detail::Clock(fault), now, |line| {
+                self.screen.line("takt", &format!("{name}: {line}"));
+                tell(&mut self.operators, now, EventKind::Health, Some(&name), line);
+            });
         }
     }
 

@@ -2,6 +2,7 @@
 
 use crate::finding::Finding;
 use crate::host::Host;
+use crate::steering::NTP_PPM;
 
 /// Whether the counter keeps its rate, by the word of the processor and by that of the kernel.
 ///
@@ -43,4 +44,73 @@ pub fn tsc(host: &Host) -> Finding {
             )
         }
     }
+}
+
+/// Whether the kernel may give the counter up while Takt runs, because another clock seems to differ.
+///
+/// The clock source watchdog (`kernel/time/clocksource.c`) compares the counter with the HPET or the
+/// power management timer twice a second. It is off for a counter that is declared reliable, by the
+/// command line (`tsc=reliable`, `tsc=nowatchdog`) or by the hypervisor, and since 5.17 on processors
+/// with IA32_TSC_ADJUST and few nodes (`check_system_tsc_reliable` in `arch/x86/kernel/tsc.c`).
+pub fn watchdog(host: &Host) -> Finding {
+    const CHECK: &str = "tsc-watchdog";
+    let told = host.parameter("tsc").unwrap_or_default();
+    if told.split(',').any(|word| ["reliable", "nowatchdog"].contains(&word)) {
+        return Finding::good(
+            CHECK,
+            format!("the kernel is told not to doubt the counter (tsc={told})"),
+        );
+    }
+    if host.has_feature("tsc_reliable") {
+        return Finding::good(CHECK, "the counter is reliable by the hypervisor's word");
+    }
+    let sure = ["constant_tsc", "nonstop_tsc", "tsc_adjust"].iter().all(|f| host.has_feature(f));
+    let nodes = host.cpus("sys/devices/system/node/online").map_or(1, |nodes| nodes.len());
+    if sure && nodes <= NODES && since(&host.kernel(), [5, 17]) {
+        return Finding::good(CHECK, "the kernel does not doubt the counter of this processor");
+    }
+    Finding::warning(
+        CHECK,
+        "the kernel compares the counter with another clock, and drops it where they seem to differ",
+        "a false alarm of a busy machine is enough: KVM then moves the guests' counters, and PLCs lose every release (clock-fault)",
+        "if tsc-rate and tsc-warp are good: tsc=nowatchdog on the kernel's command line, or tsc=reliable",
+    )
+}
+
+/// Nodes up to which the kernel trusts the counters to be one; later kernels trust twice as many.
+const NODES: usize = 2;
+
+/// Whether a kernel's release is at least this one.
+fn since(release: &str, least: [u32; 2]) -> bool {
+    let mut numbers = release.split(['.', '-']).map_while(|number| number.parse().ok());
+    [numbers.next().unwrap_or(0), numbers.next().unwrap_or(0)] >= least
+}
+
+/// How far NTP has taken the kernel's clock from the counter's rate.
+pub fn steering(host: &Host) -> Finding {
+    const CHECK: &str = "clock-steering";
+    let Some(steering) = host.steering() else {
+        return Finding::unseen(
+            CHECK,
+            "the kernel does not tell how its clock is steered",
+            "a clock that is steered by more than 500 ppm makes wake-ups costlier",
+            "adjtimex",
+        );
+    };
+    let kept = if steering.synchronised() { "kept by NTP" } else { "nobody keeps it (STA_UNSYNC)" };
+    let found = format!(
+        "{:+.1} ppm, {:+.0} ppm of it by the length of a tick ({} us); {kept}",
+        steering.ppm(),
+        steering.tick_ppm(),
+        steering.tick
+    );
+    if steering.ppm().abs() <= NTP_PPM {
+        return Finding::good(CHECK, found);
+    }
+    Finding::warning(
+        CHECK,
+        found,
+        "the kernel sleeps by this clock: takt divides each sleep, at the cost of some microseconds of Linux's time, and a step of the rate by a tenth can make one release late",
+        "chrony: maxslewrate 500 in chrony.conf, and wait until it has corrected its error (chronyc tracking); without NTP: adjtimex --tick 10000 --frequency 0",
+    )
 }

@@ -24,6 +24,8 @@ pub fn all(host: &Host, demand: &Demand) -> Vec<Finding> {
         platform::bare_metal(host),
         platform::iommu(host, demand),
         clock::tsc(host),
+        clock::watchdog(host),
+        clock::steering(host),
         power::idle_states(host, demand),
         power::governor(host, demand),
         cpus::siblings(host, demand),

@@ -82,6 +82,7 @@ fn a_virtual_machine_is_known_as_one() {
 fn each_setting_of_a_workstation_is_found_and_its_remedy_named() {
     let host = Recorded::named("workstation");
     let expected = [
+        ("tsc-watchdog", Warning, "tsc=nowatchdog on the kernel's command line"),
         ("c-states", Cannot, "echo 1 | tee /sys/devices/system/cpu/cpu7/cpuidle/state2/disable"),
         (
             "governor",
@@ -110,6 +111,7 @@ fn each_setting_of_a_workstation_is_found_and_its_remedy_named() {
 fn a_workstation_that_was_mended_is_good() {
     let cpu = "sys/devices/system/cpu";
     let host = Recorded::named("workstation")
+        .with("proc/cmdline", "tsc=nowatchdog")
         .with(&format!("{cpu}/cpu7/cpuidle/state2/disable"), "1")
         .with(&format!("{cpu}/cpu7/cpufreq/scaling_governor"), "performance")
         .with(&format!("{cpu}/cpu7/topology/thread_siblings_list"), "7")
@@ -120,6 +122,47 @@ fn a_workstation_that_was_mended_is_good() {
         .with("proc/sys/kernel/watchdog_cpumask", "0-2,4-6")
         .with("sys/kernel/mm/transparent_hugepage/enabled", "always [madvise] never");
     assert_eq!(bad(&host), []);
+}
+
+#[test]
+fn a_kernel_that_may_give_the_counter_up_is_found_before_it_does() {
+    let host = Recorded::named("workstation");
+    let of = |host: Recorded| finding(&host, "tsc-watchdog").severity;
+    assert_eq!(of(host.clone()), Warning);
+    for (line, severity) in [
+        ("quiet tsc=reliable", Good),
+        ("tsc=nowatchdog quiet", Good),
+        ("tsc=recalibrate,nowatchdog", Good),
+        ("tsc=recalibrate", Warning),
+        ("tsc=reliable tsc=noirqtime", Warning),
+    ] {
+        assert_eq!(of(host.clone().with("proc/cmdline", line)), severity, "{line}");
+    }
+    let sure = host.with("proc/cpuinfo", "flags : constant_tsc nonstop_tsc tsc_adjust");
+    assert_eq!(of(sure.clone()), Good);
+    assert_eq!(of(sure.clone().with("sys/devices/system/node/online", "0-3")), Warning);
+    for (version, severity) in [("5.17.0", Good), ("5.16.9", Warning), ("7.0.0-rc1", Good)] {
+        let version = format!("Linux version {version} (gcc)");
+        assert_eq!(of(sure.clone().with("proc/version", &version)), severity, "{version}");
+    }
+    assert_eq!(of(sure.with("proc/version", "none")), Warning);
+}
+
+#[test]
+fn a_clock_that_is_steered_further_than_ntp_does_is_told_with_the_remedy() {
+    let host = Recorded::named("workstation");
+    let good = finding(&host, "clock-steering");
+    assert_eq!(good.severity, Good);
+    assert_eq!(
+        good.found,
+        "-12.3 ppm, +0 ppm of it by the length of a tick (10000 us); kept by NTP"
+    );
+    let printed = "-f  freq.adjust:  0 (65536 = 1ppm)\n status:  64 (UNSYNC)\n-t  tick:   10833";
+    let steered = finding(&host.clone().with("adjtimex", printed), "clock-steering");
+    assert_eq!(steered.severity, Warning);
+    assert!(steered.found.starts_with("+83300.0 ppm") && steered.found.ends_with("(STA_UNSYNC)"));
+    assert!(steered.remedy.unwrap().contains("maxslewrate 500"));
+    assert_eq!(finding(&host.without("adjtimex"), "clock-steering").severity, Unseen);
 }
 
 #[test]
@@ -184,10 +227,10 @@ fn a_host_that_talks_nonsense_is_survived() {
         for content in odd {
             let before = tree.change(&path, content);
             let found = all(&tree.host, &Demand::usual(&tree.host));
-            assert_eq!(found.len(), 17, "{path}: {content:?}");
+            assert_eq!(found.len(), 19, "{path}: {content:?}");
             tree.change(&path, &before);
         }
     }
     let nothing = Host::recorded(std::path::Path::new("/no/such/folder"), String::new());
-    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 17);
+    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 19);
 }

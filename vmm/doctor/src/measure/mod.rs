@@ -77,7 +77,7 @@ fn while_windows_run(
         rate.look();
     }
     progress.done();
-    let mut findings = vec![rate.finding(host)];
+    let mut findings = vec![rate.finding(host), rate.clock(host, rate::kvm_khz())];
     let measured: Vec<_> =
         threads.into_iter().map(|(cpu, it)| (cpu, it.and_then(|it| it.join().ok()))).collect();
     let after = Counts::read(host);

@@ -4,15 +4,17 @@
 //! source is the counter, this shows the steering of that clock (NTP) and no more: the two have
 //! then no way to differ in rate otherwise, and `tsc` has the kernel's word for it.
 
+use kvm_ioctls::Kvm;
 use takt_scheduler::time::{Tsc, TscFrequency};
 
 use crate::finding::Finding;
 use crate::host::Host;
+use crate::steering::{NTP_PPM, Steering};
 
 /// Readings of which the best is taken: the one with the least time around it.
 const TRIES: usize = 16;
-/// What steering may do, in parts per million (`MAXFREQ` in `include/linux/timex.h`).
-const STEERING_PPM: f64 = 500.0;
+/// What the measurement itself may be off, in ppm: both clocks are read within a microsecond.
+const READINGS_PPM: f64 = 50.0;
 
 /// Both clocks at one moment.
 #[derive(Clone, Copy, Debug)]
@@ -82,7 +84,7 @@ impl Rate {
         self.moments.push(Moment::now());
     }
 
-    /// Says what it means.
+    /// Says what it means that the counter has changed its rate, or has not.
     #[must_use]
     pub fn finding(&self, host: &Host) -> Finding {
         const CHECK: &str = "tsc-rate";
@@ -105,7 +107,7 @@ impl Rate {
             "{:.3} MHz, steady within {worst:.1} ppm of the kernel's clock{beside}",
             rate / 1e6
         );
-        if worst <= STEERING_PPM {
+        if worst <= NTP_PPM {
             return Finding::good(CHECK, found);
         }
         Finding::cannot(
@@ -115,6 +117,56 @@ impl Rate {
             "look for the reason: dmesg | grep -i -e tsc -e clocksource; in a virtual machine: run takt on the machine itself",
         )
     }
+
+    /// Says how far the kernel's clock, by which it sleeps, runs from the counter, on which releases lie,
+    /// and which part of that is NTP's. `khz` is the counter's rate as KVM has it, by which Takt counts.
+    #[must_use]
+    pub fn clock(&self, host: &Host, khz: Option<u32>) -> Finding {
+        const CHECK: &str = "clock-rate";
+        let measured = self.moments.first().zip(self.moments.last());
+        let (Some((first, last)), Some(khz)) = (measured, khz) else {
+            return Finding::unseen(
+                CHECK,
+                "KVM does not tell the counter's rate",
+                "it is not known how far the kernel's clock runs from it",
+                "see kvm",
+            );
+        };
+        let rate = last.rate_since(*first);
+        let ahead =
+            if rate > 0.0 { (f64::from(khz) * 1e3 / rate - 1.0) * 1e6 } else { f64::INFINITY };
+        let ntp = host.steering().map_or(0.0, Steering::ppm);
+        let found = format!(
+            "the kernel's clock runs {ahead:+.1} ppm from the counter at KVM's {:.3} MHz; NTP's part is {ntp:+.1} ppm",
+            f64::from(khz) / 1e3
+        );
+        let own = (ahead - ntp).abs();
+        if own > NTP_PPM + READINGS_PPM {
+            // Steering that has ended or begun meanwhile is no more than NTP's and found below.
+            return Finding::cannot(
+                CHECK,
+                found,
+                "the kernel and KVM have measured the counter differently: the major frame has another length than its file says",
+                "start the machine again; look for the reason: dmesg | grep -i tsc",
+            );
+        }
+        if ahead.abs() > NTP_PPM + READINGS_PPM {
+            return Finding::warning(
+                CHECK,
+                found,
+                "takt divides each sleep, at the cost of some microseconds of Linux's time",
+                "see clock-steering",
+            );
+        }
+        Finding::good(CHECK, found)
+    }
+}
+
+/// The counter's rate as KVM has it; `None` if it does not tell.
+#[must_use]
+pub fn kvm_khz() -> Option<u32> {
+    let vm = Kvm::new().ok()?.create_vm().ok()?;
+    vm.create_vcpu(0).ok()?.get_tsc_khz().ok().filter(|khz| *khz > 0)
 }
 
 #[cfg(test)]
@@ -124,7 +176,40 @@ mod tests {
 
     fn rate(moments: &[(u64, u64)]) -> Finding {
         let moments = moments.iter().map(|&(tsc, ns)| Moment { tsc, ns }).collect();
-        Rate { moments }.finding(&Host::recorded(std::path::Path::new("/none"), String::new()))
+        Rate { moments }.finding(&host(None))
+    }
+
+    fn host(steering: Option<Steering>) -> Host {
+        Host::recorded(std::path::Path::new("/none"), String::new()).steered(steering)
+    }
+
+    #[test]
+    fn the_clocks_distance_from_the_counter_is_told_with_ntps_part() {
+        // The clock's ppm by NTP and by itself.
+        let of = |ntp: i64, own: f64| {
+            let fast = 1.0 + ntp as f64 / 1e6 + own / 1e6;
+            let second =
+                |i: u64| Moment { tsc: i * 1_000_000_000, ns: (i as f64 * 1e9 * fast) as u64 };
+            let rate = Rate { moments: (0..4).map(second).collect() };
+            let tick = 10_000 + ntp / 100;
+            let steering = Steering { frequency: ntp % 100 * 65_536, tick, status: 0 };
+            rate.clock(&host(Some(steering)), Some(1_000_000))
+        };
+        let good = of(12, 0.0);
+        assert_eq!(good.severity, Severity::Good);
+        assert!(good.found.contains("runs +12.0 ppm") && good.found.ends_with("part is +12.0 ppm"));
+        assert_eq!(of(-500, 30.0).severity, Severity::Good);
+        for ntp in [833, -100_000, 100_000] {
+            assert_eq!(of(ntp, 0.0).severity, Severity::Warning, "{ntp}");
+        }
+        assert_eq!(of(0, 600.0).severity, Severity::Cannot);
+        assert_eq!(of(100_000, -100_000.0).severity, Severity::Cannot);
+        let moments = vec![Moment { tsc: 5, ns: 0 }, Moment { tsc: 5, ns: 1_000_000_000 }];
+        assert_eq!(Rate { moments }.clock(&host(None), Some(1_000_000)).severity, Severity::Cannot);
+        assert_eq!(
+            Rate { moments: Vec::new() }.clock(&host(None), None).severity,
+            Severity::Unseen
+        );
     }
 
     #[test]

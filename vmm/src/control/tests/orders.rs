@@ -46,6 +46,7 @@ fn account() -> (Account, Receiver<Revival<PlcGuest>>) {
         ended_run: false,
         start_mode: StartMode::Cold,
         orders: Orders::default(),
+        host_fault: None,
         lines: Lines::default(),
     };
     (account, revivals)
