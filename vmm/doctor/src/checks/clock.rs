@@ -73,7 +73,7 @@ pub fn watchdog(host: &Host) -> Finding {
         CHECK,
         "the kernel compares the counter with another clock, and drops it where they seem to differ",
         "a false alarm of a busy machine is enough: KVM then moves the guests' counters, and PLCs lose every release (clock-fault)",
-        "if tsc-rate and tsc-warp are good: tsc=nowatchdog on the kernel's command line, or tsc=reliable",
+        "if tsc-rate and tsc-equal are good: tsc=nowatchdog on the kernel's command line, or tsc=reliable",
     )
 }
 
