@@ -15,7 +15,7 @@
 //!   wake-up late by more than the last piece can is the first step of the rate beyond that, in a
 //!   sleep that is not divided, once: by a ninth of what was left of it.
 //!
-//! A divided sleep of a second takes seven pieces, one of a millisecond three.
+//! A divided sleep of a second takes six pieces, one of a millisecond three.
 //!
 //! To convert by the measured rate instead would save wake-ups under a steered clock, and would be no
 //! guard at all against a rate that changes during the sleep.

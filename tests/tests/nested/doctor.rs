@@ -76,6 +76,9 @@ fn assert_machine(findings: &Findings) {
     assert!((mhz - 1000.0).abs() < 0.1, "{rate}");
     assert_found(findings, "tsc-rate", "good", "steady within");
     assert_found(findings, "tsc", "warning", "not invariant");
+    assert_found(findings, "tsc-watchdog", "good", "by the hypervisor's word");
+    assert_found(findings, "clock-steering", "good", "+0.0 ppm");
+    assert_found(findings, "clock-rate", "good", "NTP's part is +0.0 ppm");
     assert_found(findings, "watchdogs", "warning", "soft lockup detection on CPU 0");
     assert_found(findings, "tick", "good", "one CPU");
     assert_found(findings, "c-states", "good", "");
