@@ -1,14 +1,104 @@
-# Debian packages: install what a script needs, and fetch kernels without installing them.
+# Debian packages: install what a script needs, and fetch others without installing them.
 # Sourced; expects $root, the top of the project. Nothing here touches the network when
 # everything is there already.
+#
+# What the emulated machines are made of comes from a suite of Debian's archive: the one that this machine has
+# in its sources, or the one that $TAKT_SUITE names, which has a folder of its own below target/.
 # shellcheck shell=bash
 
-cache=$root/target/cache
 keep_packages=
 
 fail() {
     echo "${0##*/}: $*" >&2
     exit 1
+}
+
+# use_suite SUITE: from here on, kernels, compiler, busybox and QEMU are those of this suite of Debian (a code
+# name, such as trixie), by its archive and without installing anything. Empty: those of this machine.
+# Sets $suite, the folder $built for all that is made of them, $cache, and $apt, the options with which
+# apt's programs look at that suite as a bare machine would: what is installed here may be newer than what the
+# lists name, and could then not be downloaded.
+use_suite() {
+    [[ $1 =~ ^[a-z]*$ ]] || fail "\"$1\" is no suite of Debian; those have code names, such as trixie"
+    suite=$1
+    export TAKT_SUITE=$suite
+    built=$root/target${suite:+/$suite}
+    cache=$built/cache
+    if [[ -z $suite ]]; then
+        lists=
+        apt=("${bare[@]}")
+    else
+        look_at "$suite" deb
+    fi
+}
+
+bare=(-o Dir::State::status=/dev/null -o Debug::NoLocking=1
+    # apt would rather download as a user of its own, who cannot write here, and says so.
+    -o APT::Sandbox::User=root)
+
+# look_at SUITE TYPE: sets $apt as use_suite does, to look at nothing but the packages (TYPE deb) or
+# their sources (deb-src) of this suite, by $lists of their own.
+look_at() {
+    lists=$root/target/lists/$1-$2
+    apt=("${bare[@]}" -o "Dir::Etc::SourceList=$lists/sources.list" -o Dir::Etc::SourceParts=/dev/null
+        -o Dir::Etc::Preferences=/dev/null -o Dir::Etc::PreferencesParts=/dev/null
+        -o APT::Default-Release= -o "Dir::State::Lists=$lists/lists" -o "Dir::Cache=$lists/cache"
+        -o Acquire::IndexTargets::deb::DEP-11::DefaultEnabled=false)
+}
+
+# lists_are_old: whether those that $apt reads are missing or a day old. Those of the machine are its own
+# matter.
+lists_are_old() {
+    [[ -n $lists && -z $(find "$lists/fetched" -mtime -1 2>/dev/null) ]]
+}
+
+# bring_lists: brings those that $apt reads up to date.
+bring_lists() {
+    if [[ -z $lists ]]; then
+        update_own_lists
+        return
+    fi
+    echo "${0##*/}: fetching apt's lists for ${lists##*/}" >&2
+    need_packages debian-archive-keyring
+    mkdir -p "$lists"/{lists,cache/archives}/partial
+    (
+        flock 9
+        name_sources "${lists##*/}" >"$lists/sources.list"
+        apt-get "${apt[@]}" -qq -o APT::Update::Error-Mode=any update >&2 && touch "$lists/fetched"
+    ) 9>"$lists/lock" || {
+        echo "${0##*/}: the lists could not be fetched from $(cut -d ' ' -f 4,5 "$lists/sources.list" | xargs)" >&2
+        return 1
+    }
+}
+
+# name_sources SUITE-TYPE: prints the sources for look_at: at the addresses of this machine's own, or at the
+# usual ones if this is not Debian.
+name_sources() {
+    local suite=${1%%-*} type=${1#*-} keyring=/usr/share/keyrings/debian-archive-keyring.gpg
+    local archive=http://deb.debian.org/debian security=http://deb.debian.org/debian-security
+    if [[ $(os_release ID) == debian ]]; then
+        archive=$(own_archive) || {
+            update_own_lists
+            archive=$(own_archive) || fail "apt does not say where this machine's packages come from"
+        }
+        # shellcheck disable=SC2016
+        security=$(apt-get indextargets --format '$(RELEASE) $(SITE)' 'Created-By: Packages' |
+            awk '$1 ~ /-security$/ && !seen++ { print $2 }')
+    fi
+    echo "$type [arch=amd64 signed-by=$keyring] $archive $suite main"
+    [[ -z $security ]] || echo "$type [arch=amd64 signed-by=$keyring] $security $suite-security main"
+}
+
+# own_archive: prints the address of the archive that this machine's basic packages come from.
+own_archive() {
+    apt-get "${bare[@]}" --print-uris download base-files 2>/dev/null |
+        sed -n "s/^'\\(.*\\)\\/pool\\/.*/\\1/p" | grep .
+}
+
+# os_release NAME: prints what /etc/os-release says.
+os_release() {
+    # shellcheck source=/dev/null
+    (source /etc/os-release && echo "${!1-}")
 }
 
 # help_or_usage WORD: shows the comment that the script opens with, and ends the script: well if
@@ -24,7 +114,7 @@ as_root() {
     if ((EUID == 0)); then "$@"; else sudo "$@"; fi
 }
 
-update_package_lists() {
+update_own_lists() {
     echo "${0##*/}: bringing apt's package lists up to date" >&2
     as_root apt-get update -qq >&2
 }
@@ -39,7 +129,7 @@ need_packages() {
     ((${#missing[@]})) || return 0
     echo "${0##*/}: installing ${missing[*]}" >&2
     install_packages "${missing[@]}" || {
-        update_package_lists
+        update_own_lists
         install_packages "${missing[@]}"
     } || fail "apt-get could not install ${missing[*]}"
 }
@@ -53,15 +143,23 @@ install_packages() {
 # ARGUMENT... prints what that folder is called, or nothing if apt does not know; FETCH FOLDER makes it.
 # Without a network, or without package lists, the last one serves; with $keep_packages set in any case.
 newest() {
-    local last=$cache/$1 name=$2 fetch=$3 arguments=("${@:4}")
+    local last=$cache/$1 name=$2 fetch=$3 arguments=("${@:4}") brought=
     mkdir -p "$cache"
-    if [[ -n $keep_packages && -e $last ]] || link_newest; then
+    if [[ -n $keep_packages && -e $last ]]; then
+        readlink -f "$last"
+        return
+    fi
+    if lists_are_old; then
+        brought=yes
+        bring_lists || true
+    fi
+    if link_newest; then
         :
     elif [[ -e $last ]]; then
         echo "${0##*/}: keeping what ${last##*/} was before" >&2
     else
         # There are no lists yet, or they are older than what the archive still holds.
-        update_package_lists
+        [[ -n $brought ]] || bring_lists
         link_newest || fail "apt does not find or cannot download ${last##*/} (Debian is needed)"
     fi
     readlink -f "$last"
@@ -85,25 +183,50 @@ fetch_kernel() {
 # metapackage may lead to a plain or an -unsigned package.
 current_kernel() {
     local package
-    package=$(apt-cache depends "linux-image-$1" 2>/dev/null |
+    package=$(apt-cache "${apt[@]}" depends "linux-image-$1" 2>/dev/null |
         awk '/Depends: linux-image-[0-9]/ && !seen++ { print $NF }')
     [[ -n $package ]] || return 0
-    apt-cache show --no-all-versions "$package" 2>/dev/null |
+    apt-cache "${apt[@]}" show --no-all-versions "$package" 2>/dev/null |
         awk -v package="$package" '/^Version:/ && !seen++ { print package "_" $2 }'
 }
 
 # download_kernel FOLDER: the package that the folder is called after, unpacked.
 download_kernel() {
-    local package=${1##*/} work status=0
-    package=${package%%_*}
+    local package=${1##*/}
+    unpack_packages "$1" "${package%%_*}"
+}
+
+# with_dependencies PACKAGE...: prints the package files of these and of all that they depend on, as apt would
+# install them on a bare machine; nothing if it does not know one of them.
+with_dependencies() {
+    apt-get "${apt[@]}" install -qq --no-install-recommends --print-uris "$@" 2>/dev/null |
+        awk '{ print $2 }'
+}
+
+# unpack_packages FOLDER PACKAGE...: makes the folder, of what is in these packages.
+unpack_packages() {
+    local work file status=0
     work=$(mktemp -d "$cache/download.XXXXXX")
-    echo "${0##*/}: downloading $package" >&2
-    # apt would rather download as a user of its own, who cannot write here, and says so.
-    (cd "$work" && apt-get -qq -o APT::Sandbox::User=root download "$package") >&2 &&
-        dpkg -x "$work/$package"_*.deb "$work/unpacked" &&
-        mv -T "$work/unpacked" "$1" || status=1
+    echo "${0##*/}: downloading $2$( (($# == 2)) || echo " and $(($# - 2)) packages more")" >&2
+    (cd "$work" && apt-get "${apt[@]}" -qq download "${@:2}") >&2 || status=1
+    for file in "$work"/*.deb; do
+        ((status)) || dpkg -x "$file" "$work/unpacked" || status=1
+    done
+    ((status)) || mv -T "$work/unpacked" "$1" || status=1
     rm -rf "$work"
     return "$status"
+}
+
+# download_source FOLDER PACKAGE [SUITE]: puts upstream's archive of a source package, without Debian's changes,
+# into the folder, checked by apt as any other, from the suite that is in use if none is named. Most machines
+# have no list of sources, so one of its own is read.
+download_source() {
+    local apt lists suite=${3:-${suite:-$(os_release VERSION_CODENAME)}}
+    look_at "$suite" deb-src
+    echo "${0##*/}: downloading the source of $2" >&2
+    ! lists_are_old || bring_lists || return 1
+    mkdir -p "$1"
+    (cd "$1" && apt-get "${apt[@]}" -qq source --download-only --tar-only "$2") >&2
 }
 
 # need_cargo: Rust's build tool, and a linker for it.
@@ -111,3 +234,5 @@ need_cargo() {
     command -v cargo >/dev/null || fail "cargo is missing: install Rust from https://rustup.rs"
     command -v cc >/dev/null || need_packages gcc libc6-dev
 }
+
+use_suite "${TAKT_SUITE-}"
