@@ -12,9 +12,32 @@ one_build_at_a_time() {
 
 # appliance_folder FLAVOUR: where the appliance with this kernel flavour is.
 appliance_folder() {
-    local folder=$root/target/appliance
+    local folder=$built/appliance
     [[ $1 == rt-amd64 ]] || folder+=-$1
     echo "$folder"
+}
+
+# find_busybox: prints the path of a busybox that needs no libraries.
+find_busybox() {
+    local folder
+    if [[ -z $suite ]]; then
+        need_packages busybox-static
+        echo /bin/busybox
+    else
+        folder=$(newest busybox-static current_version download_package busybox-static)
+        one_of "$folder"/{bin,usr/bin}/busybox
+    fi
+}
+
+# stand_in NAME...: a check of a partition file looks at target/guest, whatever suite is to be run. What this
+# machine's own packages have not been used for yet is a link there.
+stand_in() {
+    local name
+    [[ -n $suite ]] || return 0
+    mkdir -p "$root/target/guest"
+    for name in "$@"; do
+        [[ -e $root/target/guest/$name ]] || ln -sf "../$suite/guest/$name" "$root/target/guest/$name"
+    done
 }
 
 # inputs_unchanged STAMP INPUTS: whether STAMP says that the image was made from INPUTS.

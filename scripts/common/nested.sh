@@ -6,6 +6,7 @@
 #   memory     bytes that the guests need together
 #   cpus       CPUs that the partition file uses
 #   command    what takt is to do there, as an array; it may write into /out
+#   qemu       the command that starts QEMU, as an array: see qemu_command
 #   healer     what to preload into QEMU, or nothing: see heal_qemu
 #   work       an empty folder for temporary files
 #   overlay    a folder to lie over the appliance's root, or empty
@@ -18,7 +19,7 @@ overhead=$((160 << 20))
 # run_appliance: runs it to its end, with the console on standard input and output, and leaves
 # in $status the exit status that takt had there.
 run_appliance() {
-    local options=() words word device qemu outcome=0
+    local options=() words word device pid outcome=0
     append_files
     # loglevel=3 leaves the console to takt unless the kernel is dying. The kernel's tests of its
     # own cryptography would take longer than all the rest of its start, and two more of its parts
@@ -56,10 +57,10 @@ run_appliance() {
         taskset --cpu-list "$cpu_list" \
         timeout --foreground "${TAKT_TIMEOUT:-0}" \
         setpriv --pdeathsig KILL \
-        env ${healer:+"LD_PRELOAD=$healer"} qemu-system-x86_64 "${options[@]}" <&0 &
-    qemu=$!
-    trap 'kill "$qemu" 2>/dev/null; exit 1' INT TERM HUP
-    wait "$qemu" || outcome=$?
+        env ${healer:+"LD_PRELOAD=$healer"} "${qemu[@]}" "${options[@]}" <&0 &
+    pid=$!
+    trap 'kill "$pid" 2>/dev/null; exit 1' INT TERM HUP
+    wait "$pid" || outcome=$?
     trap - INT TERM HUP
     restore_terminal
     read_status "$outcome"
@@ -140,11 +141,12 @@ machine_options() {
             -rtc "base=2030-01-01,clock=vm" -seed "${TAKT_LAB_SEED:-1}" "${emulated[@]}" -smp 1)
         ;;
     emulated)
-        # With nested paging, a Linux guest that runs beside a PLC on another CPU has died of a
-        # triple fault early in its start, most times: QEMU 7.2's walk of its page tables finds
-        # reserved bits set. KVM's shadow page tables need no such walk. The last -cpu counts.
-        options=(-accel "tcg,thread=multi" "${emulated[@]}" -cpu "max,-hypervisor,-x2apic,npt=off"
-            -smp "$cpus")
+        # A Linux guest that runs beside a PLC on another CPU has died of a triple fault early in its
+        # start, most times: with nested paging in QEMU 7.2, whose walk of its page tables finds reserved
+        # bits set, and with KVM's shadow page tables in QEMU 10. Each gets what works. The last -cpu counts.
+        local cpu=max,-hypervisor,-x2apic
+        (($(qemu_release) >= 10)) || cpu+=,npt=off
+        options=(-accel "tcg,thread=multi" "${emulated[@]}" -cpu "$cpu" -smp "$cpus")
         ;;
     esac
 }
@@ -184,10 +186,16 @@ device_options() {
 
 # append_files: the appliance's initramfs with $files at the paths that they have here, so that
 # relative paths in the partition file mean the same. Links are followed, since their targets are not
-# there.
+# there. A file of target/guest is that of the suite.
 append_files() {
+    local file guest=$root/target/guest
     mkdir "$work/files"
     ((${#files[@]} == 0)) || cp --recursive --dereference --parents "${files[@]}" "$work/files"
+    if [[ -n $suite ]]; then
+        for file in "${files[@]}"; do
+            [[ $file != "$guest"/* ]] || cp "$built/guest/${file#"$guest"/}" "$work/files$file"
+        done
+    fi
     {
         cat "$appliance/initrd.img"
         pack "$work/files"
@@ -233,8 +241,8 @@ read_status() {
     status=$(result status 2>/dev/null) || status=
     [[ ! $status =~ ^[0-9]+$ ]] || return 0
     status=3
-    mkdir -p "$root/target/failed"
-    log=$(mktemp "$root/target/failed/console.XXXXXX")
+    mkdir -p "$built/failed"
+    log=$(mktemp "$built/failed/console.XXXXXX")
     cp "$work/console.log" "$log" 2>/dev/null || true
     if (($1 == 124)); then
         echo "${0##*/}: no result within $TAKT_TIMEOUT s; the console is in $log" >&2

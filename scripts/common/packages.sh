@@ -176,7 +176,7 @@ link_newest() {
 
 # fetch_kernel FLAVOUR: prints the folder that the flavour's current kernel package is unpacked in.
 fetch_kernel() {
-    newest "linux-image-$1" current_kernel download_kernel "$1"
+    newest "linux-image-$1" current_kernel download_package "$1"
 }
 
 # current_kernel FLAVOUR: prints PACKAGE_VERSION of the kernel behind linux-image-FLAVOUR. The
@@ -185,15 +185,27 @@ current_kernel() {
     local package
     package=$(apt-cache "${apt[@]}" depends "linux-image-$1" 2>/dev/null |
         awk '/Depends: linux-image-[0-9]/ && !seen++ { print $NF }')
-    [[ -n $package ]] || return 0
-    apt-cache "${apt[@]}" show --no-all-versions "$package" 2>/dev/null |
-        awk -v package="$package" '/^Version:/ && !seen++ { print package "_" $2 }'
+    [[ -z $package ]] || current_version "$package"
 }
 
-# download_kernel FOLDER: the package that the folder is called after, unpacked.
-download_kernel() {
+# current_version PACKAGE: prints PACKAGE_VERSION; nothing if apt does not know it.
+current_version() {
+    apt-cache "${apt[@]}" show --no-all-versions "$1" 2>/dev/null |
+        awk -v package="$1" '/^Version:/ && !seen++ { print package "_" $2 }'
+}
+
+# download_package FOLDER: the package that the folder is called after, unpacked.
+download_package() {
     local package=${1##*/}
     unpack_packages "$1" "${package%%_*}"
+}
+
+# one_of FILE...: prints the one that exists. Older suites keep below / what newer ones keep below /usr.
+one_of() {
+    local file
+    for file in "$@"; do
+        [[ ! -e $file ]] || echo "$file"
+    done | grep --max-count=1 . || fail "there is none of $*"
 }
 
 # with_dependencies PACKAGE...: prints the package files of these and of all that they depend on, as apt would

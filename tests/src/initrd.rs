@@ -38,7 +38,7 @@ pub fn initrd_and(name: &str, archive: &[u8]) -> String {
 #[must_use]
 pub fn initrd_of(name: &str, script: &str) -> PathBuf {
     let script = format!("#!/busybox sh\n{script}\n");
-    let busybox = fs::read("/bin/busybox").expect("busybox-static is installed");
+    let busybox = fs::read(target("guest/busybox")).expect("scripts/guest-image has run");
     let files = [("busybox".to_owned(), busybox), ("init".to_owned(), script.into_bytes())];
     write(&format!("{name}.img"), &archive(&files))
 }
