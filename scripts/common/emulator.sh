@@ -13,6 +13,8 @@ qemu_command() {
     fi
     folder=$(one_build_at_a_time && newest qemu current_qemu download_qemu)
     loader=$(one_of "$folder"/{lib,usr/lib}/x86_64-linux-gnu/ld-linux-x86-64.so.2)
+    # QEMU's own parts are found by its build's path otherwise.
+    export QEMU_MODULE_DIR=$folder/usr/lib/x86_64-linux-gnu/qemu
     qemu=("$loader" --inhibit-cache
         --library-path "$folder/lib/x86_64-linux-gnu:$folder/usr/lib/x86_64-linux-gnu"
         "$folder/usr/bin/qemu-system-x86_64"

@@ -33,6 +33,8 @@ use_suite() {
 }
 
 bare=(-o Dir::State::status=/dev/null -o Debug::NoLocking=1
+    # What has been downloaded before is not among what apt says it would download.
+    -o Dir::Cache::archives=/nonexistent
     # apt would rather download as a user of its own, who cannot write here, and says so.
     -o APT::Sandbox::User=root)
 
@@ -60,7 +62,7 @@ bring_lists() {
     fi
     echo "${0##*/}: fetching apt's lists for ${lists##*/}" >&2
     need_packages debian-archive-keyring
-    mkdir -p "$lists"/{lists,cache/archives}/partial
+    mkdir -p "$lists"/{lists/partial,cache}
     (
         flock 9
         name_sources "${lists##*/}" >"$lists/sources.list"

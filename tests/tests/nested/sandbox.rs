@@ -103,7 +103,7 @@ fn number(name: &str) -> i64 {
         accept4 SYS_accept4, brk SYS_brk, clock_gettime SYS_clock_gettime,
         clock_nanosleep SYS_clock_nanosleep, close SYS_close, epoll_create1 SYS_epoll_create1,
         epoll_ctl SYS_epoll_ctl, getrandom SYS_getrandom, newfstatat SYS_newfstatat, epoll_wait SYS_epoll_wait, exit SYS_exit,
-        exit_group SYS_exit_group, fcntl SYS_fcntl, ftruncate SYS_ftruncate,
+        exit_group SYS_exit_group, fcntl SYS_fcntl, fstat SYS_fstat, ftruncate SYS_ftruncate,
         futex SYS_futex, ioperm SYS_ioperm, getdents64 SYS_getdents64, getpid SYS_getpid, gettid SYS_gettid,
         ioctl SYS_ioctl, lseek SYS_lseek, madvise SYS_madvise, mmap SYS_mmap,
         mremap SYS_mremap, preadv SYS_preadv, pwritev SYS_pwritev, pwrite64 SYS_pwrite64,
@@ -297,7 +297,7 @@ fn a_start_that_fails_at_any_step_leaves_the_machine_as_it_was() {
         return;
     }
     let file = root().join("configs/separate-cpus.toml");
-    let files = ["guest/vmlinuz", "guest/initrd.img"].map(target);
+    let files = ["vmlinuz", "initrd.img"].map(|name| root().join("target/guest").join(name));
     let options = ["--lane", "emulated", "--cpus", "2", "--memory", "768"];
     fail_at_each_step("failing-starts", &file, &files, &[], &options);
 }
