@@ -182,6 +182,12 @@ impl System<'_> {
         self.file().run(name).lasting(duration).run()
     }
 
+    /// Runs it until the console has shown a text: see [`Run::until`].
+    #[must_use]
+    pub fn run_until(&self, name: &str, text: &str) -> Outcome {
+        self.file().run(name).lasting("60s").until(text).run()
+    }
+
     /// Runs it with somebody who types: each text after the console has shown another.
     #[must_use]
     pub fn run_typing(

@@ -109,6 +109,15 @@ impl Outcome {
         );
     }
 
+    /// Releases that a partition with this period, in us, has in such a run. It had a few less if it ended its
+    /// start-up after the epoch.
+    #[must_use]
+    pub fn cycles(&self, period_us: u64) -> u64 {
+        let duration_ns = self.report["duration_ns"].as_u64().unwrap_or(0);
+        assert!(duration_ns > 0, "no report\n{}", self.output);
+        duration_ns / 1_000 / period_us
+    }
+
     /// Fails unless a PLC kept every release, and there were at least so many.
     pub fn assert_kept_its_time(&self, partition: &str, at_least: u64) {
         for key in ["lost", "late_releases", "overruns", "unrecorded"] {
@@ -141,10 +150,12 @@ pub fn root() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
 }
 
-/// A file below `target/`, where the scripts put the images.
+/// A file below `target/`, where the scripts put the images: with `TAKT_SUITE`, below that suite's
+/// folder there.
 #[must_use]
 pub fn target(path: &str) -> PathBuf {
-    root().join("target").join(path)
+    let suite = std::env::var_os("TAKT_SUITE").unwrap_or_default();
+    root().join("target").join(suite).join(path)
 }
 
 /// A folder for partition files and reports of tests.
@@ -181,7 +192,7 @@ pub struct Run<'a> {
     file: PathBuf,
     lane: &'a str,
     options: Vec<&'a str>,
-    dialogue: &'a [(&'a str, &'a str)],
+    dialogue: Vec<(&'a str, &'a str)>,
     traced: bool,
     timeout_s: &'a str,
 }
@@ -196,7 +207,7 @@ impl<'a> Run<'a> {
             file,
             lane: "lab",
             options: Vec::new(),
-            dialogue: &[],
+            dialogue: Vec::new(),
             traced: false,
             timeout_s: TIMEOUT_S,
         }
@@ -210,7 +221,7 @@ impl<'a> Run<'a> {
         Self { file, ..Self::of("") }
     }
 
-    /// Ends after this time.
+    /// Ends after this time, if not before.
     #[must_use]
     pub fn lasting(mut self, duration: &'a str) -> Self {
         self.options.extend(["--for", duration]);
@@ -250,8 +261,16 @@ impl<'a> Run<'a> {
 
     /// With somebody who types: each text after the console has shown another.
     #[must_use]
-    pub fn typing(self, dialogue: &'a [(&'a str, &'a str)]) -> Self {
-        Self { dialogue, ..self }
+    pub fn typing(mut self, dialogue: &[(&'a str, &'a str)]) -> Self {
+        self.dialogue.extend(dialogue);
+        self
+    }
+
+    /// Ended by its user when the console has shown this text. How long a Linux takes to get there differs
+    /// from one kernel to the next. It must not be in its command line, which the kernel shows.
+    #[must_use]
+    pub fn until(self, text: &'a str) -> Self {
+        self.typing(&[(text, "\x1dq")])
     }
 
     /// Runs it.
@@ -284,7 +303,7 @@ impl<'a> Run<'a> {
             .stderr(Stdio::piped())
             .spawn()
             .expect("scripts/run starts");
-        let output = converse(&mut child, self.dialogue);
+        let output = converse(&mut child, &self.dialogue);
         let status = child.wait().expect("scripts/run ends").code().unwrap_or(-1);
         Outcome { status, output, report: read_json(&report), trace: read_json(&trace) }
     }
