@@ -203,7 +203,33 @@ fn prepare() -> Result<(), Error> {
     mount(c"cgroup2", c"/sys/fs/cgroup")?;
     make_folder(Path::new(OUT))?;
     make_folder(Path::new("/tmp"))?;
-    load_modules(Path::new(MODULE_LIST))
+    load_modules(Path::new(MODULE_LIST))?;
+    await_fine_timers();
+    Ok(())
+}
+
+/// Waits until the kernel's timers go off when they are due, and not with the next tick, up to 4 ms later.
+///
+/// The kernel changes over when it trusts a clock, which for the TSC takes a second from the
+/// kernel's start where it has to measure its rate (`tsc_refine_calibration_work`, kernel
+/// arch/x86/kernel/tsc.c). A kernel with little to do has started this program before, and releases would
+/// be lost. One that never changes over is not for this program to judge: the run tells.
+fn await_fine_timers() {
+    for _ in 0..300 {
+        if has_fine_timers() {
+            return;
+        }
+        thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// Whether a timer's resolution is below that of the tick (`hrtimer_get_res`, kernel
+/// kernel/time/hrtimer.c).
+fn has_fine_timers() -> bool {
+    let mut resolution = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    // SAFETY: the kernel fills in the live structure.
+    check(unsafe { libc::clock_getres(libc::CLOCK_MONOTONIC, &raw mut resolution) }).is_err()
+        || (resolution.tv_sec, resolution.tv_nsec) <= (0, 1000)
 }
 
 /// Loads what interrupts of devices need, if this is the appliance. Elsewhere it is the user who
