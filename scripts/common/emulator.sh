@@ -1,6 +1,24 @@
-# QEMU: the command that starts it, its emulation healed of two faults, and what a report says of it.
+# The emulators: the commands that start them, healed of faults, and what a report says of them.
 # Sourced; expects packages.sh and images.sh.
 # shellcheck shell=bash
+# shellcheck source=scripts/common/bochs.sh
+source "$root/scripts/common/bochs.sh"
+
+# choose_emulator: gets ready what runs the machine for $lane. Sets $emulator to what the report says of
+# it, and what heal_qemu sets; all are empty where nothing is emulated. Where it is QEMU it sets $qemu.
+choose_emulator() {
+    emulator=
+    healer=
+    heals=
+    case $lane in
+    nested) qemu_command ;;
+    vmx | svm) build_bochs ;;
+    *)
+        qemu_command
+        heal_qemu
+        ;;
+    esac
+}
 
 # qemu_command: sets $qemu, the command that starts QEMU, as an array: this machine's, or the suite's with its
 # own libraries, which its own dynamic loader finds, and its own firmware.

@@ -1,7 +1,7 @@
-# Runs the appliance in QEMU, with a partition file and all that it names.
+# Runs the appliance in an emulated machine, with a partition file and all that it names.
 # Sourced; expects packages.sh, images.sh and emulator.sh. The caller sets:
 #   appliance  the folder of the appliance to run: see appliance_folder
-#   lane       nested, lab or emulated
+#   lane       nested, lab or emulated, which are QEMU's; vmx or svm, which are those of Bochs
 #   files      the partition file and the images it names, as absolute paths
 #   memory     bytes that the guests need together
 #   cpus       CPUs that the partition file uses
@@ -19,7 +19,7 @@ overhead=$((160 << 20))
 # run_appliance: runs it to its end, with the console on standard input and output, and leaves
 # in $status the exit status that takt had there.
 run_appliance() {
-    local options=() words word device pid outcome=0
+    local words word machine output errors process outcome=0
     append_files
     # loglevel=3 leaves the console to takt unless the kernel is dying. The kernel's tests of its
     # own cryptography would take longer than all the rest of its start, and two more of its parts
@@ -28,11 +28,41 @@ run_appliance() {
     words="console=ttyS0 loglevel=3 panic=-1 nokaslr cryptomgr.notests"
     words+=" rootfstype=ramfs initcall_blacklist=init_kprobe_trace,cubictcp_register"
     # What the lab's clock is needs no measuring, which would be off by some millionths.
-    [[ $lane != lab ]] || words+=" tsc_early_khz=1000000"
+    case $lane in lab | vmx | svm) words+=" tsc_early_khz=1000000" ;; esac
     words+=" --"
     for word in "${command[@]}"; do
         words+=" $(kernel_word "$word")"
     done
+    case $lane in
+    vmx | svm) bochs_machine ;;
+    *) qemu_machine ;;
+    esac
+
+    remember_terminal
+    claim_cpus
+    # In the background, with this script waiting, a signal to the script ends the machine at once;
+    # and if the script is killed, the kernel ends the machine.
+    # Whatever competes with the lab slows it down. Only root may ask for more than its share.
+    setpriv --pdeathsig TERM \
+        nice -n -15 \
+        taskset --cpu-list "$cpu_list" \
+        timeout --foreground "${TAKT_TIMEOUT:-0}" \
+        setpriv --pdeathsig KILL \
+        "${machine[@]}" <&0 >&"$output" 2>&"$errors" &
+    process=$!
+    trap 'kill "$process" 2>/dev/null; exit 1' INT TERM HUP
+    wait "$process" || outcome=$?
+    trap - INT TERM HUP
+    exec {output}>&- {errors}>&-
+    [[ -z ${console-} ]] || close_console
+    restore_terminal
+    read_status "$outcome"
+}
+
+# qemu_machine: sets $machine to QEMU with the kernel words $words, its console on standard input and
+# output, and $output.
+qemu_machine() {
+    local options=() device
     machine_options
     options+=(-m "$(machine_memory)M" -nodefaults -no-user-config -display none -no-reboot
         -kernel "$appliance/vmlinux" -initrd "$work/initrd"
@@ -41,35 +71,17 @@ run_appliance() {
         # Where takt leaves its results; its other end is vmm/src/appliance/result_port.rs.
         -chardev "file,id=results,path=$work/results"
         -device "isa-debugcon,iobase=0x402,chardev=results")
-
     for device in "${devices[@]}"; do
         device_options "$device"
     done
-    options+=(-append "$words")
-
-    remember_terminal
-    claim_cpus
-    # In the background, with this script waiting, a signal to the script ends QEMU at once; and
-    # if the script is killed, the kernel ends QEMU.
-    # Whatever competes with the lab slows it down. Only root may ask for more than its share.
-    setpriv --pdeathsig TERM \
-        nice -n -15 \
-        taskset --cpu-list "$cpu_list" \
-        timeout --foreground "${TAKT_TIMEOUT:-0}" \
-        setpriv --pdeathsig KILL \
-        env ${healer:+"LD_PRELOAD=$healer"} "${qemu[@]}" "${options[@]}" <&0 &
-    pid=$!
-    trap 'kill "$pid" 2>/dev/null; exit 1' INT TERM HUP
-    wait "$pid" || outcome=$?
-    trap - INT TERM HUP
-    restore_terminal
-    read_status "$outcome"
+    machine=(env ${healer:+"LD_PRELOAD=$healer"} "${qemu[@]}" "${options[@]}" -append "$words")
+    exec {output}>&1 {errors}>&2
 }
 
-# claim_cpus: sets $cpu_list to the CPUs for QEMU. Where it emulates it has them for itself, until this script
-# ends: the lab's threads hand over to each other at every event and two labs on the same CPU would be many times
-# slower. A machine that counts instructions has one CPU; another one has a CPU for each of its own and one for
-# QEMU's other threads, unless it loses interrupts on two (docs/decisions/0012-qemu-takes-its-lock.md).
+# claim_cpus: sets $cpu_list to the CPUs for the machine. One that is emulated has them for itself, until this
+# script ends: the lab's threads hand over to each other at every event and two labs on the same CPU would be
+# many times slower. A machine that counts instructions has one CPU; another one has a CPU for each of its own and
+# one for QEMU's other threads, unless it loses interrupts on two (docs/decisions/0012-qemu-takes-its-lock.md).
 claim_cpus() {
     local allowed wanted=1 cpu told=
     cpu_list=$(sed -n 's/^Cpus_allowed_list:\t//p' /proc/self/status)

@@ -22,3 +22,4 @@ mod sandbox;
 mod several_cpus;
 mod timing;
 mod vfio;
+mod vmx;

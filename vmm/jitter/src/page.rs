@@ -147,7 +147,7 @@ fn meaning(lane: &str) -> &'static str {
     match lane {
         "direct" => "this machine, really",
         "nested" => "inside another machine; the order of magnitude",
-        "lab" => {
+        "lab" | "vmx" | "svm" => {
             "an emulated machine that counts instructions, one in a nanosecond; path lengths, no \
              caches, no real VM-entry cost"
         }
