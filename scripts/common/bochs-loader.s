@@ -3,7 +3,7 @@
 # to read them, and the kernel is unpacked already. It is entered as QEMU enters it in the lab, by its PVH
 # entry (Xen docs/misc/pvh.pandoc; the structures are those of xen/include/public/arch-x86/hvm/start_info.h).
 #
-# Symbols from outside: kernel_entry, initrd_start, initrd_bytes, command_line.
+# Symbols from outside: kernel_entry, initrd_start, initrd_bytes, words_start.
 
         .set    e820, 0xe820
         .set    signature, 0x534d4150           # "SMAP"
@@ -65,7 +65,7 @@ start_info:
         .long   0                               # flags
         .long   1                               # modules
         .long   module, 0
-        .long   command_line, 0
+        .long   words_start, 0
         .quad   0                               # RSDP: where firmware leaves it
         .long   ranges, 0
 range_count:

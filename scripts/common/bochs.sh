@@ -5,7 +5,7 @@
 # Where the initial RAM disk and the kernel's command line lie in the machine's memory: behind the
 # kernel, and before what the firmware has at the end.
 initrd_start=$((0x8000000))
-command_line=$((initrd_start - 0x1000))
+words_start=$((initrd_start - 0x1000))
 
 # build_bochs: sets $emulator to what the report says of Bochs, and says it in one line.
 build_bochs() {
@@ -37,7 +37,7 @@ bochs_machine() {
 # make_disk: the disk to start from, which is nothing but the loader.
 make_disk() {
     as --32 -o "$work/loader.o" "$root/scripts/common/bochs-loader.s" \
-        --defsym "kernel_entry=$(pvh_entry)" --defsym "command_line=$command_line" \
+        --defsym "kernel_entry=$(pvh_entry)" --defsym "words_start=$words_start" \
         --defsym "initrd_start=$initrd_start" \
         --defsym "initrd_bytes=$(stat -c %s "$work/initrd")"
     ld -m elf_i386 --oformat=binary -Ttext=0x7c00 -o "$work/disk" "$work/loader.o"
@@ -74,7 +74,7 @@ romimage: file="$root/target/bochs/bios.bin", options=fastboot
 vgaromimage: file="$root/target/bochs/vgabios.bin"
 optramimage1: file="$work/kernel", address=$(kernel_start)
 optramimage2: file="$work/initrd", address=$(printf '0x%x' "$initrd_start")
-optramimage3: file="$work/words", address=$(printf '0x%x' "$command_line")
+optramimage3: file="$work/words", address=$(printf '0x%x' "$words_start")
 pci: enabled=1, chipset=i440fx
 ata0: enabled=1, ioaddr1=0x1f0, ioaddr2=0x3f0, irq=14
 ata0-master: type=disk, path="$work/disk", mode=flat
