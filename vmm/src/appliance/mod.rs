@@ -12,7 +12,7 @@
 //! away everything else. One that is
 //! killed leaves its results too, and the machine then starts again, as it does when process 1 dies.
 //!
-//! Results leave through QEMU's debug console port as one cpio archive. A disk or a network would
+//! Results leave through an emulator's debug console port as one cpio archive. A disk or a network would
 //! need drivers, and with them interrupts and kernel threads beside the partitions, only to carry
 //! a few files after the run. The archive ends with the file `status`, so whoever finds that
 //! file knows that the archive is whole.
