@@ -10,11 +10,16 @@
 //! is still `period - guard - window` away: the kicker's relative deadline is half of that. It also
 //! is no longer than the time between two window ends, since each end needs the whole budget.
 //!
+//! The kernel admits periods between two bounds only. A kicker's is kept inside of them, and the
+//! schedules have to leave room for that ([`CpuReservations::check`]).
+//!
 //! A reservation is made once, at the start, and serves under every schedule: the kernel could
 //! refuse a new one in the middle of a run.
 
 use crate::schedules::Schedules;
-use crate::table::{Cpu, PartitionId, Role};
+use thiserror::Error;
+
+use crate::table::{Cpu, PartitionId, Placement, Role};
 use crate::time::Nanos;
 
 /// Budget beyond guard and window, so that a kick, which takes some tens of microseconds to get
@@ -22,8 +27,11 @@ use crate::time::Nanos;
 pub const KICK_MARGIN: Nanos = Nanos::from_micros(50);
 /// Budget of the kicker for one kick.
 pub const KICKER_RUNTIME: Nanos = Nanos::from_micros(20);
-/// Smallest deadline that is useful for the kicker.
-const KICKER_PERIOD_MIN: Nanos = Nanos::from_micros(50);
+/// Shortest period that kernels admit: the default of `kernel.sched_deadline_period_min_us`
+/// (`sysctl_sched_dl_period_min` in `kernel/sched/deadline.c`).
+pub const PERIOD_MIN: Nanos = Nanos::from_micros(100);
+/// Longest period that kernels admit: the default of `kernel.sched_deadline_period_max_us`, 2^22 us.
+pub const PERIOD_MAX: Nanos = Nanos::from_micros(1 << 22);
 /// Share of a CPU that reservations may take, in parts of a thousand. Kernels admit 950 (6.1) or
 /// 900 (6.18); the rest is what keeps the host itself alive.
 pub const CEILING_PERMILLE: u64 = 900;
@@ -56,7 +64,66 @@ pub struct CpuReservations {
     pub kicker: Option<Reservation>,
 }
 
+/// Why the schedules of a CPU cannot be reserved for, whatever else runs there.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+pub enum PeriodError {
+    /// The kernel admits no such period.
+    #[error("the shortest time from a release to the next is {period}")]
+    Partition {
+        /// Whose releases.
+        partition: PartitionId,
+        /// The period that it would get.
+        period: Nanos,
+    },
+    /// Each end needs a budget of its own, and the kernel gives none so often.
+    #[error("windows end {between} apart")]
+    Ends {
+        /// The shortest time from one end to the next.
+        between: Nanos,
+    },
+    /// At the window's end the partition's deadline would come before any that the kicker can have.
+    #[error("guard and window leave {slack} of the shortest time from a release to the next")]
+    Slack {
+        /// Whose window.
+        partition: PartitionId,
+        /// What is left.
+        slack: Nanos,
+    },
+}
+
 impl CpuReservations {
+    /// Whether the kernel takes the periods of one CPU, and its windows can be ended by a kick.
+    ///
+    /// # Errors
+    /// The first rule that is broken, see [`PeriodError`].
+    pub fn check(schedules: &Schedules, cpu: Cpu) -> Result<(), PeriodError> {
+        let on_cpu = |(i, placement): (usize, &Placement)| match placement.role {
+            Role::Windowed { guard } if placement.cpu == cpu => {
+                let partition = PartitionId(i);
+                Some((partition, guard, schedules.timetable_of(partition)?))
+            }
+            _ => None,
+        };
+        let owners: Vec<_> = schedules.placements().iter().enumerate().filter_map(on_cpu).collect();
+        for (partition, _, timetable) in &owners {
+            let period = timetable.shortest_period();
+            if !(PERIOD_MIN..=PERIOD_MAX).contains(&period) {
+                return Err(PeriodError::Partition { partition: *partition, period });
+            }
+        }
+        let between = schedules.timetable_on(cpu).map(|all| all.shortest_between_ends());
+        if let Some(between) = between.filter(|between| *between < PERIOD_MIN) {
+            return Err(PeriodError::Ends { between });
+        }
+        for (partition, guard, timetable) in &owners {
+            let slack = timetable.shortest_period().less(guard.plus(timetable.longest()));
+            if slack <= PERIOD_MIN {
+                return Err(PeriodError::Slack { partition: *partition, slack });
+            }
+        }
+        Ok(())
+    }
+
     /// Derives them from the schedules.
     #[must_use]
     pub fn of(schedules: &Schedules, cpu: Cpu) -> CpuReservations {
@@ -77,7 +144,9 @@ impl CpuReservations {
         }
         let kicker = schedules.timetable_on(cpu).map(|all| Reservation {
             runtime: KICKER_RUNTIME,
-            period: Nanos(slack.0 / 2).min(all.shortest_between_ends()).max(KICKER_PERIOD_MIN),
+            period: Nanos(slack.0 / 2)
+                .min(all.shortest_between_ends())
+                .clamp(PERIOD_MIN, PERIOD_MAX),
         });
         CpuReservations { partitions, kicker }
     }
@@ -134,8 +203,8 @@ mod tests {
 
     #[test]
     fn the_kicker_has_its_whole_budget_for_each_windows_end() {
-        // Ends at 100 us, 300 us and, in the next frame, 1100 us.
-        assert_eq!(one_plc(&[(0, 100), (250, 50)]).kicker.unwrap().period, us((250 - 120) / 2));
+        // Ends at 100 us, 400 us and, in the next frame, 1100 us.
+        assert_eq!(one_plc(&[(0, 100), (350, 50)]).kicker.unwrap().period, us((350 - 120) / 2));
         let placements =
             [0, 1].map(|_| Placement { cpu: Cpu(0), role: Role::Windowed { guard: us(20) } });
         let window = |partition, offset| Window {
@@ -169,6 +238,57 @@ mod tests {
         let r = CpuReservations::of(&schedules, Cpu(0));
         // The longest window, and at a switch the one at 0 comes 600 us after the one at 400 us.
         assert_eq!(r.partitions[0].1, Reservation { runtime: us(370), period: us(600) });
+    }
+
+    fn check(frame: u64, guard: u64, windows: &[(u64, u64)]) -> Result<(), PeriodError> {
+        let placements = [Placement { cpu: Cpu(0), role: Role::Windowed { guard: us(guard) } }];
+        let windows: Vec<Window> = windows
+            .iter()
+            .map(|&(offset, duration)| Window {
+                partition: PartitionId(0),
+                offset: us(offset),
+                duration: us(duration),
+                period: us(frame),
+            })
+            .collect();
+        let schedules = Schedules::new(us(frame), &placements, &[&windows]).unwrap();
+        let checked = CpuReservations::check(&schedules, Cpu(0));
+        let made = CpuReservations::of(&schedules, Cpu(0));
+        if checked.is_ok() {
+            let mut periods = made.partitions.iter().map(|(_, r)| r).chain(&made.kicker);
+            assert!(periods.all(|r| (PERIOD_MIN..=PERIOD_MAX).contains(&r.period)));
+        }
+        checked
+    }
+
+    #[test]
+    fn periods_that_the_kernel_admits_are_not_refused() {
+        let plc = PartitionId(0);
+        let refused = |period| Err(PeriodError::Partition { partition: plc, period: us(period) });
+        assert_eq!(check(4_194_304, 20, &[(0, 300)]), Ok(()));
+        assert_eq!(check(4_194_305, 20, &[(0, 300)]), refused(4_194_305));
+        assert_eq!(check(8_000_000, 20, &[(0, 300), (4_000_000, 300)]), Ok(()));
+        assert_eq!(check(1000, 0, &[(0, 10), (99, 10)]), refused(99));
+        assert_eq!(check(111, 0, &[(0, 10)]), Ok(()));
+    }
+
+    #[test]
+    fn a_window_leaves_more_than_the_shortest_deadline_of_a_kicker() {
+        let slack = |slack| Err(PeriodError::Slack { partition: PartitionId(0), slack: us(slack) });
+        assert_eq!(check(400, 20, &[(0, 280)]), slack(100));
+        assert_eq!(check(400, 20, &[(0, 279)]), Ok(()));
+        assert_eq!(check(100, 0, &[(0, 10)]), slack(90));
+    }
+
+    #[test]
+    fn windows_end_as_far_apart_as_the_kernel_gives_budgets() {
+        let ends = |between| Err(PeriodError::Ends { between: us(between) });
+        assert_eq!(check(2000, 0, &[(0, 100), (150, 49)]), ends(99));
+        assert_eq!(check(2000, 0, &[(0, 100), (150, 50)]), slack_of_100(50));
+    }
+
+    fn slack_of_100(slack: u64) -> Result<(), PeriodError> {
+        Err(PeriodError::Slack { partition: PartitionId(0), slack: us(slack) })
     }
 
     #[test]

@@ -29,7 +29,10 @@ fn a_good_file_says_what_each_partition_gets() {
     assert!(
         matches!(&card.source, MemorySource::Pci(bar) if bar.trusted_dma && !bar.vfio && !bar.unbind)
     );
-    assert_eq!(timer.source, MemorySource::Physical { address: 0xfed0_0000 });
+    assert_eq!(
+        timer.source,
+        MemorySource::Physical { address: 0xfed0_0000, shared_with_host: true }
+    );
     assert_eq!((coupler.address, coupler.bytes), (0xd000_2000, 0x2000));
     assert_eq!(coupler.source, MemorySource::Uio { device: "uio0".into(), map: 1 });
     let [first, last] = &it.interrupts[..] else { panic!() };
@@ -46,7 +49,8 @@ fn a_good_file_says_what_each_partition_gets() {
             (SafePlace::Register { memory: 0, offset: 0xffc }, 4, u32::MAX),
         ]
     );
-    assert_eq!(other.passthrough().ports.len(), 1);
+    let shared: Vec<bool> = other.passthrough().ports.iter().map(|p| p.shared_with_host).collect();
+    assert_eq!(shared, [false, true]);
 }
 
 #[test]
@@ -57,7 +61,7 @@ fn the_report_lists_the_devices_last() {
     ports 0x378 to 0x37a
     ports 0x2000 to 0x207f: register 1 of 0000:00:10.0, taken from its driver, DMA to the partition's memory
     card at 0xd0000000 to 0xd0000fff: register 0 of 0000:00:06.0, trusted with DMA
-    timer at 0xd0001000 to 0xd0001fff: physical 0xfed00000
+    timer at 0xd0001000 to 0xd0001fff: physical 0xfed00000, shared with the host
     coupler at 0xd0002000 to 0xd0003fff: map 1 of uio0
     interrupt 32: of 0000:00:06.0
     interrupt 254: of uio0
@@ -66,6 +70,7 @@ fn the_report_lists_the_devices_last() {
     at its end 0xffffffff to card + 0xffc
   other
     ports 0x3f8 to 0x3ff
+    ports 0x70 to 0x71, shared with the host
 ";
     assert_eq!(devices, expected);
 }

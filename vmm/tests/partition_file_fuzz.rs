@@ -3,6 +3,8 @@
 //! The file is hostile input and is read by a program that may be PID 1: a panic would be a machine
 //! that does not start and does not say why. The cases come from fixed seeds, so a failure repeats.
 
+mod guest_images;
+
 use std::fs;
 use std::path::Path;
 
@@ -95,6 +97,8 @@ fn load(name: &str, case: usize, bytes: &[u8]) -> bool {
     if case == 0 {
         fs::create_dir_all(&folder).unwrap();
         fs::write(folder.join("dummy-image"), "").unwrap();
+        fs::write(folder.join("dummy-kernel"), guest_images::kernel()).unwrap();
+        fs::write(folder.join("dummy-plc"), guest_images::plc()).unwrap();
     }
     let path = folder.join("case.toml");
     fs::write(&path, bytes).unwrap();

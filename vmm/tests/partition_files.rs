@@ -5,6 +5,8 @@
 //! `UPDATE_EXPECT=1 cargo test -p takt --test partition_files` writes the `.err` files anew; read
 //! the difference before you keep it.
 
+mod guest_images;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -133,7 +135,19 @@ fn scratch(name: &str) -> PathBuf {
     folder
 }
 
-/// An example, with empty files where it expects the images that `scripts/guest-image` makes, and
+#[test]
+fn the_images_beside_the_fixtures_are_those_of_the_tests() {
+    let images = [("dummy-kernel", guest_images::kernel()), ("dummy-plc", guest_images::plc())];
+    for (name, bytes) in images {
+        let path = Path::new(FOLDER).join(name);
+        if std::env::var_os("UPDATE_EXPECT").is_some() {
+            fs::write(&path, &bytes).unwrap();
+        }
+        assert!(fs::read(&path).unwrap() == bytes, "{name}");
+    }
+}
+
+/// An example, with dummies where it expects the images that `scripts/guest-image` makes, and
 /// those of the PLC guests, and a disk of one sector for that of `scripts/load-image`.
 fn example(name: &str) -> (PathBuf, PartitionFile) {
     let folder = scratch(&format!("example-{name}"));
@@ -142,11 +156,11 @@ fn example(name: &str) -> (PathBuf, PartitionFile) {
     fs::create_dir_all(&images).unwrap();
     fs::create_dir_all(&plc_images).unwrap();
     fs::create_dir(folder.join("configs")).unwrap();
-    fs::write(images.join("vmlinuz"), "").unwrap();
+    fs::write(images.join("vmlinuz"), guest_images::kernel()).unwrap();
     fs::write(images.join("initrd.img"), "").unwrap();
     fs::write(images.join("load.img"), [0; 512]).unwrap();
-    fs::write(plc_images.join("can"), "").unwrap();
-    fs::write(plc_images.join("outputs"), "").unwrap();
+    fs::write(plc_images.join("can"), guest_images::plc()).unwrap();
+    fs::write(plc_images.join("outputs"), guest_images::plc()).unwrap();
     let path = folder.join("configs").join(name);
     fs::copy(Path::new("../configs").join(name), &path).unwrap();
     let file = config::load(&path, None).unwrap_or_else(|error| panic!("{error}"));

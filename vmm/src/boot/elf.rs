@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use elf::ElfBytes;
-use elf::abi::{EM_X86_64, ET_EXEC, PF_X, PT_LOAD};
+use elf::abi::{ELFMAGIC, EM_X86_64, ET_EXEC, PF_X, PT_LOAD};
 use elf::endian::LittleEndian;
 use elf::file::Class;
 use takt_abi::start::RETAINED_SEGMENT;
@@ -57,6 +57,12 @@ pub enum ElfError {
         /// End of that memory.
         high: u64,
     },
+}
+
+/// Whether a file that starts with these bytes says that it is an ELF file.
+#[must_use]
+pub fn is_elf(start: &[u8]) -> bool {
+    start.starts_with(&ELFMAGIC)
 }
 
 /// What an image needs of memory.

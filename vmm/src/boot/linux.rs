@@ -15,8 +15,7 @@
 //! | end of low memory | initial RAM disk |
 
 use std::fs::File;
-use std::io::{self, Read, Seek};
-use std::os::unix::fs::FileExt;
+use std::io::{self, Seek};
 use std::path::{Path, PathBuf};
 
 use linux_loader::cmdline::Cmdline;
@@ -29,7 +28,7 @@ use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress};
 
 use super::acpi::{self, Fittings};
-use super::elf::{self, ElfError};
+use super::kernel::{self, Form, InitrdError, Kernel, KernelError};
 use super::long_mode::Entry;
 use crate::memory::{GuestMemory, HOLE_START};
 
@@ -40,7 +39,6 @@ const COMMAND_LINE_MAX: usize = 2047;
 /// End of conventional memory: above it lie what a PC calls the extended BIOS data and video.
 const LOW_RAM_END: u64 = 0x9_fc00;
 const HIGH_RAM_START: u64 = 0x10_0000;
-const PAGE: u64 = 4096;
 
 /// Where a PC's processor starts, and where a Linux on hardware-reduced ACPI jumps in real mode to
 /// restart: it tries neither the reset register nor the keyboard controller before
@@ -85,13 +83,13 @@ pub enum LinuxImageError {
         /// What the host said.
         source: io::Error,
     },
-    /// Neither a bzImage nor a usable ELF file.
-    #[error("{} is neither a bzImage nor an ELF kernel: {source}", path.display())]
-    Unknown {
+    /// It is no kernel, or none for this partition.
+    #[error("{} cannot be a partition's kernel: {source}", path.display())]
+    Kernel {
         /// The file.
         path: PathBuf,
-        /// Why it is not an ELF kernel.
-        source: ElfError,
+        /// Why not.
+        source: KernelError,
     },
     /// linux-loader refused the kernel.
     #[error("the kernel {} cannot be loaded: {source}", path.display())]
@@ -101,26 +99,9 @@ pub enum LinuxImageError {
         /// What linux-loader said.
         source: linux_loader::loader::Error,
     },
-    /// An old bzImage without the 64-bit entry point.
-    #[error("the kernel {} has no 64-bit entry point (boot protocol {version:#x}, 0x20c is needed)", path.display())]
-    TooOld {
-        /// The file.
-        path: PathBuf,
-        /// Its boot protocol version.
-        version: u16,
-    },
     /// Kernel and RAM disk do not fit into memory together.
-    #[error(
-        "kernel and initrd do not fit: the kernel needs memory up to {kernel_end:#x}, the initrd of {initrd} bytes has to lie between there and {limit:#x}; raise `memory`"
-    )]
-    DoesNotFit {
-        /// End of what the kernel needs.
-        kernel_end: u64,
-        /// Size of the RAM disk.
-        initrd: u64,
-        /// End of the memory that the RAM disk may use.
-        limit: u64,
-    },
+    #[error(transparent)]
+    Initrd(#[from] InitrdError),
     /// The command line is too long or has characters that cannot be there.
     #[error("the command line cannot be used: {0}")]
     CommandLine(String),
@@ -130,11 +111,10 @@ pub enum LinuxImageError {
 }
 
 /// The loaded kernel, before its parameters are written.
-struct Kernel {
+struct Loaded {
+    kernel: Kernel,
     entry: u64,
     header: setup_header,
-    /// End of the memory that it uses before it knows of its RAM disk.
-    end: u64,
 }
 
 /// Loads kernel, RAM disk and tables into memory, which tell of the machine's `fittings`.
@@ -149,14 +129,14 @@ pub fn load(
     fittings: Fittings,
 ) -> Result<Entry, LinuxImageError> {
     let mut parameters = boot_params::default();
-    let kernel = load_kernel(memory, kernel)?;
-    parameters.hdr = kernel.header;
+    let Loaded { kernel, entry, header } = load_kernel(memory, kernel)?;
+    parameters.hdr = header;
     // "Undefined boot loader", as the protocol calls one without a number of its own.
     parameters.hdr.type_of_loader = 0xff;
     parameters.hdr.cmd_line_ptr = COMMAND_LINE as u32;
     parameters.hdr.cmdline_size = cmdline.len() as u32;
     if let Some(image) = initrd {
-        let (address, bytes) = load_initrd(memory, image, &kernel)?;
+        let (address, bytes) = load_initrd(memory, image, kernel)?;
         parameters.hdr.ramdisk_image = address;
         parameters.hdr.ramdisk_size = bytes;
     }
@@ -173,82 +153,55 @@ pub fn load(
         memory.regions(),
     )
     .map_err(|e| LinuxImageError::Parameters(e.to_string()))?;
-    Ok(Entry { rip: kernel.entry, rdi: 0, rsi: BOOT_PARAMETERS })
+    Ok(Entry { rip: entry, rdi: 0, rsi: BOOT_PARAMETERS })
 }
 
-fn load_kernel(memory: &GuestMemory, image: &mut Image) -> Result<Kernel, LinuxImageError> {
-    let Image { path, file } = image;
-    let read = |source| LinuxImageError::Read { path: path.to_owned(), source };
-    let load = |source| LinuxImageError::Load { path: path.to_owned(), source };
-    let mut magic = [0; 4];
-    file.read_exact_at(&mut magic, 0x202).map_err(read)?;
-    if &magic == b"HdrS" {
-        return load_bzimage(memory, path, file);
-    }
-    let mut bytes = Vec::new();
-    file.rewind().and_then(|()| file.read_to_end(&mut bytes)).map_err(read)?;
-    let end = elf::check(&bytes, HIGH_RAM_START, low_ram_end(memory))
-        .map_err(|source| LinuxImageError::Unknown { path: path.to_owned(), source })?
-        .end;
-    let loaded =
-        Elf::load(memory.regions(), None, &mut io::Cursor::new(&bytes), None).map_err(load)?;
-    // What a boot loader has to say of itself where the kernel brings no header.
-    let header = setup_header {
-        boot_flag: 0xaa55,
-        header: u32::from_le_bytes(*b"HdrS"),
-        version: 0x020c,
-        initrd_addr_max: u32::MAX,
-        ..Default::default()
-    };
-    Ok(Kernel { entry: loaded.kernel_load.0, header, end })
-}
-
-fn load_bzimage(
-    memory: &GuestMemory,
-    path: &Path,
-    file: &mut File,
-) -> Result<Kernel, LinuxImageError> {
-    /// Bit of `xloadflags` that announces the 64-bit entry point, 0x200 into the kernel.
-    const XLF_KERNEL_64: u16 = 1;
+fn load_kernel(memory: &GuestMemory, image: &mut Image) -> Result<Loaded, LinuxImageError> {
+    /// The 64-bit entry point of a bzImage, from where it was loaded.
     const ENTRY_64: u64 = 0x200;
 
+    let Image { path, file } = image;
     let load = |source| LinuxImageError::Load { path: path.to_owned(), source };
-    let loaded = BzImage::load(memory.regions(), None, file, Some(GuestAddress(HIGH_RAM_START)))
-        .map_err(load)?;
-    let header = loaded.setup_header.unwrap_or_default();
-    let version = header.version;
-    if version < 0x020c || header.xloadflags & XLF_KERNEL_64 == 0 {
-        return Err(LinuxImageError::TooOld { path: path.to_owned(), version });
+    let kernel = Kernel::examine(file, low_ram_end(memory))
+        .map_err(|source| LinuxImageError::Kernel { path: path.to_owned(), source })?;
+    let start = GuestAddress(kernel::LOWEST);
+    match kernel.form {
+        Form::BzImage => {
+            let loaded = BzImage::load(memory.regions(), None, file, Some(start)).map_err(load)?;
+            let header = loaded.setup_header.unwrap_or_default();
+            Ok(Loaded { kernel, entry: loaded.kernel_load.0 + ENTRY_64, header })
+        }
+        Form::Elf => {
+            let loaded = Elf::load(memory.regions(), None, file, None).map_err(load)?;
+            // What a boot loader has to say of itself where the kernel brings no header.
+            let header = setup_header {
+                boot_flag: 0xaa55,
+                header: u32::from_le_bytes(*b"HdrS"),
+                version: 0x020c,
+                initrd_addr_max: u32::MAX,
+                ..Default::default()
+            };
+            Ok(Loaded { kernel, entry: loaded.kernel_load.0, header })
+        }
     }
-    // Before it has read its parameters the kernel unpacks itself to its preferred address or
-    // where it was loaded, whichever is higher, and works in `init_size` bytes from there.
-    let unpacked = { header.pref_address }.max(loaded.kernel_load.0);
-    let end = unpacked.saturating_add(u64::from(header.init_size)).max(loaded.kernel_end);
-    Ok(Kernel { entry: loaded.kernel_load.0 + ENTRY_64, header, end })
 }
 
 /// Puts the RAM disk at the end of low memory. Returns its address and size.
 fn load_initrd(
     memory: &GuestMemory,
     image: &mut Image,
-    kernel: &Kernel,
+    kernel: Kernel,
 ) -> Result<(u32, u32), LinuxImageError> {
     let Image { path, file } = image;
     let read = |source| LinuxImageError::Read { path: path.to_owned(), source };
     file.rewind().map_err(read)?;
     let bytes = file.metadata().map_err(read)?.len();
-    let limit = low_ram_end(memory).min(u64::from(kernel.header.initrd_addr_max) + 1);
-    let does_not_fit = LinuxImageError::DoesNotFit { kernel_end: kernel.end, initrd: bytes, limit };
-    let start = limit.checked_sub(bytes).map(|start| start & !(PAGE - 1));
-    let (Some(start), Ok(size)) = (start.filter(|&s| s >= kernel.end), u32::try_from(bytes)) else {
-        return Err(does_not_fit);
-    };
+    let (start, size) = kernel.place_initrd(bytes)?;
     memory
         .regions()
-        .read_exact_volatile_from(GuestAddress(start), file, bytes as usize)
+        .read_exact_volatile_from(GuestAddress(start.into()), file, size as usize)
         .map_err(|e| read(io::Error::other(e)))?;
-    // Below `limit`, which is below 4 GiB.
-    Ok((start as u32, size))
+    Ok((start, size))
 }
 
 fn write_cmdline(memory: &GuestMemory, text: &str) -> Result<(), LinuxImageError> {

@@ -2,6 +2,7 @@
 
 pub mod acpi;
 pub mod elf;
+pub mod kernel;
 pub mod linux;
 pub mod long_mode;
 pub mod plc;

@@ -4,6 +4,9 @@
 use super::line;
 use crate::config::{Bar, InterruptSource, MemorySource, Partition, PartitionFile, SafePlace};
 
+/// Said of what the host itself runs on, where the file says that it is meant.
+const SHARED: &str = ", shared with the host";
+
 /// Ports, memory, interrupts and safe values of each partition, in the order of the file; nothing if there are
 /// none.
 pub fn list(out: &mut String, file: &PartitionFile) {
@@ -20,14 +23,18 @@ pub fn list(out: &mut String, file: &PartitionFile) {
         line(out, &format!("  {}", partition.name()));
         let it = partition.passthrough();
         for ports in &it.ports {
-            let place = ports.bar.as_ref().map_or(String::new(), |b| format!(": {}", bar(b)));
+            let shared = if ports.shared_with_host { SHARED } else { "" };
+            let place = ports.bar.as_ref().map_or(shared.into(), |b| format!(": {}", bar(b)));
             line(out, &format!("    ports {:#x} to {:#x}{place}", ports.first, ports.last));
         }
         for memory in &it.memory {
             let source = match &memory.source {
                 MemorySource::Pci(b) => bar(b),
                 MemorySource::Uio { device, map } => format!("map {map} of {device}"),
-                MemorySource::Physical { address } => format!("physical {address:#x}"),
+                MemorySource::Physical { address, shared_with_host } => {
+                    let shared = if *shared_with_host { SHARED } else { "" };
+                    format!("physical {address:#x}{shared}")
+                }
             };
             let last = memory.address + (memory.bytes - 1);
             let name = &memory.name;

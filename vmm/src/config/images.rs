@@ -90,7 +90,11 @@ fn without_dots(path: &Path) -> PathBuf {
 
 /// Points at an image that cannot be read.
 pub fn check(image: &Image) -> Result<(), Diagnostic> {
-    let Err(error) = open(&image.path) else { return Ok(()) };
+    open(&image.path).map(|_| ()).map_err(|error| unreadable(image, &error))
+}
+
+/// Says that an image cannot be read, and what would make it readable.
+pub fn unreadable(image: &Image, error: &Unreadable) -> Diagnostic {
     let found = format!("{} cannot be read: {error}", image.path.display());
     let built = image.path.to_str().is_some_and(|p| p.contains(&format!("/{GUEST_IMAGES}/")));
     let allowed = if built {
@@ -98,7 +102,7 @@ pub fn check(image: &Image) -> Result<(), Diagnostic> {
     } else {
         "a regular file, by a path relative to the folder of the partition file"
     };
-    Err(Diagnostic::new(image.span.clone(), found, allowed))
+    Diagnostic::new(image.span.clone(), found, allowed)
 }
 
 #[cfg(test)]

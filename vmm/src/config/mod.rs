@@ -7,9 +7,9 @@
 //!
 //! 1. bytes to text to the raw form, whose keys and types are right (`syntax`, `raw`, `units`);
 //! 2. the rules of each partition (`partition`, `tasks`), of the schedules (`schedules`,
-//!    `explain`), of both together (`deadlines`), of the channels between partitions (`channels`,
+//!    `periods`, `explain`), of both together (`deadlines`), of the channels between partitions (`channels`,
 //!    `ports`, `host_ports`), of the health monitor's tables (`health`), of the host's devices
-//!    (`passthrough`), and of the files that are named (`images`, `disks`);
+//!    (`passthrough`), and of the files that are named (`images`, `contents`, `disks`);
 //! 3. a [`PartitionFile`], which has private fields and no other way to be made. The rest of Takt
 //!    takes nothing else and checks nothing again. Only a command line can add words to a guest's
 //!    (`append`).
@@ -19,6 +19,7 @@
 
 mod append;
 mod channels;
+mod contents;
 mod deadlines;
 mod diagnostic;
 mod disks;
@@ -29,6 +30,7 @@ mod images;
 mod names;
 mod partition;
 mod passthrough;
+mod periods;
 mod ports;
 mod raw;
 mod schedules;
@@ -365,6 +367,7 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     partitions.iter().flat_map(|p| &p.images).try_for_each(images::check)?;
     partitions.iter().flat_map(|p| &p.disks).try_for_each(disks::check_file)?;
     host_ports::check_files(&file.channel.0, &channels)?;
+    partitions.iter().try_for_each(contents::check)?;
     let partitions = partitions.into_iter().map(|p| p.partition).collect();
     Ok(PartitionFile {
         path,

@@ -101,6 +101,7 @@ pub struct PortIo {
     pub unbind: Option<Spanned<bool>>,
     pub trusted_dma: Option<Spanned<bool>>,
     pub vfio: Option<Spanned<bool>>,
+    pub shared_with_host: Option<Spanned<bool>>,
 }
 
 #[derive(Debug, serde::Deserialize)]
@@ -117,6 +118,7 @@ pub struct Mmio {
     pub uio: Option<Spanned<String>>,
     pub map: Option<Spanned<i64>>,
     pub physical: Option<Spanned<String>>,
+    pub shared_with_host: Option<Spanned<bool>>,
 }
 
 #[derive(Debug, serde::Deserialize)]

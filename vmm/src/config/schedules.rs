@@ -13,6 +13,7 @@ use toml::Spanned;
 use super::diagnostic::{Diagnostic, Span, quote};
 use super::names::check_name;
 use super::partition::{self, Checked};
+use super::periods;
 use super::raw::{self, Keys};
 use super::units::Duration;
 
@@ -104,7 +105,10 @@ impl<'a> Draft<'a> {
         let windows: Vec<&[Window]> = self.schedules.iter().map(|s| &*s.windows).collect();
         let schedules = Schedules::new(self.frame.get_ref().0, &placements, &windows)
             .map_err(|error| self.explain(error))?;
-        schedules.cpus().into_iter().try_for_each(|cpu| self.check_bandwidth(&schedules, cpu))?;
+        for cpu in schedules.cpus() {
+            periods::check(self, &schedules, cpu)?;
+            self.check_bandwidth(&schedules, cpu)?;
+        }
         Ok(schedules)
     }
 

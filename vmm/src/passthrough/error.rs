@@ -158,6 +158,22 @@ pub enum DeviceError {
     /// It is memory of the host.
     #[error("the host's addresses {0:#x} to {1:#x} are RAM, not a device")]
     Ram(u64, u64),
+    /// The host itself runs on it.
+    #[error(
+        "among the {what} {first:#x} to {last:#x} is {owner} of the host ({list}): choose others, or write `shared_with_host = true` beside them if the partition may stop the host"
+    )]
+    Own {
+        /// Ports or addresses.
+        what: &'static str,
+        /// The first.
+        first: u64,
+        /// The last.
+        last: u64,
+        /// What the kernel calls it.
+        owner: String,
+        /// Where the kernel says so.
+        list: &'static str,
+    },
     /// What was found on the host overlaps.
     #[error("{device} of {partition} and {other_device} of {other} meet on this host")]
     Meet {

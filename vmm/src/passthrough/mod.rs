@@ -22,6 +22,7 @@ pub mod mapping;
 pub mod pci;
 pub mod ports;
 pub mod real_ports;
+mod resources;
 pub mod safe_values;
 mod source;
 pub mod uio;
@@ -294,7 +295,12 @@ fn function<'a>(
 
 fn range_of(port_io: &PortIo, functions: &[Function]) -> Result<PortRange, DeviceError> {
     let PortIo { first, last, .. } = *port_io;
-    let Some(bar) = &port_io.bar else { return Ok(PortRange { first, last, host: first }) };
+    let Some(bar) = &port_io.bar else {
+        if !port_io.shared_with_host {
+            resources::check_ports(first.into(), last.into())?;
+        }
+        return Ok(PortRange { first, last, host: first });
+    };
     let function = function(&bar.function, functions)?;
     let (name, bar) = (function.name(), bar.bar);
     let kind = || DeviceError::BarKind { function: name.to_owned(), bar, wanted: "I/O ports" };
@@ -317,8 +323,8 @@ fn map(entry: &DeviceMemory, functions: &[Function]) -> Result<(Mapping, u64), D
             source::map_bar(function(&bar.function, functions)?, bar.bar, entry.bytes)
         }
         MemorySource::Uio { device, map } => source::map_uio(device, *map, entry.bytes),
-        MemorySource::Physical { address } => {
-            Ok((source::map_physical(*address, entry.bytes)?, *address))
+        MemorySource::Physical { address, shared_with_host } => {
+            Ok((source::map_physical(*address, entry.bytes, *shared_with_host)?, *address))
         }
     }
 }

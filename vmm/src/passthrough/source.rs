@@ -9,6 +9,7 @@ use takt_abi::memory::PAGE;
 use super::error::DeviceError;
 use super::mapping::Mapping;
 use super::pci::Function;
+use super::resources;
 
 /// The first `bytes` behind a register of `function`, and where the host has them.
 ///
@@ -53,35 +54,16 @@ pub fn map_uio(device: &str, map_index: u8, bytes: u64) -> Result<(Mapping, u64)
     Ok((map(&file, u64::from(map_index) * PAGE, bytes, &name)?, start))
 }
 
-/// Host-physical memory that is no RAM.
+/// Host-physical memory that is no RAM, and nothing on which the host runs unless it is meant to be
+/// `shared`.
 ///
 /// # Errors
 /// See [`DeviceError`].
-pub fn map_physical(address: u64, bytes: u64) -> Result<Mapping, DeviceError> {
+pub fn map_physical(address: u64, bytes: u64, shared: bool) -> Result<Mapping, DeviceError> {
+    resources::check_memory(address, address + (bytes - 1), shared)?;
     let device = format!("physical memory at {address:#x}");
-    let last = address + (bytes - 1);
-    let text = fs::read_to_string("/proc/iomem").map_err(|source| DeviceError::Host {
-        what: "look for RAM at",
-        device: device.clone(),
-        source,
-    })?;
-    if meets_ram(&text, address, last) {
-        return Err(DeviceError::Ram(address, last));
-    }
     let file = open(Path::new("/dev/mem"), &device)?;
     map(&file, address, bytes, &device)
-}
-
-/// Whether some of these addresses are RAM. The list hides all addresses as zeros from whoever is
-/// not root, who cannot open `/dev/mem` either.
-fn meets_ram(iomem: &str, first: u64, last: u64) -> bool {
-    iomem.lines().filter(|line| line.ends_with(" : System RAM")).any(|line| {
-        let range = line.trim_start().split(' ').next().and_then(|range| range.split_once('-'));
-        let number = |text| u64::from_str_radix(text, 16).ok();
-        range
-            .and_then(|(from, to)| Some((number(from)?, number(to)?)))
-            .is_none_or(|(from, to)| from <= last && first <= to)
-    })
 }
 
 /// A guest gets whole pages, so what lies in the last one behind the device's memory is the
@@ -120,24 +102,6 @@ fn map(file: &File, offset: u64, bytes: u64, device: &str) -> Result<Mapping, De
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn ram_is_found_wherever_the_range_touches_it() {
-        let iomem = "00000000-00000fff : Reserved\n00001000-0009fbff : System RAM\n\
-                     00100000-3fffffff : System RAM\n  01000000-01ffffff : Kernel code\n\
-                     fed00000-fed003ff : HPET 0\n";
-        assert!(!meets_ram(iomem, 0xfed0_0000, 0xfed0_0fff));
-        assert!(!meets_ram(iomem, 0xa0000, 0xfffff));
-        assert!(meets_ram(iomem, 0xa0000, 0x10_0000));
-        assert!(meets_ram(iomem, 0x3fff_f000, 0x4000_0fff));
-        assert!(meets_ram(iomem, 0x200_0000, 0x200_0fff));
-        assert!(meets_ram(iomem, 0, u64::MAX));
-    }
-
-    #[test]
-    fn an_entry_that_cannot_be_read_counts_as_ram() {
-        assert!(meets_ram("nonsense : System RAM\n", 0xfed0_0000, 0xfed0_0fff));
-    }
 
     #[test]
     fn memory_starts_at_a_page_and_is_as_long_as_was_asked_for() {

@@ -8,7 +8,7 @@ use super::super::names::check_name;
 use super::super::raw::{self, Keys};
 use super::super::units::Bytes;
 use super::source::{Bar, PciKeys, check_bar};
-use super::{Owned, Taken, check_hex, take};
+use super::{Owned, Taken, check_hex, platform, take};
 
 /// Memory of a device, and where a partition sees it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -39,6 +39,8 @@ pub enum MemorySource {
     Physical {
         /// Where it starts, at a page.
         address: u64,
+        /// It may be memory on which the host itself runs.
+        shared_with_host: bool,
     },
 }
 
@@ -123,6 +125,10 @@ fn check_source(
         let allowed = "`uio = \"uio0\"` beside it, or no `map`";
         return Err(Diagnostic::new(map.span(), found, allowed));
     }
+    let device = [("pci", &raw.pci), ("uio", &raw.uio)]
+        .into_iter()
+        .find_map(|(key, value)| value.as_ref().map(|value| (key, value.span())));
+    let shared_with_host = platform::check_shared(raw.shared_with_host.as_ref(), device)?;
     let keys = PciKeys {
         pci: &raw.pci,
         bar: &raw.bar,
@@ -140,13 +146,14 @@ fn check_source(
     let Some(physical) = &raw.physical else {
         return Err(Diagnostic::new(table.span(), "which device it is is not said", allowed));
     };
-    let address = check_hex(physical, "an address", "0xfed00000")?;
+    let address = check_hex(physical, "an address", "0xfe000000")?;
     if !address.is_multiple_of(PAGE) || address > PHYSICAL_END - bytes {
         let found = format!("{} of device memory cannot lie at {address:#x}", Bytes(bytes));
         let allowed = format!("a multiple of {PAGE:#x} below {PHYSICAL_END:#x}");
         return Err(Diagnostic::new(physical.span(), found, allowed));
     }
     let range = [address, address + bytes - 1];
+    platform::check_memory(range, &physical.span(), shared_with_host)?;
     take(
         &mut taken.memory,
         range,
@@ -154,7 +161,7 @@ fn check_source(
         physical.span(),
         ["host's address", "host's addresses"],
     )?;
-    Ok(MemorySource::Physical { address })
+    Ok(MemorySource::Physical { address, shared_with_host })
 }
 
 fn check_uio(

@@ -8,11 +8,13 @@
 //! - [`ports`]: ranges of I/O ports;
 //! - [`memory`]: memory of devices;
 //! - [`interrupts`]: their interrupts;
+//! - [`platform`]: what the host itself runs on;
 //! - [`source`]: which device it is, for all of these;
 //! - [`safe_values`]: what is written when the partition ends.
 
 mod interrupts;
 mod memory;
+mod platform;
 mod ports;
 mod safe_values;
 mod source;

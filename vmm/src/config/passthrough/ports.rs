@@ -8,11 +8,7 @@ use toml::Spanned;
 use super::super::diagnostic::{Diagnostic, quote};
 use super::super::raw::{self, Keys};
 use super::source::{Bar, PciKeys, check_bar};
-use super::{Owned, Taken, hex, take};
-
-/// The two registers through which all PCI functions are configured (PCI Local Bus 3.0, 3.2.2.3).
-/// Who has them can move any device's memory, and switch its bus mastering on.
-const PCI_CONFIGURATION: RangeInclusive<u16> = 0xcf8..=0xcff;
+use super::{Owned, Taken, hex, platform, take};
 
 /// Ports that a partition may use.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -24,6 +20,8 @@ pub struct PortIo {
     /// Where they are on the host: the first ports of this register; `None`: where the guest sees
     /// them.
     pub bar: Option<Bar>,
+    /// They may be ports on which the host itself runs.
+    pub shared_with_host: bool,
 }
 
 /// Checks the ranges of a partition.
@@ -54,16 +52,16 @@ pub fn check(
             let allowed = format!("ports outside {:#x} to {:#x}", RESERVED.start(), RESERVED.end());
             return Err(Diagnostic::new(place, found, allowed));
         }
-        if bar.is_none() && meets(&PCI_CONFIGURATION) {
-            let found = "among these ports are those that configure every PCI function of the host";
-            let allowed = "ports outside 0xcf8 to 0xcff";
-            return Err(Diagnostic::new(place, found, allowed));
+        let pci = raw.pci.as_ref().map(|pci| ("pci", pci.span()));
+        let shared_with_host = platform::check_shared(raw.shared_with_host.as_ref(), pci)?;
+        if bar.is_none() {
+            platform::check_ports(range, &place, shared_with_host)?;
         }
         take(&mut seen, range, partition, place.clone(), ["port", "ports"])?;
         if bar.is_none() {
             take(&mut taken.ports, range, partition, place, ["port", "ports"])?;
         }
-        ranges.push(PortIo { first, last, bar });
+        ranges.push(PortIo { first, last, bar, shared_with_host });
     }
     Ok(ranges)
 }

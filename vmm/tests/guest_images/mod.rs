@@ -1,0 +1,50 @@
+//! The smallest files that pass for the images of guests. Nothing in them could run.
+
+/// Little-endian fields at their offsets, in a file of so many bytes.
+fn file(bytes: usize, fields: &[(usize, &[u8])]) -> Vec<u8> {
+    let mut file = vec![0; bytes];
+    for (at, field) in fields {
+        file[*at..at + field.len()].copy_from_slice(field);
+    }
+    file
+}
+
+/// A PLC's image: an ELF header, and a segment of one instruction at 1 MiB.
+pub fn plc() -> Vec<u8> {
+    let start = 0x10_0000u64.to_le_bytes();
+    let fields: [(usize, &[u8]); 14] = [
+        (0, b"\x7fELF\x02\x01\x01"),
+        (16, &[2, 0, 62, 0, 1]),  // EXEC, x86-64
+        (24, &start),             // entry
+        (32, &[64]),              // program headers
+        (52, &[64, 0, 56, 0, 1]), // their size and number
+        (64, &[1, 0, 0, 0, 5]),   // LOAD, readable and executable
+        (72, &[120]),             // in the file
+        (80, &start),
+        (88, &start),
+        (96, &[1]), // bytes in the file
+        (104, &[1]),
+        (112, &[1]),
+        (120, &[0xf4]), // hlt
+        (121, b"\nan image for tests\n"),
+    ];
+    file(142, &fields)
+}
+
+/// A Linux kernel: the header of a bzImage that takes the memory up to 24 MiB.
+pub fn kernel() -> Vec<u8> {
+    let fields: [(usize, &[u8]); 11] = [
+        (0x1f1, &[1]), // sectors before the kernel
+        (0x1fe, &[0x55, 0xaa]),
+        (0x202, b"HdrS"),
+        (0x206, &[0x0f, 0x02]), // boot protocol 2.15
+        (0x211, &[1]),          // loaded high
+        (0x214, &0x10_0000u32.to_le_bytes()),
+        (0x22c, &0x7fff_ffffu32.to_le_bytes()),
+        (0x236, &[1]), // 64-bit entry point
+        (0x258, &0x100_0000u64.to_le_bytes()),
+        (0x260, &0x80_0000u32.to_le_bytes()),
+        (0x400, b"a kernel for tests\n"),
+    ];
+    file(0x600, &fields)
+}
