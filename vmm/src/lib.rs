@@ -12,6 +12,7 @@ pub mod channels;
 pub mod check;
 pub mod config;
 pub mod control;
+pub mod cpuid;
 pub mod cpuset;
 pub mod disk;
 pub mod doorbell;

@@ -3,18 +3,22 @@
 //! What a guest can see of a processor and a board is decided here, once, before its first
 //! instruction. The two kinds differ on purpose. Linux gets what it needs to run unmodified:
 //! interrupt controllers, timer, paravirtual clock. The PLC gets a processor, memory and ports,
-//! and nothing that could interrupt it unless its file says so.
+//! and nothing that could interrupt it unless its file says so. Neither gets nested virtualisation or
+//! performance counters ([`cpuid`]).
 
 use kvm_bindings::{
     CpuId, KVM_CAP_SPLIT_IRQCHIP, KVM_CPUID_FLAG_SIGNIFCANT_INDEX, KVM_MAX_CPUID_ENTRIES,
     KVM_PIT_SPEAKER_DUMMY, KVM_VCPU_TSC_CTRL, KVM_VCPU_TSC_OFFSET, Msrs, kvm_device_attr,
     kvm_enable_cap, kvm_lapic_state, kvm_msr_entry, kvm_pit_config,
 };
-use kvm_ioctls::{Cap, Kvm, VcpuFd, VmFd};
+use kvm_ioctls::{
+    Cap, Kvm, MsrFilterDefaultAction, MsrFilterRange, MsrFilterRangeFlags, VcpuFd, VmFd,
+};
 use takt_scheduler::time::TscFrequency;
 use thiserror::Error;
 use vmm_sys_util::ioctl::ioctl_with_ref;
 
+use crate::cpuid;
 use crate::event::EventError;
 use crate::memory::{GuestMemory, MemoryError};
 
@@ -24,11 +28,12 @@ const TSS_ADDRESS: usize = 0xfffb_d000;
 /// `KVM_CAP_HALT_POLL` of `include/uapi/linux/kvm.h`; kvm-ioctls has no name for it.
 const KVM_CAP_HALT_POLL: u32 = 182;
 
-/// kvm-ioctls offers this call on a vCPU for other architectures only.
+/// What kvm-ioctls has no call for: the first it offers for other architectures only.
 mod request {
     use kvm_bindings::{KVMIO, kvm_device_attr};
 
     vmm_sys_util::ioctl_iow_nr!(KVM_SET_DEVICE_ATTR, KVMIO, 0xe1, kvm_device_attr);
+    vmm_sys_util::ioctl_iow_nr!(KVM_X86_SETUP_MCE, KVMIO, 0x9c, u64);
 }
 
 /// A virtual machine that KVM would not make, or not as it has to be.
@@ -57,7 +62,7 @@ pub enum MachineError {
 }
 
 /// Names the operation of a failed KVM call.
-fn cannot(what: &'static str) -> impl FnOnce(kvm_ioctls::Error) -> MachineError {
+pub(crate) fn cannot(what: &'static str) -> impl FnOnce(kvm_ioctls::Error) -> MachineError {
     move |source| MachineError::Call { what, source }
 }
 
@@ -105,6 +110,7 @@ pub struct Machine {
 /// See [`MachineError`].
 pub fn for_plc(kvm: &Kvm, memory: &GuestMemory, interrupts: bool) -> Result<Machine, MachineError> {
     let vm = create(kvm, memory)?;
+    keep_from_changing(&vm, &STUCK)?;
     if interrupts {
         // In this form KVM keeps the processor's controller, and the board's is left to Takt, which
         // makes none. The argument is the number of its pins.
@@ -114,7 +120,37 @@ pub fn for_plc(kvm: &Kvm, memory: &GuestMemory, interrupts: bool) -> Result<Mach
     }
     let vcpu = vm.create_vcpu(0).map_err(cannot("create a vCPU"))?;
     vcpu.set_cpuid2(&supported(kvm)?).map_err(cannot("set the CPUID"))?;
+    bound_machine_checks(&vcpu)?;
     finish(vm, vcpu)
+}
+
+/// Registers that KVM does not let anybody put back once a guest has set a bit: AMD's hardware
+/// configuration (`MSR_K7_HWCR` in `kvm_set_msr_common`) and control of virtual machines
+/// (`svm_set_vm_cr`). A restart of a PLC could not undo it.
+const STUCK: [u32; 2] = [0xc001_0015, 0xc001_0114];
+
+/// Has KVM refuse a guest's writes to these registers, as a processor does that has none.
+fn keep_from_changing(vm: &VmFd, registers: &[u32]) -> Result<(), MachineError> {
+    // One bit for each register, none of which is set; KVM reads 64 at a time.
+    const REFUSED: [u8; 8] = [0; 8];
+    let flags = MsrFilterRangeFlags::WRITE;
+    let range = |&base| MsrFilterRange { flags, base, msr_count: 1, bitmap: &REFUSED };
+    let ranges: Vec<MsrFilterRange<'_>> = registers.iter().map(range).collect();
+    vm.set_msr_filter(MsrFilterDefaultAction::ALLOW, &ranges)
+        .map_err(cannot("keep a guest from changing registers"))
+}
+
+/// Leaves a processor one bank of machine checks instead of 32, which no PLC reads and a restart would
+/// have to clear.
+fn bound_machine_checks(vcpu: &VcpuFd) -> Result<(), MachineError> {
+    let capabilities = 1u64;
+    // SAFETY: the kernel reads the live number.
+    let result = unsafe { ioctl_with_ref(vcpu, request::KVM_X86_SETUP_MCE(), &capabilities) };
+    if result == 0 {
+        Ok(())
+    } else {
+        Err(cannot("set up its machine checks")(kvm_ioctls::Error::last()))
+    }
 }
 
 /// A machine for Linux: interrupt controllers, timer, and the processor state that a PC's
@@ -150,6 +186,7 @@ fn create(kvm: &Kvm, memory: &GuestMemory) -> Result<VmFd, MachineError> {
             result => break result.map_err(cannot("create a virtual machine"))?,
         }
     };
+    cpuid::switch_counters_off(&vm).map_err(cannot("switch performance counters off"))?;
     vm.set_tss_address(TSS_ADDRESS).map_err(cannot("place its task state segment"))?;
     memory.map_into(&vm)?;
     Ok(vm)
@@ -164,7 +201,7 @@ fn finish(vm: VmFd, vcpu: VcpuFd) -> Result<Machine, MachineError> {
 
 /// Sets the guest's TSC offset to 0: an instant stamped by any guest can be compared with one
 /// stamped by the host or by another guest.
-fn share_tsc(vcpu: &VcpuFd) -> Result<(), MachineError> {
+pub(crate) fn share_tsc(vcpu: &VcpuFd) -> Result<(), MachineError> {
     let offset = 0u64;
     let attribute = kvm_device_attr {
         group: KVM_VCPU_TSC_CTRL,
@@ -182,7 +219,10 @@ fn share_tsc(vcpu: &VcpuFd) -> Result<(), MachineError> {
 }
 
 fn supported(kvm: &Kvm) -> Result<CpuId, MachineError> {
-    kvm.get_supported_cpuid(KVM_MAX_CPUID_ENTRIES).map_err(cannot("tell the CPUID it supports"))
+    let supported = kvm.get_supported_cpuid(KVM_MAX_CPUID_ENTRIES);
+    let mut supported = supported.map_err(cannot("tell the CPUID it supports"))?;
+    cpuid::withhold(&mut supported);
+    Ok(supported)
 }
 
 /// Adds what KVM leaves to the VMM.

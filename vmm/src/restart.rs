@@ -27,6 +27,7 @@ use crate::passthrough::vfio::Space;
 use crate::run_error::RunError;
 use crate::sandbox;
 use crate::vcpu::exit_count::ExitCount;
+use crate::vcpu::first_state::FirstState;
 use crate::vcpu::kick::Kickable;
 use crate::vcpu::linux::LinuxGuest;
 use crate::vcpu::plc::PlcGuest;
@@ -80,20 +81,24 @@ pub struct PlcRestart {
     channels: Vec<OwnRegion>,
     /// What may still write to the memory when the guest has ended.
     space: Option<Arc<Space>>,
+    /// What the guest may have changed in the processor.
+    processor: FirstState,
     thread: Sender<Revival<PlcGuest>>,
 }
 
 impl PlcRestart {
-    /// For the guest of `image` in `memory`; the other part is for its thread.
+    /// For the guest of `image` in `memory`, on a processor that was `processor` when it was new; the
+    /// other part is for its thread.
     #[must_use]
     pub fn new(
         memory: GuestMemory,
         image: PlcImage,
         channels: Vec<OwnRegion>,
         space: Option<Arc<Space>>,
+        processor: FirstState,
     ) -> (Self, Receiver<Revival<PlcGuest>>) {
         let (thread, revivals) = channel();
-        (Self { memory, image, channels, space, thread }, revivals)
+        (Self { memory, image, channels, space, processor, thread }, revivals)
     }
 
     fn start(&self, start: Start) -> Result<(), RunError> {
@@ -108,10 +113,12 @@ impl PlcRestart {
         if let Some(space) = &self.space {
             space.resume()?;
         }
+        let mut processor = self.processor.clone();
         let revival = move |kickable: &mut Kickable, guest: &mut PlcGuest| {
             guest.start_anew(start);
             // What the last exit has left to be done must not happen to the new guest.
             kickable.prime().is_ok()
+                && processor.restore(kickable.vcpu()).is_ok()
                 && long_mode::set_registers(kickable.vcpu(), entry).is_ok()
                 && (!guest.has_interrupts() || apic::reset(kickable.vcpu()).is_ok())
         };

@@ -101,3 +101,38 @@ fn a_linux_that_spins_in_kernel_mode_does_not_cost_the_plc_a_release() {
     let share = outcome.share("linux");
     assert!(share > 0.9, "Linux did not spin: its share is {share}\n{}", outcome.output);
 }
+
+#[test]
+fn a_plc_that_spoils_its_processor_finds_it_as_new_when_it_starts_again() {
+    let outcome = File::new("4ms")
+        .plc("good", None, "")
+        .plc("spoil", Some(plc_image("spoil")), "")
+        .linux("grep -wc -e svm -e vmx /proc/cpuinfo")
+        .health("spoil", "numeric-error", "warm-start")
+        .schedule("normal")
+        .window("good", 0, 200)
+        .window("spoil", 1000, 400)
+        .run("spoil")
+        .lasting("2600ms")
+        .run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+
+    // What it cannot have it is neither told of nor given, and Linux is not either.
+    outcome.assert_shows("[spoil] nested 0, counters 0, SVM refused, cycles not counted");
+    outcome.assert_shows("Performance Events:");
+    outcome.assert_shows("software events only");
+    assert!(outcome.output.lines().any(|line| line.trim() == "0"), "{}", outcome.output);
+
+    // It did spoil most of what it tried.
+    let line = outcome.output.lines().find_map(|line| line.split_once("[spoil] spoilt "));
+    let (_, spoilt) = line.unwrap_or_else(|| panic!("{}", outcome.output));
+    let spoilt: u32 = spoilt.split(' ').next().and_then(|n| n.parse().ok()).unwrap_or(0);
+    assert!(spoilt >= 30, "{spoilt}\n{}", outcome.output);
+    assert_eq!(outcome.number("spoil", "restarts"), 1, "{}", outcome.output);
+    outcome.assert_shows("[spoil] left of 43 states: 0");
+
+    // Its time stamp counter is the host's again, and its neighbour noticed nothing.
+    outcome.assert_kept_its_time("spoil", 500);
+    outcome.assert_kept_its_time("good", 640);
+    outcome.assert_punctual("good");
+}

@@ -20,6 +20,7 @@ use crate::memory::GuestMemory;
 use crate::passthrough::Granted;
 use crate::restart::{PlcRestart, Restart};
 use crate::run_error::RunError;
+use crate::vcpu::first_state::FirstState;
 use crate::vcpu::plc::PlcGuest;
 
 impl Preparation<'_> {
@@ -36,6 +37,7 @@ impl Preparation<'_> {
         let devices = self.devices.of(partition.id()).cloned();
         let interrupts = devices.as_ref().is_some_and(Granted::interrupts);
         let machine = machine::for_plc(&self.kvm, &memory, interrupts)?;
+        let processor = FirstState::of(&self.kvm, &machine.vcpu)?;
         if let Some(devices) = &devices {
             devices.map_into(&machine.vm)?;
         }
@@ -61,7 +63,8 @@ impl Preparation<'_> {
         let guest = PlcGuest::new(&memory, bytes, tsc.khz(), frame, console)
             .ok_or(MachineError::Missing("the PLC guest's pages"))?
             .with_devices(devices);
-        let (restart, revivals) = PlcRestart::new(memory.clone(), image, ports.own, space);
+        let (restart, revivals) =
+            PlcRestart::new(memory.clone(), image, ports.own, space, processor);
         let touched = memory.clone();
         let ready = move |vcpu: &mut VcpuFd| -> Result<(), TouchError> {
             touch(vcpu, &touched)?;

@@ -22,6 +22,7 @@
 
 pub mod background;
 pub mod exit_count;
+pub mod first_state;
 pub mod guest;
 pub mod kick;
 pub mod kicker;

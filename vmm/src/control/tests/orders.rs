@@ -15,6 +15,7 @@ use crate::health::{Table, Watch};
 use crate::memory::GuestMemory;
 use crate::restart::{PlcRestart, Restart, Revival};
 use crate::terminal::Lines;
+use crate::vcpu::first_state::FirstState;
 use crate::vcpu::guest::End;
 use crate::vcpu::plc::PlcGuest;
 
@@ -23,7 +24,7 @@ const RAM: u64 = 4 << 20;
 fn account() -> (Account, Receiver<Revival<PlcGuest>>) {
     let memory = GuestMemory::for_plc(RAM, &[]).unwrap();
     let image = PlcImage::read(None, RAM).unwrap();
-    let (restart, revivals) = PlcRestart::new(memory, image, Vec::new(), None);
+    let (restart, revivals) = PlcRestart::new(memory, image, Vec::new(), None, FirstState::none());
     let (_, output) = output::dropping();
     let account = Account {
         name: "plc".into(),
