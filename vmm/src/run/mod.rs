@@ -7,6 +7,7 @@
 mod disturbances;
 mod options;
 mod output;
+mod own_process;
 mod result;
 mod start;
 
@@ -61,7 +62,8 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         written
     })?;
     let signals = take_signals()?;
-    lock_memory()?;
+    own_process::stay_alive();
+    own_process::lock_memory()?;
     steps.pass()?;
     kick::install()
         .map_err(|e| io::Error::from_raw_os_error(e.errno()))
@@ -253,17 +255,6 @@ fn create_trace(path: &Path) -> Result<fs::File, RunError> {
 
 fn nanos(time: Duration) -> u64 {
     u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
-}
-
-/// Locks all memory, now and later: no page of a guest or of Takt is ever missing.
-fn lock_memory() -> Result<(), RunError> {
-    // The C library would keep a heap of 132 KiB for each thread that allocates, locked like the rest,
-    // though all but the event thread allocate at their start and end only.
-    // SAFETY: says where later allocations come from; nothing has been allocated by another thread.
-    unsafe { libc::mallopt(libc::M_ARENA_MAX, 1) };
-    // SAFETY: changes how the process's memory is kept, not what is in it.
-    let result = unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) };
-    if result == 0 { Ok(()) } else { Err(RunError::Lock(io::Error::last_os_error())) }
 }
 
 /// What is still to be changed in the file system at the end of the run.

@@ -63,6 +63,23 @@ pub fn siblings(host: &Host, demand: &Demand) -> Finding {
     )
 }
 
+/// Whether the kernel keeps the timers of a CPU without a tick on that CPU (`get_nohz_timer_target` in
+/// `kernel/sched/core.c`).
+pub fn timers(host: &Host, demand: &Demand) -> Finding {
+    const CHECK: &str = "timers";
+    let without = host.cpus("sys/devices/system/cpu/nohz_full").unwrap_or_default();
+    let own: Vec<Cpu> = demand.cpus().into_iter().filter(|cpu| without.contains(cpu)).collect();
+    if own.is_empty() || host.number("proc/sys/kernel/timer_migration") != Some(1) {
+        return Finding::good(CHECK, "each CPU with windows keeps its own");
+    }
+    Finding::warning(
+        CHECK,
+        format!("the wake-ups of CPU {} may be another CPU's to make", written(&own)),
+        "a wake-up waits until that CPU takes its interrupt, and has sent one",
+        "sysctl kernel.timer_migration=0",
+    )
+}
+
 /// Whether the host's tick stays away from CPUs that a PLC has for itself.
 pub fn tick(host: &Host, demand: &Demand) -> Finding {
     const CHECK: &str = "tick";

@@ -4,6 +4,7 @@ mod clock;
 mod cpus;
 mod interrupts;
 mod kernel;
+mod kvm;
 mod memory;
 mod pages;
 mod platform;
@@ -31,8 +32,12 @@ pub fn all(host: &Host, demand: &Demand) -> Vec<Finding> {
         cpus::siblings(host, demand),
         cpus::online(host, demand),
         cpus::tick(host, demand),
+        cpus::timers(host, demand),
         kernel::preemption(host),
         kernel::budget(host),
+        kvm::clock_updates(host),
+        kvm::recovery(host),
+        kvm::nested(host),
         interrupts::affinity(host, demand),
         watchdogs::watchdogs(host, demand),
         memory::available(host, demand),

@@ -92,6 +92,13 @@ fn each_setting_of_a_workstation_is_found_and_its_remedy_named() {
         ("smt", Warning, "echo 0 > /sys/devices/system/cpu/cpu3/online"),
         ("tick", Warning, "nohz_full=7 rcu_nocbs=7 irqaffinity=0-6"),
         ("budget", Warning, "echo HRTICK_DL > /sys/kernel/debug/sched/features"),
+        ("kvmclock", Warning, "options kvm kvmclock_periodic_sync=0 > /etc/modprobe.d/takt.conf"),
+        (
+            "nx-huge-pages",
+            Warning,
+            "echo 0 > /sys/module/kvm/parameters/nx_huge_pages_recovery_ratio",
+        ),
+        ("nested", Warning, "options kvm_intel nested=0 >> /etc/modprobe.d/takt.conf"),
         ("interrupts", Warning, "for i in 128; do echo 0-6 > /proc/irq/$i/smp_affinity_list; done"),
         ("watchdogs", Warning, "sysctl kernel.watchdog_cpumask=0-6"),
         ("huge-pages", Warning, "echo madvise > /sys/kernel/mm/transparent_hugepage/enabled"),
@@ -117,7 +124,11 @@ fn a_workstation_that_was_mended_is_good() {
         .with(&format!("{cpu}/cpu7/topology/thread_siblings_list"), "7")
         .with(&format!("{cpu}/online"), "0-2,4-7")
         .with(&format!("{cpu}/nohz_full"), "7")
+        .with("proc/sys/kernel/timer_migration", "0")
         .with("sys/kernel/debug/sched/features", "NO_HRTICK HRTICK_DL")
+        .with("sys/module/kvm/parameters/kvmclock_periodic_sync", "N")
+        .with("sys/module/kvm/parameters/nx_huge_pages_recovery_ratio", "0")
+        .with("sys/module/kvm_intel/parameters/nested", "N")
         .with("proc/irq/128/effective_affinity_list", "2")
         .with("proc/sys/kernel/watchdog_cpumask", "0-2,4-6")
         .with("sys/kernel/mm/transparent_hugepage/enabled", "always [madvise] never");
@@ -163,6 +174,35 @@ fn a_clock_that_is_steered_further_than_ntp_does_is_told_with_the_remedy() {
     assert!(steered.found.starts_with("+83300.0 ppm") && steered.found.ends_with("(STA_UNSYNC)"));
     assert!(steered.remedy.unwrap().contains("maxslewrate 500"));
     assert_eq!(finding(&host.without("adjtimex"), "clock-steering").severity, Unseen);
+}
+
+#[test]
+fn timers_leave_only_a_cpu_without_a_tick() {
+    let host = Recorded::named("workstation");
+    assert_eq!(finding(&host, "timers").severity, Good);
+    let host = host.with("sys/devices/system/cpu/nohz_full", "6-7");
+    let timers = finding(&host, "timers");
+    assert_eq!(timers.severity, Warning);
+    assert!(timers.found.contains("CPU 7"), "{}", timers.found);
+    assert_eq!(timers.remedy.unwrap(), "sysctl kernel.timer_migration=0");
+    let host = host.with("proc/sys/kernel/timer_migration", "0");
+    assert_eq!(finding(&host, "timers").severity, Good);
+}
+
+#[test]
+fn pages_that_are_not_split_are_not_taken_away() {
+    let host = Recorded::named("workstation").with("sys/module/kvm/parameters/nx_huge_pages", "N");
+    assert_eq!(finding(&host, "nx-huge-pages").severity, Good);
+}
+
+#[test]
+fn amds_kvm_has_a_switch_for_nested_guests_too() {
+    let host = Recorded::named("workstation")
+        .without("sys/module/kvm_intel/parameters/nested")
+        .with("sys/module/kvm_amd/parameters/nested", "1");
+    let nested = finding(&host, "nested");
+    assert_eq!(nested.severity, Warning);
+    assert!(nested.found.starts_with("kvm_amd "), "{}", nested.found);
 }
 
 #[test]
@@ -227,10 +267,10 @@ fn a_host_that_talks_nonsense_is_survived() {
         for content in odd {
             let before = tree.change(&path, content);
             let found = all(&tree.host, &Demand::usual(&tree.host));
-            assert_eq!(found.len(), 19, "{path}: {content:?}");
+            assert_eq!(found.len(), 23, "{path}: {content:?}");
             tree.change(&path, &before);
         }
     }
     let nothing = Host::recorded(std::path::Path::new("/no/such/folder"), String::new());
-    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 19);
+    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 23);
 }

@@ -1,0 +1,65 @@
+//! How the host's KVM is set up, as far as it does something by itself.
+
+use crate::finding::Finding;
+use crate::host::Host;
+
+const PARAMETERS: &str = "sys/module/kvm/parameters";
+
+/// Whether KVM interrupts every guest each five minutes (`KVMCLOCK_SYNC_PERIOD` in
+/// `arch/x86/kvm/x86.c`).
+pub fn clock_updates(host: &Host) -> Finding {
+    const CHECK: &str = "kvmclock";
+    if !is_on(host, &format!("{PARAMETERS}/kvmclock_periodic_sync")) {
+        return Finding::good(CHECK, "KVM leaves guests alone");
+    }
+    Finding::warning(
+        CHECK,
+        "KVM takes every guest off its processor each 300 s, to update a clock that no PLC has",
+        "one exit of some microseconds, in a window where it happens to be in one",
+        "echo options kvm kvmclock_periodic_sync=0 > /etc/modprobe.d/takt.conf, and load kvm anew",
+    )
+}
+
+/// Whether KVM splits large pages of guests and joins them again.
+///
+/// It splits executable ones on processors with the erratum "iTLB multihit", and a thread of its own
+/// takes some of the pieces away again each hour or so, from under a guest that runs
+/// (`kvm_recover_nx_huge_pages` in `arch/x86/kvm/mmu/mmu.c`).
+pub fn recovery(host: &Host) -> Finding {
+    const CHECK: &str = "nx-huge-pages";
+    const RATIO: &str = "nx_huge_pages_recovery_ratio";
+    let ratio = host.number(&format!("{PARAMETERS}/{RATIO}")).unwrap_or(0);
+    if !is_on(host, &format!("{PARAMETERS}/nx_huge_pages")) || ratio == 0 {
+        return Finding::good(CHECK, "KVM takes no page away from guests");
+    }
+    Finding::warning(
+        CHECK,
+        format!(
+            "KVM takes one in {ratio} of the pages that it has split away from guests, in turns"
+        ),
+        "an access in a scan is an exit of some microseconds, once for each such page",
+        format!("echo 0 > /{PARAMETERS}/{RATIO}"),
+    )
+}
+
+/// Whether guests of this host can be hypervisors. Takt's cannot, whatever is set here.
+pub fn nested(host: &Host) -> Finding {
+    const CHECK: &str = "nested";
+    let on = |module: &&str| is_on(host, &format!("sys/module/{module}/parameters/nested"));
+    let Some(module) = ["kvm_intel", "kvm_amd"].into_iter().find(on) else {
+        return Finding::good(CHECK, "guests cannot be hypervisors");
+    };
+    Finding::warning(
+        CHECK,
+        format!("{module} lets guests be hypervisors; those of takt it does not tell so"),
+        "guests of other programs reach a large part of KVM that no PLC needs, and with a fault of it the PLC",
+        format!(
+            "echo options {module} nested=0 >> /etc/modprobe.d/takt.conf, and load {module} anew"
+        ),
+    )
+}
+
+/// Whether a switch of a module is on; both forms are in use.
+fn is_on(host: &Host, path: &str) -> bool {
+    matches!(host.text(path).as_deref(), Some("Y" | "1"))
+}

@@ -1,0 +1,89 @@
+//! What Takt asks of the kernel and the C library for its own process, before it takes anything.
+
+use std::fs;
+use std::io;
+
+use crate::run_error::RunError;
+
+/// The last but one that the kernel would kill for want of memory: only the guardian is behind Takt,
+/// and writes the outputs if Takt has to go. With the largest locked memory of the host it would
+/// otherwise be the first (`oom_badness` in the kernel's `mm/oom_kill.c`).
+const OOM_SCORE_ADJ: &str = "-999";
+const OOM_FILE: &str = "/proc/self/oom_score_adj";
+/// What the heap keeps at its end however much is freed: all of it.
+const TRIM_THRESHOLD: libc::c_int = libc::c_int::MAX;
+/// From how many bytes on memory comes by a mapping of its own. Only images and the report are so
+/// large, before and after the run.
+const MAP_THRESHOLD: libc::c_int = 1 << 20;
+
+/// Makes the kernel spare the process. An ordinary user may not ask for it, and is told so.
+pub fn stay_alive() {
+    if let Err(error) = fs::write(OOM_FILE, OOM_SCORE_ADJ) {
+        eprintln!(
+            "takt: the kernel may kill takt first for want of memory: {OOM_FILE} cannot be set \
+             to {OOM_SCORE_ADJ} ({error}); run as root (CAP_SYS_RESOURCE)"
+        );
+    }
+}
+
+/// Locks all memory, now and later: no page of a guest or of Takt is ever missing.
+///
+/// # Errors
+/// [`RunError::Lock`].
+pub fn lock_memory() -> Result<(), RunError> {
+    keep_the_heap();
+    // SAFETY: changes how the process's memory is kept, not what is in it.
+    let result = unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) };
+    if result == 0 { Ok(()) } else { Err(RunError::Lock(io::Error::last_os_error())) }
+}
+
+/// The C library would keep a heap of 132 KiB for each thread that allocates, locked like the rest,
+/// though all but the event thread allocate at their start and end only. And it would give memory back
+/// while guests run: that interrupts each CPU on which a thread of Takt is, in a window or not, since
+/// none may still know the pages (`flush_tlb_mm_range` in the kernel's `arch/x86/mm/tlb.c`).
+fn keep_the_heap() {
+    let settings = [
+        (libc::M_ARENA_MAX, 1),
+        (libc::M_TRIM_THRESHOLD, TRIM_THRESHOLD),
+        (libc::M_MMAP_THRESHOLD, MAP_THRESHOLD),
+    ];
+    for (setting, value) in settings {
+        // SAFETY: says how later allocations are kept; no other thread has allocated anything.
+        unsafe { libc::mallopt(setting, value) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// End of the heap.
+    fn heap_end() -> usize {
+        // SAFETY: moves the end by nothing.
+        unsafe { libc::sbrk(0) as usize }
+    }
+
+    #[test]
+    fn what_is_freed_stays_with_the_process() {
+        // In a process of its own, which has one thread: this one has the test harness's.
+        // SAFETY: the child only uses the heap, which is in order after a fork, and ends at once.
+        let status = unsafe {
+            match libc::fork() {
+                0 => {
+                    keep_the_heap();
+                    let before = heap_end();
+                    let blocks: Vec<Vec<u8>> = (0..64).map(|_| vec![1; 256 << 10]).collect();
+                    let grown = heap_end();
+                    drop(blocks);
+                    libc::_exit(i32::from(!(grown - before >= 16 << 20 && heap_end() == grown)))
+                }
+                child => {
+                    let mut status = -1;
+                    libc::waitpid(child, &raw mut status, 0);
+                    status
+                }
+            }
+        };
+        assert_eq!(status, 0);
+    }
+}
