@@ -77,7 +77,7 @@ pub fn do_it() -> bool {
 impl Work {
     fn finish(&self, looks: usize) -> bool {
         // SAFETY: no preconditions and no effect.
-        let own = unsafe { libc::gettid() };
+        let own = unsafe { libc::syscall(libc::SYS_gettid) as libc::pid_t };
         Control::stop_all(&self.threads);
         for (values, thread) in self.values.iter().zip(&self.threads) {
             if thread.thread() == own {

@@ -1,0 +1,74 @@
+//! The program as it was linked: nothing that is called is missing.
+//!
+//! The standard library declares some functions of the C library weak, for systems that lack them, and
+//! looks whether they are there before it calls them. With optimisation across all crates one such
+//! declaration may be all that is left of a function that Takt itself calls without looking. The linker
+//! takes nothing out of a static library for a weak name, so the function is at address 0.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use takt_tests::{root, target};
+
+/// Weak names of the standard library (`std::sys::pal::unix::weak`), which it calls if they are there.
+const LOOKED_FOR: [&str; 10] = [
+    "__cxa_thread_atexit_impl",
+    "gettid",
+    "gnu_get_libc_version",
+    "pidfd_getpid",
+    "pidfd_spawnp",
+    "posix_spawn_file_actions_addchdir",
+    "posix_spawn_file_actions_addchdir_np",
+    "copy_file_range",
+    "getrandom",
+    "statx",
+];
+/// Weak names of the compiler's start-up code, which looks as well.
+const OF_START_UP: [&str; 4] =
+    ["_ITM_deregisterTMCloneTable", "_ITM_registerTMCloneTable", "__cxa_finalize", "__gmon_start__"];
+/// Weak marks of the C library for parts of a locale that are linked; nothing is called by them.
+const OF_LOCALES: &str = "_nl_current_LC_";
+
+#[test]
+fn what_is_not_linked_is_only_what_is_looked_for_before_it_is_called() {
+    let program = target("x86_64-unknown-linux-gnu/release/takt");
+    let output = Command::new("nm").arg(&program).output().expect("nm (binutils) starts");
+    assert!(output.status.success(), "{output:?}");
+    let names = String::from_utf8(output.stdout).unwrap();
+    assert!(names.lines().count() > 1000, "it has no symbols left to look at");
+    let missing = names.lines().filter_map(|line| {
+        let (kind, name) = line.trim_start().split_once(' ')?;
+        ["w", "v", "U"].contains(&kind).then_some(name)
+    });
+    let unknown: Vec<&str> = missing
+        .filter(|name| !LOOKED_FOR.contains(name) && !OF_START_UP.contains(name))
+        .filter(|name| !name.starts_with(OF_LOCALES))
+        .collect();
+    assert!(unknown.is_empty(), "called or not, these are at address 0: {unknown:?}");
+}
+
+#[test]
+fn no_source_calls_what_the_standard_library_declares_weak() {
+    let mut sources = 0;
+    for folder in ["vmm", "scheduler", "devices"] {
+        check(&root().join(folder), &mut sources);
+    }
+    assert!(sources > 200, "only {sources} sources");
+}
+
+fn check(folder: &Path, sources: &mut usize) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            check(&path, sources);
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            *sources += 1;
+            let text = fs::read_to_string(&path).unwrap();
+            for name in LOOKED_FOR {
+                let called = text.contains(&format!("libc::{name}("));
+                assert!(!called, "{} calls libc::{name}: use libc::syscall", path.display());
+            }
+        }
+    }
+}
