@@ -3,17 +3,25 @@
 //! ```text
 //!            enable                take
 //!      Off ---------> Ready <---------------> Taken
-//!       ^  <---------  |        give back       |
-//!       |    reset     +-- reset: at once       | reset: Recalled,
-//!       +---------------------------------------+ until it is given back
+//!       ^               |        give back       |
+//!       +-- recalled ---+-------- recalled ------+
 //! ```
 //!
-//! Only a reset waits, and at most for one request: the server looks between requests whether its
-//! queue is recalled. The lock is held for a few words at a time, never during a request, so the
-//! guest's registers answer at once while a file is slow.
+//! Nothing waits for the file. A recall ends the server's lease at once, also while the file is being
+//! written back for a minute: the server touches the guest's memory only under the lock and with a
+//! lease that still holds, so that after a recall it does not. What it is doing then it does to the end,
+//! to the file alone, and gives back a lease that is worth nothing. The next queue is served after that.
+//!
+//! virtio lets a driver write 0 to the status and read until it is 0 (1.2, section 2.1.1), so a reset
+//! might take its time. Linux's driver of these registers does not read (`vm_reset` in
+//! `drivers/virtio/virtio_mmio.c`): it frees the memory of its requests right away. So the reset has to
+//! be complete when the write is.
+//!
+//! The lock is held for a few words, or while a piece of at most [`PIECE_BYTES`](super::PIECE_BYTES) is
+//! copied, never during a call to the medium.
 
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use virtio_bindings::virtio_mmio::{VIRTIO_MMIO_INT_CONFIG, VIRTIO_MMIO_INT_VRING};
 use virtio_queue::Queue;
@@ -25,16 +33,21 @@ enum Slot {
     Ready(Queue),
     /// The server has it.
     Taken,
-    /// The server has it, and somebody waits for it to come back.
-    Recalled,
 }
+
+/// The server's right to touch the guest's memory, until the queue is recalled.
+#[derive(Debug)]
+pub(super) struct Lease(u64);
+
+/// The queue has been recalled: nothing of the guest's may be touched any more.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Recalled;
 
 /// What both threads of a disk know.
 pub struct Handover {
     slot: Mutex<Slot>,
-    returned: Condvar,
-    /// The slot is `Recalled`; to be seen without the lock.
-    recalled: AtomicBool,
+    /// Number of recalls so far; changes under the lock only.
+    recalls: AtomicU64,
     /// Why the guest is interrupted; bits of the register `InterruptStatus`.
     interrupts: AtomicU32,
     /// The guest has done what no driver does.
@@ -45,8 +58,7 @@ impl Default for Handover {
     fn default() -> Self {
         Self {
             slot: Mutex::new(Slot::Off),
-            returned: Condvar::new(),
-            recalled: AtomicBool::new(false),
+            recalls: AtomicU64::new(0),
             interrupts: AtomicU32::new(0),
             needs_reset: AtomicBool::new(false),
         }
@@ -59,25 +71,25 @@ impl Handover {
         *self.lock() = Slot::Ready(queue);
     }
 
-    /// Takes the queue away, waiting for the request that is being served. After it nothing touches
-    /// the guest's memory until the guest asks for it again.
+    /// Takes the queue away. After it nothing touches the guest's memory until the guest asks for it
+    /// again.
     pub(super) fn recall(&self) {
-        let mut slot = self.lock();
-        if matches!(*slot, Slot::Taken) {
-            *slot = Slot::Recalled;
-            self.recalled.store(true, Ordering::SeqCst);
-        }
-        while matches!(*slot, Slot::Recalled) {
-            slot = self.returned.wait(slot).unwrap_or_else(PoisonError::into_inner);
-        }
-        *slot = Slot::Off;
+        self.recall_and(|| {});
     }
 
     /// As [`recall`](Self::recall), and forgets interrupts and what the guest has done.
     pub fn reset(&self) {
-        self.recall();
-        self.interrupts.store(0, Ordering::SeqCst);
-        self.needs_reset.store(false, Ordering::SeqCst);
+        self.recall_and(|| {
+            self.interrupts.store(0, Ordering::SeqCst);
+            self.needs_reset.store(false, Ordering::SeqCst);
+        });
+    }
+
+    fn recall_and(&self, also: impl FnOnce()) {
+        let mut slot = self.lock();
+        self.recalls.fetch_add(1, Ordering::SeqCst);
+        *slot = Slot::Off;
+        also();
     }
 
     /// Why the guest is interrupted.
@@ -102,12 +114,12 @@ impl Handover {
     }
 
     /// The queue, for the server to serve.
-    pub(super) fn take(&self) -> Option<Queue> {
+    pub(super) fn take(&self) -> Option<(Queue, Lease)> {
         let mut slot = self.lock();
         match std::mem::replace(&mut *slot, Slot::Off) {
             Slot::Ready(queue) => {
                 *slot = Slot::Taken;
-                Some(queue)
+                Some((queue, Lease(self.recalls.load(Ordering::SeqCst))))
             }
             other => {
                 *slot = other;
@@ -116,19 +128,22 @@ impl Handover {
         }
     }
 
-    /// True if the server is to give its queue back.
-    pub(super) fn is_recalled(&self) -> bool {
-        self.recalled.load(Ordering::SeqCst)
+    /// Whether the lease still holds. It may end the moment after.
+    pub(super) fn holds(&self, lease: &Lease) -> bool {
+        self.recalls.load(Ordering::SeqCst) == lease.0
+    }
+
+    /// Touches the guest's memory, if the lease still holds; a recall waits for that.
+    pub(super) fn touch<T>(&self, lease: &Lease, touch: impl FnOnce() -> T) -> Result<T, Recalled> {
+        let _slot = self.lock();
+        if self.holds(lease) { Ok(touch()) } else { Err(Recalled) }
     }
 
     /// Ends what [`take`](Self::take) began: with the queue, and whether requests in it have been
     /// answered; or without one, if the guest broke it. True if the guest is to be interrupted.
-    pub(super) fn give_back(&self, queue: Option<(Queue, bool)>) -> bool {
+    pub(super) fn give_back(&self, lease: &Lease, queue: Option<(Queue, bool)>) -> bool {
         let mut slot = self.lock();
-        if matches!(*slot, Slot::Recalled) {
-            *slot = Slot::Off;
-            self.recalled.store(false, Ordering::SeqCst);
-            self.returned.notify_all();
+        if !self.holds(lease) {
             return false;
         }
         match queue {
@@ -156,7 +171,6 @@ impl Handover {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::Arc;
     use virtio_queue::QueueT;
 
     fn queue() -> Queue {
@@ -168,42 +182,58 @@ mod tests {
         let handover = Handover::default();
         assert!(handover.take().is_none());
         handover.enable(queue());
-        let taken = handover.take().unwrap();
+        let (taken, lease) = handover.take().unwrap();
         assert!(handover.take().is_none());
-        assert!(!handover.give_back(Some((taken, false))));
+        assert_eq!(handover.touch(&lease, || 7), Ok(7));
+        assert!(!handover.give_back(&lease, Some((taken, false))));
         assert_eq!(handover.interrupts(), 0);
-        let taken = handover.take().unwrap();
-        assert!(handover.give_back(Some((taken, true))));
+        let (taken, lease) = handover.take().unwrap();
+        assert!(handover.give_back(&lease, Some((taken, true))));
         assert_eq!(handover.interrupts(), VIRTIO_MMIO_INT_VRING);
         handover.acknowledge(VIRTIO_MMIO_INT_VRING);
         assert_eq!(handover.interrupts(), 0);
     }
 
     #[test]
-    fn a_reset_waits_for_the_queue_and_leaves_no_interrupt() {
-        let handover = Arc::new(Handover::default());
+    fn a_recall_ends_the_lease_at_once_and_what_comes_back_late_is_nothing() {
+        for end in [Handover::reset, Handover::recall] {
+            let handover = Handover::default();
+            handover.enable(queue());
+            let (late, lease) = handover.take().unwrap();
+            // The server is still busy with it.
+            end(&handover);
+            assert_eq!(
+                handover.touch(&lease, || panic!("the guest's memory is touched")),
+                Err(Recalled)
+            );
+            assert!(handover.take().is_none());
+            // The guest has another queue by the time that the server is done with the first.
+            handover.enable(queue());
+            assert!(!handover.give_back(&lease, Some((late, true))), "the guest is interrupted");
+            assert_eq!(handover.interrupts(), 0);
+            let (_, lease) = handover.take().unwrap();
+            assert_eq!(handover.touch(&lease, || 7), Ok(7));
+        }
+    }
+
+    #[test]
+    fn a_queue_that_was_broken_before_a_reset_does_not_break_the_next() {
+        let handover = Handover::default();
         handover.enable(queue());
-        let taken = handover.take().unwrap();
-        let other = handover.clone();
-        let server = std::thread::spawn(move || {
-            while !other.is_recalled() {
-                std::thread::yield_now();
-            }
-            other.give_back(Some((taken, true)))
-        });
+        let (_, lease) = handover.take().unwrap();
         handover.reset();
-        assert!(!server.join().unwrap(), "the guest would be interrupted");
-        assert_eq!(handover.interrupts(), 0);
-        assert!(handover.take().is_none());
-        assert!(!handover.is_recalled());
+        handover.enable(queue());
+        assert!(!handover.give_back(&lease, None));
+        assert!(!handover.needs_reset());
+        assert!(handover.take().is_some());
     }
 
     #[test]
     fn a_broken_queue_is_gone_and_the_guest_is_told() {
         let handover = Handover::default();
         handover.enable(queue());
-        handover.take().unwrap();
-        assert!(handover.give_back(None));
+        let (_, lease) = handover.take().unwrap();
+        assert!(handover.give_back(&lease, None));
         assert!(handover.needs_reset());
         assert_eq!(handover.interrupts(), VIRTIO_MMIO_INT_CONFIG);
         assert!(handover.take().is_none());

@@ -12,8 +12,9 @@
 //!                               queue, interrupts      request::Request
 //! ```
 //!
-//! Between them is one queue that changes hands ([`handover`]). Who has it may touch the guest's
-//! memory; so a reset is complete when the queue has come back.
+//! Between them is one queue that changes hands ([`handover`]). The disk's thread holds it by a lease,
+//! which a reset ends at once, and touches the guest's memory only while the lease holds: it copies
+//! between that and a buffer of its own, so that a slow file holds up nothing but the disk.
 //!
 //! All that a guest writes is hostile: registers, rings, descriptors and what they point at. The
 //! rules, of which each has a test that drives the rings by hand:
@@ -31,10 +32,9 @@ pub mod request;
 pub mod server;
 #[cfg(test)]
 mod tests;
+mod transfer;
 
 use std::io;
-
-use vm_memory::VolatileSlice;
 
 /// Unit of all addresses on a disk, in bytes; virtio's own, whatever the file has.
 pub const SECTOR: u64 = 512;
@@ -45,6 +45,9 @@ pub const SEGMENTS_MAX: usize = QUEUE_SIZE as usize - 2;
 /// Longest piece, in bytes.
 pub const SEGMENT_BYTES_MAX: u32 = 1 << 16;
 
+/// Most bytes that are moved at once between the guest's memory and the medium.
+pub const PIECE_BYTES: usize = 128 << 10;
+
 /// What a disk is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shape {
@@ -54,20 +57,20 @@ pub struct Shape {
     pub read_only: bool,
 }
 
-/// Where a disk's bytes are. Positions and lengths are whole sectors within its [`Shape`]; all or
-/// nothing of a transfer counts.
+/// Where a disk's bytes are. Positions and lengths are whole sectors within its [`Shape`], and no
+/// transfer is longer than [`PIECE_BYTES`]. Each call may take as long as it takes.
 pub trait Medium: Send {
-    /// Fills the pieces of memory from `at`, in bytes.
+    /// Fills `into` from `at`, in bytes.
     ///
     /// # Errors
     /// If not all of it can be read.
-    fn read(&mut self, at: u64, into: &[VolatileSlice<'_>]) -> io::Result<()>;
+    fn read(&mut self, at: u64, into: &mut [u8]) -> io::Result<()>;
 
-    /// Writes the pieces of memory to `at`, in bytes.
+    /// Writes `from` to `at`, in bytes.
     ///
     /// # Errors
     /// If not all of it can be written.
-    fn write(&mut self, at: u64, from: &[VolatileSlice<'_>]) -> io::Result<()>;
+    fn write(&mut self, at: u64, from: &[u8]) -> io::Result<()>;
 
     /// Returns when all that was written survives a loss of power.
     ///

@@ -10,9 +10,10 @@ use virtio_bindings::virtio_blk::{
 use virtio_queue::{Queue, QueueT};
 use vm_memory::{Bytes, GuestMemoryMmap};
 
-use super::handover::Handover;
+use super::handover::{Handover, Lease, Recalled};
 use super::request::{Body, Request, total};
-use super::{Medium, SECTOR, Shape};
+use super::transfer::{Guest, Transfer};
+use super::{Medium, PIECE_BYTES, SECTOR, Shape};
 
 /// What a guest learns as the disk's serial number; zeros behind it.
 pub type DiskId = [u8; VIRTIO_BLK_ID_BYTES as usize];
@@ -35,6 +36,8 @@ pub struct Server<M> {
     /// disk would write for it.
     memory: GuestMemoryMmap,
     disk: Disk<M>,
+    /// Where bytes are between the guest's memory and the medium.
+    buffer: Box<[u8]>,
 }
 
 /// How a request ended.
@@ -57,14 +60,26 @@ impl Answer {
     }
 }
 
-/// The rings are not what rings are.
-struct Broken;
+/// Why a queue is not served to its end.
+enum Stop {
+    /// The rings are not what rings are.
+    Broken,
+    /// It is the guest's again.
+    Recalled,
+}
+
+impl From<Recalled> for Stop {
+    fn from(_: Recalled) -> Self {
+        Self::Recalled
+    }
+}
 
 impl<M: Medium> Server<M> {
     /// A server of this disk.
     #[must_use]
     pub fn new(shared: Arc<Handover>, memory: GuestMemoryMmap, disk: Disk<M>) -> Self {
-        Self { shared, memory, disk }
+        let buffer = vec![0; PIECE_BYTES].into_boxed_slice();
+        Self { shared, memory, disk, buffer }
     }
 
     /// Serves the requests that wait now, which are a queue full at most. Those that come meanwhile
@@ -72,66 +87,84 @@ impl<M: Medium> Server<M> {
     /// them, since an interrupt costs it more than most requests.
     #[must_use]
     pub fn serve(&mut self) -> bool {
-        let Some(mut queue) = self.shared.take() else { return false };
-        let served = self.serve_queue(&mut queue);
-        self.shared.give_back(served.ok().map(|answered| (queue, answered)))
+        let Some((mut queue, lease)) = self.shared.take() else { return false };
+        match self.serve_queue(&mut queue, &lease) {
+            Ok(answered) => self.shared.give_back(&lease, Some((queue, answered))),
+            Err(Stop::Broken) => self.shared.give_back(&lease, None),
+            Err(Stop::Recalled) => false,
+        }
     }
 
-    fn serve_queue(&mut self, queue: &mut Queue) -> Result<bool, Broken> {
+    fn serve_queue(&mut self, queue: &mut Queue, lease: &Lease) -> Result<bool, Stop> {
         if !queue.is_valid(&self.memory) {
-            return Err(Broken);
+            return Err(Stop::Broken);
         }
-        let available = queue.avail_idx(&self.memory, Ordering::Acquire).map_err(|_| Broken)?;
+        let available = queue.avail_idx(&self.memory, Ordering::Acquire);
+        let available = available.map_err(|_| Stop::Broken)?;
         let waiting = available.0.wrapping_sub(queue.next_avail());
         if waiting > queue.size() {
-            return Err(Broken);
+            return Err(Stop::Broken);
         }
         for _ in 0..waiting {
-            if self.shared.is_recalled() {
-                return Ok(false);
-            }
-            self.serve_one(queue)?;
+            self.serve_one(queue, lease)?;
         }
         Ok(waiting > 0)
     }
 
-    fn serve_one(&mut self, queue: &mut Queue) -> Result<(), Broken> {
-        let Self { memory, disk, .. } = self;
-        let memory = &*memory;
-        let chain = queue.pop_descriptor_chain(memory).ok_or(Broken)?;
-        let request = Request::parse(chain, memory).map_err(|_| Broken)?;
+    fn serve_one(&mut self, queue: &mut Queue, lease: &Lease) -> Result<(), Stop> {
+        let Self { shared, memory, disk, buffer } = self;
+        let (memory, shared) = (&*memory, &**shared);
+        if !shared.holds(lease) {
+            return Err(Stop::Recalled);
+        }
+        let chain = queue.pop_descriptor_chain(memory).ok_or(Stop::Broken)?;
+        let request = Request::parse(chain, memory).map_err(|_| Stop::Broken)?;
         let answer = match &request.body {
-            Some(body) => disk.answer(body),
+            Some(body) => disk.answer(body, buffer, Guest { shared, lease })?,
             None => Answer::error(VIRTIO_BLK_S_IOERR),
         };
-        memory.write_obj(answer.status as u8, request.status).map_err(|_| Broken)?;
         // Counted from the first writable byte: the status lies behind what was not filled.
-        let bytes = u32::try_from(answer.bytes + 1).map_err(|_| Broken)?;
-        queue.add_used(memory, request.head, bytes).map_err(|_| Broken)
+        let bytes = u32::try_from(answer.bytes + 1).map_err(|_| Stop::Broken)?;
+        let answered = shared.touch(lease, || {
+            memory.write_obj(answer.status as u8, request.status).map_err(|_| Stop::Broken)?;
+            queue.add_used(memory, request.head, bytes).map_err(|_| Stop::Broken)
+        });
+        answered?
     }
 }
 
 impl<M: Medium> Disk<M> {
-    fn answer(&mut self, body: &Body<'_>) -> Answer {
+    fn answer(
+        &mut self,
+        body: &Body<'_>,
+        buffer: &mut [u8],
+        guest: Guest<'_>,
+    ) -> Result<Answer, Recalled> {
         let (from, into) = (total(&body.from), total(&body.into));
-        match body.kind {
+        Ok(match body.kind {
             VIRTIO_BLK_T_IN if from == 0 => match self.place(body.sector, into) {
-                Some(at) => Answer::of(&self.medium.read(at, &body.into), into),
+                Some(at) => {
+                    let transfer = Transfer { buffer, guest, at, slices: &body.into };
+                    Answer::of(&transfer.read(&mut self.medium)?, into)
+                }
                 None => Answer::error(VIRTIO_BLK_S_IOERR),
             },
             VIRTIO_BLK_T_OUT if into == 0 && !self.shape.read_only => {
                 match self.place(body.sector, from) {
-                    Some(at) => Answer::of(&self.medium.write(at, &body.from), 0),
+                    Some(at) => {
+                        let transfer = Transfer { buffer, guest, at, slices: &body.from };
+                        Answer::of(&transfer.write(&mut self.medium)?, 0)
+                    }
                     None => Answer::error(VIRTIO_BLK_S_IOERR),
                 }
             }
             VIRTIO_BLK_T_FLUSH if from == 0 && into == 0 => Answer::of(&self.medium.flush(), 0),
-            VIRTIO_BLK_T_GET_ID if from == 0 => self.tell_id(body),
+            VIRTIO_BLK_T_GET_ID if from == 0 => guest.touch(|| self.tell_id(body))?,
             VIRTIO_BLK_T_IN | VIRTIO_BLK_T_OUT | VIRTIO_BLK_T_FLUSH | VIRTIO_BLK_T_GET_ID => {
                 Answer::error(VIRTIO_BLK_S_IOERR)
             }
             _ => Answer::error(VIRTIO_BLK_S_UNSUPP),
-        }
+        })
     }
 
     /// Where a transfer begins, in bytes, if there is all of it.

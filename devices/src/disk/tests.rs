@@ -5,19 +5,19 @@ use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use vm_memory::{Bytes, GuestAddress, GuestMemoryMmap, VolatileSlice};
+use vm_memory::{Bytes, GuestAddress, GuestMemoryMmap};
 
 use super::handover::Handover;
 use super::registers::Registers;
 use super::server::{Disk, Server};
-use super::{Medium, QUEUE_SIZE, SECTOR, SEGMENT_BYTES_MAX, SEGMENTS_MAX, Shape};
+use super::{Medium, PIECE_BYTES, QUEUE_SIZE, SECTOR, SEGMENT_BYTES_MAX, SEGMENTS_MAX, Shape};
 
 mod driver;
 mod hostile;
 mod requests;
 
 /// Sectors of the disk here.
-const SECTORS: u64 = 256;
+const SECTORS: u64 = 1024;
 /// RAM of the guest: from 0, and behind a hole from `HIGH`.
 const RAM: u64 = 1 << 20;
 const HIGH: u64 = 1 << 32;
@@ -62,23 +62,15 @@ impl Platter {
 }
 
 impl Medium for Platter {
-    fn read(&mut self, at: u64, into: &[VolatileSlice<'_>]) -> io::Result<()> {
+    fn read(&mut self, at: u64, into: &mut [u8]) -> io::Result<()> {
         self.begin()?;
-        let mut at = at as usize;
-        for slice in into {
-            slice.copy_from(&self.bytes[at..at + slice.len()]);
-            at += slice.len();
-        }
+        into.copy_from_slice(&self.bytes[at as usize..][..into.len()]);
         Ok(())
     }
 
-    fn write(&mut self, at: u64, from: &[VolatileSlice<'_>]) -> io::Result<()> {
+    fn write(&mut self, at: u64, from: &[u8]) -> io::Result<()> {
         self.begin()?;
-        let mut at = at as usize;
-        for slice in from {
-            slice.copy_to(&mut self.bytes[at..at + slice.len()]);
-            at += slice.len();
-        }
+        self.bytes[at as usize..][..from.len()].copy_from_slice(from);
         Ok(())
     }
 

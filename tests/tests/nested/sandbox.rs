@@ -106,7 +106,7 @@ fn number(name: &str) -> i64 {
         exit_group SYS_exit_group, fcntl SYS_fcntl, fstat SYS_fstat, ftruncate SYS_ftruncate,
         futex SYS_futex, ioperm SYS_ioperm, getdents64 SYS_getdents64, getpid SYS_getpid, gettid SYS_gettid,
         ioctl SYS_ioctl, lseek SYS_lseek, madvise SYS_madvise, mmap SYS_mmap,
-        mremap SYS_mremap, preadv SYS_preadv, pwritev SYS_pwritev, pwrite64 SYS_pwrite64,
+        mremap SYS_mremap, pwrite64 SYS_pwrite64,
         fdatasync SYS_fdatasync, munmap SYS_munmap, openat SYS_openat, poll SYS_poll,
         pread64 SYS_pread64, read SYS_read, recvfrom SYS_recvfrom, rmdir SYS_rmdir,
         rt_sigprocmask SYS_rt_sigprocmask, rt_sigreturn SYS_rt_sigreturn, sendto SYS_sendto,

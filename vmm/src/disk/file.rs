@@ -1,17 +1,15 @@
 //! A disk's bytes in a file of the host.
 //!
-//! They go straight between the guest's memory and the host's page cache; what was written is on
-//! the host's disk after a flush. The file is locked, so that no second Takt writes what this one
+//! They go through the host's page cache; what was written is on the host's disk after a flush. The file is locked, so that no second Takt writes what this one
 //! has cached in its guest, nor reads what changes under it.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io;
-use std::os::fd::AsRawFd;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 use takt_devices::disk::{Medium, SECTOR, Shape};
 use thiserror::Error;
-use vm_memory::VolatileSlice;
 
 use crate::config::{self, Unreadable};
 
@@ -79,34 +77,6 @@ impl DiskFile {
             Err(error) => Err(DiskError::Open { path, read_only, reason: error.into() }),
         }
     }
-
-    /// A transfer of everything in one system call. It is short if the file has become shorter or
-    /// its disk is full, and then has failed.
-    fn transfer(
-        &self,
-        call: unsafe extern "C" fn(i32, *const libc::iovec, i32, i64) -> isize,
-        at: u64,
-        slices: &[VolatileSlice<'_>],
-    ) -> io::Result<()> {
-        let invalid = |_| io::Error::from(io::ErrorKind::InvalidInput);
-        let guards: Vec<_> = slices.iter().map(VolatileSlice::ptr_guard_mut).collect();
-        let vectors: Vec<libc::iovec> = guards
-            .iter()
-            .map(|guard| libc::iovec { iov_base: guard.as_ptr().cast(), iov_len: guard.len() })
-            .collect();
-        let total: usize = slices.iter().map(VolatileSlice::len).sum();
-        let count = i32::try_from(vectors.len()).map_err(invalid)?;
-        let at = i64::try_from(at).map_err(invalid)?;
-        // SAFETY: `call` is preadv or pwritev. Each vector is a piece of guest memory that stays
-        // mapped while `slices` is borrowed. The guest may change it at the same time, which is why
-        // no Rust reference to it exists: the kernel copies, whatever is there.
-        let moved = unsafe { call(self.0.as_raw_fd(), vectors.as_ptr(), count, at) };
-        match usize::try_from(moved) {
-            Ok(moved) if moved == total => Ok(()),
-            Ok(_) => Err(io::ErrorKind::UnexpectedEof.into()),
-            Err(_) => Err(io::Error::last_os_error()),
-        }
-    }
 }
 
 /// Looks first what it is: opening a pipe would wait for ever.
@@ -119,12 +89,12 @@ fn open(path: &Path, read_only: bool) -> Result<File, Unreadable> {
 }
 
 impl Medium for DiskFile {
-    fn read(&mut self, at: u64, into: &[VolatileSlice<'_>]) -> io::Result<()> {
-        self.transfer(libc::preadv, at, into)
+    fn read(&mut self, at: u64, into: &mut [u8]) -> io::Result<()> {
+        self.0.read_exact_at(into, at)
     }
 
-    fn write(&mut self, at: u64, from: &[VolatileSlice<'_>]) -> io::Result<()> {
-        self.transfer(libc::pwritev, at, from)
+    fn write(&mut self, at: u64, from: &[u8]) -> io::Result<()> {
+        self.0.write_all_at(from, at)
     }
 
     fn flush(&mut self) -> io::Result<()> {
@@ -136,7 +106,6 @@ impl Medium for DiskFile {
 mod tests {
     use std::fs;
 
-    use vm_memory::{Bytes, GuestAddress, GuestMemoryBackend, GuestMemoryMmap};
     use vmm_sys_util::tempdir::TempDir;
 
     use super::*;
@@ -159,31 +128,24 @@ mod tests {
         let (_folder, disk) = disk(false);
         let (mut file, shape) = DiskFile::open(&disk).unwrap();
         assert_eq!(shape, Shape { sectors: 4, read_only: false });
-        let memory: GuestMemoryMmap =
-            GuestMemoryMmap::from_ranges(&[(GuestAddress(0), 1 << 16)]).unwrap();
-        let slice = |at, bytes| memory.get_slice(GuestAddress(at), bytes).unwrap();
-        memory.write_slice(&[7; 512], GuestAddress(0)).unwrap();
-        file.write(512, &[slice(256, 256), slice(0, 256)]).unwrap();
+        file.write(512, &[7; 512]).unwrap();
         file.flush().unwrap();
         assert_eq!(fs::read(&disk.path).unwrap(), [0, 7, 2, 3].map(|n| [n; 512]).concat());
-        file.read(1024, &[slice(4096, 1), slice(8192, 1023)]).unwrap();
-        let mut read = [0; 1023];
-        memory.read_slice(&mut read, GuestAddress(8192)).unwrap();
-        assert_eq!((read[510], read[511], read[1022]), (2, 3, 3));
+        let mut read = [0; 1024];
+        file.read(1024, &mut read).unwrap();
+        assert_eq!((read[511], read[512]), (2, 3));
     }
 
     #[test]
     fn a_file_that_became_shorter_is_an_error_and_no_end() {
         let (_folder, disk) = disk(false);
         let (mut file, _) = DiskFile::open(&disk).unwrap();
-        let memory: GuestMemoryMmap =
-            GuestMemoryMmap::from_ranges(&[(GuestAddress(0), 1 << 16)]).unwrap();
-        let pieces = [memory.get_slice(GuestAddress(0), 1024).unwrap()];
-        assert!(file.read(1024, &pieces).is_ok());
+        let mut pieces = [0; 1024];
+        assert!(file.read(1024, &mut pieces).is_ok());
         File::options().write(true).open(&disk.path).unwrap().set_len(1536).unwrap();
-        assert!(file.read(1024, &pieces).is_err());
-        assert!(file.read(1 << 40, &pieces).is_err());
-        assert!(file.read(u64::MAX, &pieces).is_err());
+        assert!(file.read(1024, &mut pieces).is_err());
+        assert!(file.read(1 << 40, &mut pieces).is_err());
+        assert!(file.read(u64::MAX, &mut pieces).is_err());
     }
 
     #[test]

@@ -9,7 +9,10 @@ fn linux_finds_a_disk_and_its_size() {
     let mut capacity = [0; 8];
     guest.registers.read(0x100, &mut capacity);
     assert_eq!(u64::from_le_bytes(capacity), SECTORS);
-    assert_eq!([0x100, 0x104, 0x108, 0x10c].map(|at| guest.read(at)), [256, 0, 1 << 16, 126]);
+    assert_eq!(
+        [0x100, 0x104, 0x108, 0x10c].map(|at| guest.read(at)),
+        [SECTORS as u32, 0, 1 << 16, 126]
+    );
     let mut byte = [0];
     guest.registers.read(0x10a, &mut byte);
     assert_eq!(byte, [1]);

@@ -1,6 +1,8 @@
 //! What no driver does. The server touches nothing but the guest's RAM, never panics, does a queue's
 //! worth of work at most, and serves the next guest as if nothing had been.
 
+use std::sync::mpsc::{Receiver, Sender, channel};
+
 use super::*;
 
 const STATUS_PIECE: Descriptor = writable(STATUS, 1);
@@ -264,42 +266,72 @@ fn a_request_over_the_rings_themselves_harms_only_its_guest() {
     }
 }
 
+/// A medium that takes as long as it is told: each call says that it has begun, and waits for the word.
+struct Slow {
+    begun: Sender<()>,
+    go: Receiver<()>,
+}
+
+impl Slow {
+    fn wait(&self) -> io::Result<()> {
+        self.begun.send(()).unwrap();
+        self.go.recv().unwrap();
+        Ok(())
+    }
+}
+
+impl Medium for Slow {
+    fn read(&mut self, _: u64, into: &mut [u8]) -> io::Result<()> {
+        into.fill(7);
+        self.wait()
+    }
+    fn write(&mut self, _: u64, _: &[u8]) -> io::Result<()> {
+        self.wait()
+    }
+    fn flush(&mut self) -> io::Result<()> {
+        self.wait()
+    }
+}
+
 #[test]
-fn a_reset_while_a_request_is_served_ends_with_that_request() {
-    struct Slow(Arc<Handover>, Arc<AtomicUsize>);
-    impl Medium for Slow {
-        fn read(&mut self, _: u64, _: &[VolatileSlice<'_>]) -> io::Result<()> {
-            self.1.fetch_add(1, Ordering::SeqCst);
-            while !self.0.is_recalled() {
-                std::thread::yield_now();
-            }
-            Ok(())
+fn a_reset_waits_for_no_medium_and_the_guests_memory_is_its_own_after_it() {
+    for (kind, data) in
+        [(IN, writable(DATA, 512)), (OUT, readable(DATA, 512)), (FLUSH, readable(DATA, 0))]
+    {
+        let mut guest = Guest::driven(false);
+        let shape = Shape { sectors: SECTORS, read_only: false };
+        let ((begun, begins), (go, gone)) = (channel(), channel());
+        let medium = Slow { begun, go: gone };
+        let disk = Disk { shape, id: [0; 20], medium };
+        let mut server = Server::new(guest.shared.clone(), guest.memory.clone(), disk);
+        guest.memory.write_slice(&[UNTOUCHED; 512], GuestAddress(DATA)).unwrap();
+        guest.write_header(kind, 0);
+        for n in 0..8 {
+            guest.offer(4 * n, &[HEADER_PIECE, data, STATUS_PIECE]);
         }
-        fn write(&mut self, _: u64, _: &[VolatileSlice<'_>]) -> io::Result<()> {
-            Ok(())
-        }
-        fn flush(&mut self) -> io::Result<()> {
-            Ok(())
-        }
+        let thread = std::thread::spawn(move || (server.serve(), server));
+        begins.recv().unwrap();
+        // The medium has not answered, and has no word to. This would not come back if it waited.
+        guest.write(0x70, 0);
+        assert_eq!((guest.read(0x60), guest.read(0x70)), (0, 0));
+        // The driver begins anew at once, with rings that lie where the old ones did.
+        guest.start_driver();
+        go.send(()).unwrap();
+        let (interrupts, mut server) = thread.join().unwrap();
+        assert!(!interrupts, "a guest that has reset its disk is interrupted");
+        assert!(begins.try_recv().is_err(), "a request of the old queue was begun");
+        let mut read = [0; 512];
+        guest.memory.read_slice(&mut read, GuestAddress(DATA)).unwrap();
+        assert_eq!((read, guest.status()), ([UNTOUCHED; 512], UNTOUCHED));
+        assert_eq!((guest.used().0, guest.read(0x60)), (0, 0));
+        // The same server goes on with the new queue.
+        guest.write_header(IN, 0);
+        guest.offer(0, &[HEADER_PIECE, writable(DATA, 512), STATUS_PIECE]);
+        go.send(()).unwrap();
+        assert!(server.serve());
+        guest.memory.read_slice(&mut read, GuestAddress(DATA)).unwrap();
+        assert_eq!((read, guest.status()), ([7; 512], OK));
     }
-    let mut guest = Guest::driven(false);
-    let shape = Shape { sectors: SECTORS, read_only: false };
-    let medium = Slow(guest.shared.clone(), guest.transfers.clone());
-    let disk = Disk { shape, id: [0; 20], medium };
-    let mut server = Server::new(guest.shared.clone(), guest.memory.clone(), disk);
-    guest.write_header(IN, 0);
-    for n in 0..8 {
-        guest.offer(4 * n, &[HEADER_PIECE, writable(DATA, 512), STATUS_PIECE]);
-    }
-    let thread = std::thread::spawn(move || server.serve());
-    while guest.transfers() == 0 {
-        std::thread::yield_now();
-    }
-    guest.write(0x70, 0);
-    assert!(!thread.join().unwrap(), "a guest that has reset its disk is interrupted");
-    assert_eq!((guest.transfers(), guest.read(0x60), guest.read(0x70)), (1, 0, 0));
-    guest.start_driver();
-    assert_eq!(guest.ask(IN, 0, &[writable(DATA, 512)]), OK);
 }
 
 #[test]

@@ -110,3 +110,28 @@ fn the_largest_request_that_a_driver_may_make_is_served() {
     assert_eq!(guest.ask(IN, 0, &[writable(DATA, SEGMENT_BYTES_MAX); 2]), OK);
     assert_eq!(guest.transfers(), 2);
 }
+
+#[test]
+fn a_request_longer_than_the_buffer_moves_every_byte() {
+    // Pieces that end where neither a sector nor the buffer does.
+    let lengths = [1, 65_535, 65_536, 511, 22_017];
+    let total: usize = lengths.iter().map(|bytes| *bytes as usize).sum();
+    assert!(total > PIECE_BYTES && total.is_multiple_of(512));
+    let mut guest = Guest::driven(false);
+    let bytes: Vec<u8> = (0..total).map(|n| (n % 251) as u8).collect();
+    guest.memory.write_slice(&bytes, GuestAddress(DATA)).unwrap();
+    let pieces = |to: u64, make: fn(u64, u32) -> Descriptor| {
+        let mut at = to;
+        lengths.map(|bytes| {
+            at += u64::from(bytes);
+            make(at - u64::from(bytes), bytes)
+        })
+    };
+    assert_eq!(guest.ask(OUT, 3, &pieces(DATA, readable)), OK);
+    assert_eq!(guest.ask(IN, 3, &pieces(HIGH, writable)), OK);
+    assert_eq!(guest.used(), (2, 0, total as u32 + 1));
+    let mut read = vec![0; total];
+    guest.memory.read_slice(&mut read, GuestAddress(HIGH)).unwrap();
+    assert!(read == bytes);
+    assert_eq!(guest.transfers(), 4);
+}

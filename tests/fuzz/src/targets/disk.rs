@@ -8,7 +8,7 @@ use takt_devices::disk::handover::Handover;
 use takt_devices::disk::registers::Registers;
 use takt_devices::disk::server::{Disk, Server};
 use takt_devices::disk::{Medium, SECTOR, Shape};
-use vm_memory::{Bytes, GuestAddress, GuestMemoryMmap, VolatileSlice};
+use vm_memory::{Bytes, GuestAddress, GuestMemoryMmap};
 
 const SECTORS: u64 = 64;
 /// RAM of the guest: what 16 bits can address.
@@ -20,21 +20,20 @@ const QUEUE: [u32; 3] = [0x1000, 0x2000, 0x3000];
 struct Void;
 
 impl Void {
-    fn check(at: u64, pieces: &[VolatileSlice<'_>]) {
-        let bytes: usize = pieces.iter().map(VolatileSlice::len).sum();
+    fn check(at: u64, bytes: usize) {
         let end = at.checked_add(bytes as u64);
         assert!(end.is_some_and(|end| end <= SECTORS * SECTOR), "{bytes} bytes at {at}");
     }
 }
 
 impl Medium for Void {
-    fn read(&mut self, at: u64, into: &[VolatileSlice<'_>]) -> io::Result<()> {
-        Self::check(at, into);
+    fn read(&mut self, at: u64, into: &mut [u8]) -> io::Result<()> {
+        Self::check(at, into.len());
         Ok(())
     }
 
-    fn write(&mut self, at: u64, from: &[VolatileSlice<'_>]) -> io::Result<()> {
-        Self::check(at, from);
+    fn write(&mut self, at: u64, from: &[u8]) -> io::Result<()> {
+        Self::check(at, from.len());
         Ok(())
     }
 
