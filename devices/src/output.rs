@@ -2,8 +2,9 @@
 //!
 //! A vCPU thread must not write to a terminal: it could block, and the PLC's must not even make
 //! the call. Bytes go through a ring that was allocated at start-up; the event thread takes them
-//! out. When the ring is full the two kinds of guest differ. A PLC drops and counts, because
-//! nothing may hold it up. Linux waits, because it can, and loses nothing.
+//! out. When the ring is full the kinds of guest differ. One with windows drops and counts, because
+//! nothing may hold it up, nor wake it while others have windows. A Linux in the background waits, because
+//! it can, and loses nothing as long as somebody reads.
 
 use std::io;
 use std::sync::Arc;
@@ -23,7 +24,7 @@ const RETRY: Duration = Duration::from_millis(1);
 pub fn dropping() -> (DroppingOutput, OutputEnd) {
     let (producer, consumer) = RingBuffer::new(CAPACITY);
     let dropped = Arc::new(AtomicU64::new(0));
-    let end = OutputEnd { consumer, dropped: dropped.clone() };
+    let end = OutputEnd { consumer, dropped: dropped.clone(), waits: false };
     (DroppingOutput { producer, dropped }, end)
 }
 
@@ -31,7 +32,7 @@ pub fn dropping() -> (DroppingOutput, OutputEnd) {
 #[must_use]
 pub fn waiting(stop: Arc<AtomicBool>) -> (WaitingOutput, OutputEnd) {
     let (producer, consumer) = RingBuffer::new(CAPACITY);
-    let end = OutputEnd { consumer, dropped: Arc::default() };
+    let end = OutputEnd { consumer, dropped: Arc::default(), waits: true };
     (WaitingOutput { producer, stop }, end)
 }
 
@@ -48,6 +49,18 @@ impl DroppingOutput {
         if !rest.is_empty() {
             self.dropped.fetch_add(rest.len() as u64, Ordering::Relaxed);
         }
+    }
+}
+
+/// Never fails.
+impl io::Write for DroppingOutput {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        DroppingOutput::write(self, bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
     }
 }
 
@@ -76,21 +89,61 @@ impl io::Write for WaitingOutput {
     }
 }
 
+/// How much may be taken out of a ring.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Allowance {
+    /// Bytes.
+    pub bytes: usize,
+    /// Ends of lines.
+    pub lines: usize,
+}
+
+impl Allowance {
+    /// As much as there is.
+    pub const ALL: Self = Self { bytes: usize::MAX, lines: usize::MAX };
+
+    /// How many of these bytes it allows.
+    #[must_use]
+    pub fn of(&self, bytes: &[u8]) -> usize {
+        let ends = bytes.iter().take(self.bytes).enumerate().filter(|(_, byte)| **byte == b'\n');
+        let most = bytes.len().min(self.bytes);
+        match self.lines.checked_sub(1) {
+            None => 0,
+            Some(last) => ends.map(|(at, _)| at + 1).nth(last).unwrap_or(most),
+        }
+    }
+}
+
 /// The terminal's end.
 pub struct OutputEnd {
     consumer: Consumer<u8>,
     dropped: Arc<AtomicU64>,
+    waits: bool,
 }
 
 impl OutputEnd {
     /// Appends all that is waiting to `buffer`.
     pub fn drain_into(&mut self, buffer: &mut Vec<u8>) {
+        self.take_into(buffer, Allowance::ALL);
+    }
+
+    /// Appends to `buffer` what is waiting, as far as that is allowed.
+    pub fn take_into(&mut self, buffer: &mut Vec<u8>, most: Allowance) {
+        let before = buffer.len();
         if let Ok(chunk) = self.consumer.read_chunk(self.consumer.slots()) {
             let (first, second) = chunk.as_slices();
             buffer.extend_from_slice(first);
             buffer.extend_from_slice(second);
-            chunk.commit_all();
+            let taken = buffer.get(before..).map_or(0, |new| most.of(new));
+            buffer.truncate(before + taken);
+            chunk.commit(taken);
         }
+    }
+
+    /// Whether the guest waits for room, so that what is left in the ring is not lost.
+    #[must_use]
+    pub fn waits(&self) -> bool {
+        self.waits
     }
 
     /// Bytes that were dropped so far.
@@ -118,6 +171,23 @@ mod tests {
         let mut seen = Vec::new();
         end.drain_into(&mut seen);
         assert_eq!(seen, b"back");
+    }
+
+    #[test]
+    fn no_more_is_taken_than_is_allowed_and_the_rest_stays() {
+        let (mut guest, mut end) = dropping();
+        guest.write(b"one\ntwo\nthree");
+        let mut take = |bytes, lines| {
+            let mut seen = Vec::new();
+            end.take_into(&mut seen, Allowance { bytes, lines });
+            String::from_utf8(seen).unwrap()
+        };
+        assert_eq!((take(0, 9), take(9, 0)), (String::new(), String::new()));
+        assert_eq!(take(2, 9), "on");
+        assert_eq!(take(99, 1), "e\n");
+        assert_eq!(take(6, 2), "two\nth");
+        assert_eq!(take(99, 1), "ree");
+        assert_eq!(take(99, 1), "");
     }
 
     #[test]

@@ -16,7 +16,18 @@ use seccompiler::{BpfProgram, TargetArch, compile_from_json, sock_filter};
 use serde_json::{Value, json};
 
 /// The kinds of threads; `sandbox/filter.rs` embeds these programs.
-const KINDS: [&str; 7] = ["plc", "linux", "kicker", "loader", "disk", "main", "guardian"];
+const KINDS: [&str; 10] = [
+    "plc",
+    "linux",
+    "kicker",
+    "loader",
+    "plc-loader",
+    "disk",
+    "writer",
+    "reader",
+    "main",
+    "guardian",
+];
 /// What every thread may do to wait and to end.
 const COMMON: &str = "common";
 

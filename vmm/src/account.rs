@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use rtrb::Consumer;
-use takt_devices::output::OutputEnd;
+use takt_devices::output::{Allowance, OutputEnd};
 use takt_devices::watchdog::Timer;
+use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 
 use crate::boot::StartMode;
@@ -15,6 +16,7 @@ use crate::kernel_watch::{KernelWatch, News};
 use crate::load;
 use crate::restart::Restart;
 use crate::samples::{Course, Recorder};
+use crate::screen::Screen;
 use crate::statistics;
 use crate::terminal::Lines;
 use crate::vcpu::Control;
@@ -46,6 +48,8 @@ pub struct Account {
     pub control: Arc<Control>,
     /// Console output.
     pub output: OutputEnd,
+    /// Bytes of it that were taken out of the ring and not shown.
+    pub unshown: u64,
     /// True if the output is a terminal's, to be shown unchanged.
     pub is_terminal: bool,
     /// What its thread recorded; `None` for a background partition.
@@ -94,6 +98,34 @@ impl Account {
             self.samples = sampled.then(|| Recorder::new(base)).flatten();
         }
         self.load = (sampled && self.is_terminal).then(load::Recorder::default);
+    }
+
+    /// Bytes of console output that were dropped, wherever.
+    #[must_use]
+    pub fn console_dropped(&self) -> u64 {
+        self.output.dropped() + self.unshown
+    }
+
+    /// Shows what its guest has written: all that waits, unless it is a guest that can wait and there is
+    /// no room for all. `last` takes all. Returns what was taken, shown or not.
+    pub fn show(&mut self, id: PartitionId, screen: &mut Screen, last: bool) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let waits = self.output.waits() && !last;
+        let most = if waits { screen.allowance(id) } else { Allowance::ALL };
+        self.output.take_into(&mut bytes, most);
+        if self.is_terminal {
+            self.unshown += screen.raw(id, &bytes);
+        } else {
+            let Self { lines, name, unshown, .. } = self;
+            lines.add(&bytes, |line| *unshown += screen.guest_line(id, name, line));
+        }
+        bytes
+    }
+
+    /// Shows what is left of an unfinished line.
+    pub fn finish_line(&mut self, id: PartitionId, screen: &mut Screen) {
+        let Self { lines, name, unshown, .. } = self;
+        lines.finish(|line| *unshown += screen.guest_line(id, name, line));
     }
 
     /// How its releases went; `None` if that was not wanted.

@@ -9,7 +9,6 @@ use std::io::{self, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use takt_devices::output::WaitingOutput;
 use takt_devices::serial::SerialPort;
 use takt_scheduler::time::Tsc;
 
@@ -50,7 +49,7 @@ impl PanicSeen {
 }
 
 /// The serial port of the Linux guest, watched, and through a ring to the event thread.
-pub type Console = SerialPort<InitWatch<WaitingOutput>>;
+pub type Console = SerialPort<InitWatch<Box<dyn Write + Send>>>;
 
 /// Passes console output on and watches it.
 pub struct InitWatch<W> {

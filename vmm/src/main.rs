@@ -214,7 +214,6 @@ fn with_file(
 fn run_partitions(file: &PartitionFile, options: &Options) -> u8 {
     match run::run(file, options) {
         Ok(report) => {
-            print!("\n{}", report.table());
             let failed = report.partitions.iter().any(|p| p.failed);
             if failed { status::PARTITION_FAILED } else { status::GOOD }
         }

@@ -47,6 +47,20 @@ pub struct Report {
     pub host_ports: Vec<HostPort>,
     /// What Takt itself held.
     pub process: Process,
+    /// What of Takt's own output has reached nobody.
+    pub output: Output,
+}
+
+/// What of Takt's own output has reached nobody, because it was not read or its disk did not keep up. What
+/// partitions lost is told of each of them.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Output {
+    /// Bytes of Takt's own lines for which there was no room.
+    pub takt_dropped_bytes: u64,
+    /// Bytes, of whomever, that were still not read at the end of the run or could not be written.
+    pub unread_bytes: u64,
+    /// Events that the trace has not got.
+    pub trace_dropped_events: u64,
 }
 
 /// What Takt's own process held when the guests started, and when the run was over.
@@ -314,6 +328,7 @@ impl Report {
         for enforcer in &self.window_enforcers {
             enforcer.describe(&mut text);
         }
+        self.output.describe(&mut text);
         for port in &self.host_ports {
             describe_host_port(&mut text, port);
         }
@@ -390,6 +405,20 @@ impl Partition {
         }
         if self.console_dropped > 0 {
             let _ = writeln!(text, "  {} bytes of console output dropped", self.console_dropped);
+        }
+    }
+}
+
+impl Output {
+    fn describe(&self, text: &mut String) {
+        for (count, what) in [
+            (self.takt_dropped_bytes, "bytes of Takt's own lines dropped"),
+            (self.unread_bytes, "bytes of the console were not read"),
+            (self.trace_dropped_events, "events are missing in the trace"),
+        ] {
+            if count > 0 {
+                let _ = writeln!(text, "\n{count} {what}");
+            }
         }
     }
 }
@@ -524,6 +553,7 @@ mod tests {
                 end: None,
                 starting: Starting { first_release_ns: Some(33_300_000), clearing_ns: 16_080_000 },
             },
+            output: Output::default(),
         }
     }
 

@@ -1,14 +1,11 @@
-//! The terminal: one screen and one keyboard for all guests.
+//! The terminal: one keyboard for all guests, and a mode in which it is theirs.
 //!
 //! What is typed goes to Linux, byte by byte and unchanged, so the terminal is put into raw mode
 //! and put back at every end of the run, also at that of a panic. One key is kept back, so that
 //! there is always a way out: `Ctrl-]` and then `q` ends the run, `s` asks for the next schedule,
-//! and `Ctrl-]` twice types it.
-//!
-//! Linux's output appears as it comes; a PLC's, and Takt's own, a line at a time with its name in
-//! front, never in the middle of another line of theirs.
+//! and `Ctrl-]` twice types it. What is shown, and how, is [`screen`](crate::screen)'s.
 
-use std::io::{self, Write};
+use std::io;
 use std::mem::MaybeUninit;
 use std::sync::Mutex;
 
@@ -55,20 +52,12 @@ pub fn make_raw() -> io::Result<bool> {
     Ok(true)
 }
 
-/// Puts the terminal back as it was; harmless if it was never changed.
+/// Puts the terminal back as it was; harmless if it was never changed. It does not wait for what is still
+/// to be shown, which is shown as it was written, nor for a lock: safe in a signal handler.
 pub fn restore() {
-    if let Some(saved) = SAVED.lock().ok().and_then(|mut slot| slot.take()) {
+    if let Some(saved) = SAVED.try_lock().ok().and_then(|mut slot| slot.take()) {
         // SAFETY: the structure is the one that tcgetattr filled in. An error leaves a terminal
         // that is gone, and nothing to put back.
-        unsafe { libc::tcsetattr(libc::STDIN_FILENO, libc::TCSADRAIN, &raw const saved) };
-    }
-}
-
-/// As [`restore`], without waiting for what is still to be shown, or for a lock: safe in a signal
-/// handler.
-pub fn restore_at_once() {
-    if let Some(saved) = SAVED.try_lock().ok().and_then(|mut slot| slot.take()) {
-        // SAFETY: as above.
         unsafe { libc::tcsetattr(libc::STDIN_FILENO, libc::TCSANOW, &raw const saved) };
     }
 }
@@ -104,40 +93,6 @@ impl Keyboard {
             }
         }
         keys
-    }
-}
-
-/// The screen.
-pub struct Screen<W: Write> {
-    out: W,
-    line_end: &'static str,
-    at_line_start: bool,
-}
-
-impl<W: Write> Screen<W> {
-    /// A screen that is written to `out`; `raw` says that the terminal does not add carriage
-    /// returns by itself.
-    pub fn new(out: W, raw: bool) -> Self {
-        Self { out, line_end: if raw { "\r\n" } else { "\n" }, at_line_start: true }
-    }
-
-    /// Shows what a guest wrote, unchanged.
-    ///
-    /// Nobody may be left to read it, which is no reason to end a run: errors are dropped here
-    /// and in [`line`](Self::line).
-    pub fn raw(&mut self, bytes: &[u8]) {
-        if let Some(last) = bytes.last() {
-            let _ = self.out.write_all(bytes).and_then(|()| self.out.flush());
-            self.at_line_start = matches!(last, b'\n' | b'\r');
-        }
-    }
-
-    /// Shows one line, with its author in front.
-    pub fn line(&mut self, author: &str, text: &str) {
-        let start = if self.at_line_start { "" } else { self.line_end };
-        let _ = write!(self.out, "{start}[{author}] {text}{}", self.line_end)
-            .and_then(|()| self.out.flush());
-        self.at_line_start = true;
     }
 }
 
@@ -191,18 +146,6 @@ mod tests {
         assert_eq!(keyboard.take(b"qs"), bytes(b"qs"));
         assert_eq!(keyboard.take(b"\x1dsa"), [Key::NextSchedule, Key::Byte(b'a')]);
         assert_eq!(keyboard.take(b"a\x1dqb"), [Key::Byte(b'a'), Key::Quit, Key::Byte(b'b')]);
-    }
-
-    #[test]
-    fn a_line_never_starts_in_the_middle_of_another() {
-        let mut screen = Screen::new(Vec::new(), true);
-        screen.line("takt", "start");
-        screen.raw(b"linux# ");
-        screen.line("plc", "cycle 1");
-        screen.raw(b"x\r\n");
-        screen.line("plc", "cycle 2");
-        let shown = String::from_utf8(screen.out).unwrap();
-        assert_eq!(shown, "[takt] start\r\nlinux# \r\n[plc] cycle 1\r\nx\r\n[plc] cycle 2\r\n");
     }
 
     #[test]

@@ -2,6 +2,9 @@
 //!
 //! `takt run --trace` writes all of a run, `takt ctl FILE trace` a part of it elsewhere.
 //!
+//! A run writes it through an [`Outlet`](crate::outlet::Outlet): a disk that does not keep up costs windows
+//! in the picture, which are counted and marked, and nothing else.
+//!
 //! The file is in the Chrome trace-event format (JSON, the form that is one array), which
 //! <https://ui.perfetto.dev> and `chrome://tracing` open. It is written while the run lasts, so
 //! memory does not grow with it; a run that is cut off leaves a file without its last bracket,
@@ -23,6 +26,8 @@
 //! | | *`kick`*, *`overrun`* | the window's end enforced; its end, if the scan was not done |
 //! | `NAME: claims` | `scan`, `unfinished scan` | what the guest says of its scan |
 //!
+//! A mark *`dropped`* of the schedule's process says how many events are missing before it.
+//!
 //! Marks (in italics) have no length. Claims have a thread of their own because they need not fit
 //! the rest: a scan begins in one slice of the guest and ends in another. One that cannot be true
 //! is not drawn; see [`WindowRecord::scan`]. The schedule that holds is a process of its own.
@@ -36,8 +41,7 @@
 
 mod events;
 
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 use std::sync::Arc;
 
 use serde::{Serialize, Serializer};
@@ -46,6 +50,7 @@ use takt_scheduler::table::{Cpu, PartitionId};
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 
 use self::events::{Events, LATEST_NS, NOTHING, Name, Phase, Track};
+use crate::outlet::LaneWriter;
 use crate::vcpu::record::{Detour, Exit, WindowRecord};
 
 /// How far before the epoch the trace begins.
@@ -55,7 +60,7 @@ const LEAD: Nanos = Nanos::from_millis(1);
 ///
 /// Writing never fails where it would be in the way: the first error ends the trace, and
 /// [`finish`](Trace::finish) tells it.
-pub struct Trace<W: Write = BufWriter<File>> {
+pub struct Trace<W: Write = LaneWriter> {
     events: Events<W>,
     base: Timebase,
     partitions: Box<[Tracks]>,
@@ -73,6 +78,11 @@ struct Tracks {
 #[derive(Serialize)]
 struct Count {
     releases: u64,
+}
+
+#[derive(Serialize)]
+struct Dropped {
+    events: u64,
 }
 
 #[derive(Serialize)]
@@ -166,6 +176,7 @@ impl<W: Write> Trace<W> {
         }
         let at = this.ns(since);
         this.begin_schedule(at, schedule);
+        this.events.commit();
         this
     }
 
@@ -175,6 +186,7 @@ impl<W: Write> Trace<W> {
         else {
             return;
         };
+        self.tell_dropped(self.ns(w.release));
         self.slice(&mut host, "wake-up", w.due, w.woken, NOTHING);
         self.slice(&mut host, "entry", w.woken, w.entered, NOTHING);
         let mut entered = w.entered;
@@ -187,6 +199,13 @@ impl<W: Write> Trace<W> {
         self.marks(host, w);
         self.scan(&mut claims, w);
         self.partitions[partition.0] = Tracks { host, claims };
+        self.events.commit();
+    }
+
+    /// Events that were left out, because the file did not keep up.
+    #[must_use]
+    pub fn dropped(&self) -> u64 {
+        self.events.dropped()
     }
 
     /// From `at` on, another schedule holds. The first one holds from the start.
@@ -194,6 +213,7 @@ impl<W: Write> Trace<W> {
         let ns = self.ns(at).max(self.schedule.drawn_to);
         self.end_schedule(ns);
         self.begin_schedule(ns, schedule);
+        self.events.commit();
     }
 
     /// Ends the file.
@@ -202,8 +222,17 @@ impl<W: Write> Trace<W> {
     /// The first error since the trace was begun. What was written before it can be viewed.
     pub fn finish(mut self) -> io::Result<()> {
         let drawn = self.partitions.iter().map(|t| t.host.drawn_to).max().unwrap_or(0);
+        self.tell_dropped(drawn);
         self.end_schedule(drawn.max(self.schedule.drawn_to));
         self.events.finish()
+    }
+
+    fn tell_dropped(&mut self, at: u64) {
+        let events = self.events.take_untold();
+        if events > 0 {
+            let args = Some(Dropped { events });
+            self.events.add(self.schedule, Phase::Mark, "dropped", at, None, args);
+        }
     }
 
     fn marks(&mut self, track: Track, w: &WindowRecord) {

@@ -8,9 +8,12 @@ use std::os::fd::FromRawFd;
 use std::sync::Arc;
 use std::sync::mpsc::channel;
 
+use takt::outlet::{Outlet, StandardOutput};
+use takt::sandbox::Mode;
 use takt::schedule_desk::ScheduleDesk;
+use takt::screen::{self, Screen};
 use takt::supervisor::{Endings, Sources, Supervisor, take_signals};
-use takt::terminal::{self, Screen};
+use takt::terminal;
 use takt_scheduler::switch::SwitchBoard;
 use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 use vmm_sys_util::eventfd::EventFd;
@@ -55,7 +58,9 @@ fn a_signal_and_the_escape_end_a_run_and_the_terminal_is_put_back() {
 
     let supervisor = || {
         let (_sender, ends) = channel();
-        let screen = Screen::new(io::stdout(), true);
+        let output = StandardOutput::new();
+        let outlet = Outlet::start("console", Mode::Enforce, &screen::quotas(0), output).unwrap();
+        let screen = Screen::new(Arc::new(outlet), true, 0);
         let signals = take_signals().unwrap();
         let bell = EventFd::new(0).unwrap();
         let frequency = TscFrequency::from_khz(1_000_000).unwrap();

@@ -89,7 +89,7 @@ impl Operator for Operated<'_> {
                 cpu_time_ns: cpu_time.0,
                 cpu_share: cpu_time.0 as f64 / now.0.max(1) as f64,
                 illegal_accesses: account.health.count(Fault::IllegalRequest),
-                console_dropped: account.output.dropped(),
+                console_dropped: account.console_dropped(),
                 releases: account.releases.as_ref().map(|releases| {
                     let latency_sum_ns = releases.latency_sum();
                     let all = releases.report(0);

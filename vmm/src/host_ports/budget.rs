@@ -10,6 +10,13 @@ const MESSAGES: u32 = 64;
 /// message that reaches the bound is still whole.
 const BYTES: usize = 256 << 10;
 
+/// Messages of this length that a tick serves: one at least.
+#[must_use]
+pub const fn messages_of(bytes: usize) -> usize {
+    let most = if bytes == 0 { MESSAGES as usize } else { BYTES.div_ceil(bytes) };
+    if most < MESSAGES as usize { most } else { MESSAGES as usize }
+}
+
 /// What is left of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {

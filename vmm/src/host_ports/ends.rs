@@ -122,6 +122,12 @@ impl Destination {
         true
     }
 
+    /// Bytes of the longest packet.
+    #[must_use]
+    pub const fn longest(&self) -> usize {
+        self.packet.len()
+    }
+
     /// What was taken last.
     #[must_use]
     pub fn packet(&self) -> &[u8] {

@@ -3,19 +3,25 @@
 //! A recording outlives the run, and a file to send from makes a run repeatable. Both have the
 //! same form, header and message one behind the other, so that a recording can be sent again.
 //!
-//! The event thread reads and writes the files itself. A slow disk makes it late, which it may be.
+//! A disk may take its time, for ever if it likes, so each file has a thread that reads or writes it. What
+//! is to be written waits in an [`Outlet`]; without room there the message stays in its channel, whose own
+//! rules then say what is overwritten or refused, and count it. What is to be sent is read ahead, as
+//! much as one tick can send.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufReader, ErrorKind, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
+use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
+use std::time::Duration;
 
 use takt_scheduler::time::{Timebase, Tsc};
 use thiserror::Error;
 
-use super::budget::Budget;
+use super::budget::{self, Budget};
 use super::ends::{Destination, Source};
 use super::packet::{HEADER, Header};
+use crate::outlet::{Outlet, Sink};
 
 /// Why a file's part in the run is over before the run is.
 #[derive(Debug, Error)]
@@ -23,6 +29,9 @@ pub enum Broken {
     /// The disk is full, or worse.
     #[error("cannot write any more: {0}")]
     Write(io::Error),
+    /// The disk takes nothing more, for now or for ever.
+    #[error("the disk takes too long: {0} records are not in the file")]
+    Stalled(u64),
     /// The disk fails.
     #[error("cannot read any more: {0}")]
     Read(io::Error),
@@ -41,31 +50,73 @@ pub enum Broken {
     Cut(u64),
 }
 
-/// A destination whose messages are appended to a file.
-pub struct FileDestination {
-    end: Destination,
-    /// `None` once it is broken.
-    file: Option<File>,
-    /// There is a sample that the file has not got.
-    behind: bool,
-    /// Records that were written.
-    pub messages: u64,
+/// The lane of an outlet that has one.
+const LANE: usize = 0;
+/// Records that wait for a disk: two ticks' worth, or some of the longest.
+const RECORDS_BYTES: usize = 512 << 10;
+
+/// A file that records are appended to, each whole or not at all.
+pub struct Recording {
+    file: File,
+    /// Up to where it is whole.
+    length: u64,
 }
 
-impl FileDestination {
+impl Recording {
     /// Opens the file, or makes it, for its owner only (mode 0600).
     ///
     /// # Errors
     /// If it is none that can be appended to.
-    pub fn open(end: Destination, path: &Path) -> io::Result<Self> {
+    pub fn open(path: &Path) -> io::Result<Self> {
         let mut options = OpenOptions::new();
         // Opening a pipe would wait for its reader.
         options.append(true).create(true).mode(0o600).custom_flags(libc::O_NONBLOCK);
         let file = options.open(path)?;
-        if !file.metadata()?.is_file() {
+        let metadata = file.metadata()?;
+        if !metadata.is_file() {
             return Err(io::Error::new(ErrorKind::InvalidInput, "it is not a regular file"));
         }
-        Ok(Self { end, file: Some(file), behind: false, messages: 0 })
+        Ok(Self { file, length: metadata.len() })
+    }
+
+    /// Room for what waits for it, if a message has so many bytes at most.
+    #[must_use]
+    pub fn quota(maximum: usize) -> usize {
+        RECORDS_BYTES.max(4 * (HEADER + maximum))
+    }
+}
+
+impl Sink for Recording {
+    fn put(&mut self, record: &[u8], written: &mut dyn FnMut(usize)) -> io::Result<()> {
+        self.file.write_all(record).inspect_err(|_| {
+            // If this fails too, the last record is cut off, which its reader is told.
+            let _ = self.file.set_len(self.length);
+        })?;
+        self.length += record.len() as u64;
+        written(record.len());
+        Ok(())
+    }
+
+    fn goes_on(&self) -> bool {
+        false
+    }
+}
+
+/// A destination whose messages are appended to a file.
+pub struct FileDestination {
+    end: Destination,
+    outlet: Outlet,
+    /// There is a sample that the file has not got.
+    behind: bool,
+    /// Records that were taken from the channel.
+    pub taken: u64,
+}
+
+impl FileDestination {
+    /// Of `end`; the outlet leads to a [`Recording`].
+    #[must_use]
+    pub fn new(end: Destination, outlet: Outlet) -> Self {
+        Self { end, outlet, behind: false, taken: 0 }
     }
 
     /// The channel's end.
@@ -73,54 +124,87 @@ impl FileDestination {
         &mut self.end
     }
 
-    /// Writes what is new, within the budget.
+    /// Records that are in the file.
+    #[must_use]
+    pub fn messages(&self) -> u64 {
+        self.outlet.pieces()
+    }
+
+    /// Takes what is new, within the budget and as far as there is room.
     ///
     /// # Errors
     /// Once, when the file cannot be written. What was there before stays whole.
     pub fn serve(&mut self, budget: &mut Budget, clock: &Timebase, now: Tsc) -> Result<(), Broken> {
-        while budget.is_left() {
-            let Some(file) = &mut self.file else { return Ok(()) };
+        if let Some(error) = self.outlet.take_error() {
+            return Err(Broken::Write(error));
+        }
+        while budget.is_left() && !self.outlet.has_ended() {
             self.behind |= self.end.has_news();
-            if !self.behind || !self.end.take(clock, now) {
+            let room = self.outlet.room(LANE) >= self.end.longest();
+            if !self.behind || !room || !self.end.take(clock, now) {
                 return Ok(());
             }
             self.behind = false;
-            if let Err(error) = append(file, self.end.packet()) {
-                self.file = None;
-                return Err(Broken::Write(error));
-            }
+            // There is room, so it fails only if the file has, which is told at the next turn.
+            let _ = self.outlet.push(LANE, self.end.packet());
             budget.spend(self.end.packet().len());
-            self.messages += 1;
+            self.taken += 1;
         }
         Ok(())
     }
-}
 
-/// Appends the whole record or none of it.
-fn append(file: &mut File, record: &[u8]) -> io::Result<()> {
-    let before = file.metadata()?.len();
-    file.write_all(record).inspect_err(|_| {
-        // If this fails too, the last record is cut off, which its reader is told.
-        let _ = file.set_len(before);
-    })
+    /// Waits until the file has all that was taken, as [`Outlet::settle`] does.
+    ///
+    /// # Errors
+    /// If it has not.
+    pub fn settle(&mut self, patience: Duration, most: Duration) -> Result<(), Broken> {
+        if self.outlet.settle(patience, most) {
+            return self.outlet.take_error().map_or(Ok(()), |error| Err(Broken::Write(error)));
+        }
+        Err(Broken::Stalled(self.taken - self.messages()))
+    }
 }
 
 /// A source whose messages come from a file.
 pub struct FileSource {
     end: Source,
     /// `None` once it has come to its end.
-    file: Option<BufReader<File>>,
-    /// As long as the longest message.
-    buffer: Vec<u8>,
+    messages_ahead: Option<Receiver<Result<Vec<u8>, Broken>>>,
     /// Records that were sent.
     pub messages: u64,
 }
 
+/// What reads a file ahead: the messages, and what its thread has to do. Messages have at most `maximum`
+/// bytes.
+pub fn read_ahead(
+    file: File,
+    maximum: usize,
+) -> (Receiver<Result<Vec<u8>, Broken>>, impl FnOnce() + Send) {
+    let (ahead, messages) = sync_channel(budget::messages_of(maximum));
+    let work = move || {
+        let mut file = BufReader::new(file);
+        let mut buffer = vec![0; maximum];
+        for number in 1.. {
+            let message = match read(&mut file, &mut buffer, number) {
+                Ok(Some(message)) => Ok(message.to_vec()),
+                Ok(None) => return,
+                Err(broken) => Err(broken),
+            };
+            let last = message.is_err();
+            // Nobody is there once the run is over.
+            if ahead.send(message).is_err() || last {
+                return;
+            }
+        }
+    };
+    (messages, work)
+}
+
 impl FileSource {
-    /// Sends from `file` messages of at most `maximum` bytes.
+    /// Sends what [`read_ahead`] brings.
     #[must_use]
-    pub fn new(end: Source, file: File, maximum: usize) -> Self {
-        Self { end, file: Some(BufReader::new(file)), buffer: vec![0; maximum], messages: 0 }
+    pub fn new(end: Source, messages: Receiver<Result<Vec<u8>, Broken>>) -> Self {
+        Self { end, messages_ahead: Some(messages), messages: 0 }
     }
 
     /// The channel's end.
@@ -129,30 +213,38 @@ impl FileSource {
     }
 
     /// Sends the next messages, within the budget: one on a sampling channel, where the next one
-    /// would make it void; on a queuing one as many as there is room for, whatever its policy.
+    /// would make it void; on a queuing one as many as there is room for, whatever its policy. What
+    /// the disk has not brought yet comes later.
     ///
     /// # Errors
     /// Once, when the file cannot be read or has a record that cannot be.
     pub fn serve(&mut self, budget: &mut Budget, now: Tsc) -> Result<(), Broken> {
         while budget.is_left() && self.end.has_room(true) {
-            let Some(file) = &mut self.file else { return Ok(()) };
-            match read(file, &mut self.buffer, self.messages + 1) {
-                Ok(Some(message)) => {
+            let Some(ahead) = &self.messages_ahead else { return Ok(()) };
+            match ahead.try_recv() {
+                Ok(Ok(message)) => {
                     budget.spend(message.len());
-                    self.end.send(message, now);
+                    self.end.send(&message, now);
                     self.messages += 1;
                 }
-                Ok(None) => self.file = None,
-                Err(broken) => {
-                    self.file = None;
+                Ok(Err(broken)) => {
+                    self.messages_ahead = None;
                     return Err(broken);
                 }
+                Err(TryRecvError::Empty) => return Ok(()),
+                Err(TryRecvError::Disconnected) => self.messages_ahead = None,
             }
             if self.end.is_sampling() {
                 return Ok(());
             }
         }
         Ok(())
+    }
+
+    /// True if all was sent.
+    #[cfg(test)]
+    pub(super) fn is_over(&self) -> bool {
+        self.messages_ahead.is_none()
     }
 }
 
@@ -223,24 +315,64 @@ mod tests {
         }
     }
 
+    /// A disk that takes one record whenever it is told to.
+    struct Slow(Receiver<()>);
+
+    impl Sink for Slow {
+        fn put(&mut self, record: &[u8], written: &mut dyn FnMut(usize)) -> io::Result<()> {
+            let told = self.0.recv();
+            written(record.len());
+            told.map_err(|_| ErrorKind::StorageFull.into())
+        }
+
+        fn goes_on(&self) -> bool {
+            false
+        }
+    }
+
+    const LONG: Duration = Duration::from_secs(60);
+
     #[test]
-    fn a_file_that_cannot_be_written_is_told_of_once_and_then_nothing_is_taken() {
+    fn a_disk_that_takes_nothing_holds_nothing_up_and_what_finds_no_room_stays_in_the_channel() {
         let bench = Bench::new(queuing(8, WhenFull::Refuse), 8, HostPort::File, false);
+        let (go, told) = std::sync::mpsc::channel();
         let end = Destination::open(bench.regions(), bench.clock.frequency).unwrap();
-        let mut port = FileDestination::open(end, &bench.path()).unwrap();
+        // Room for two: the one that is being written is among them.
+        let (outlet, work) = Outlet::new(&[2 * (HEADER + 8 + 64)], Slow(told));
+        std::thread::spawn(work);
+        let mut port = FileDestination::new(end, outlet);
         let mut guest = bench.queuing_source();
-        let mut serve = |port: &mut FileDestination| {
-            guest.send(b"message", bench.stamp()).unwrap();
-            port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch)
-        };
-        assert!(serve(&mut port).is_ok());
-        let length = || std::fs::metadata(bench.path()).unwrap().len();
-        let before = length();
-        port.file = Some(File::open(bench.path()).unwrap());
-        assert!(matches!(serve(&mut port), Err(Broken::Write(_))));
-        assert!(serve(&mut port).is_ok());
-        assert_eq!((port.messages, length()), (1, before));
-        // One went into the failure, the other one waits.
-        assert_eq!(guest.status().waiting, 1);
+        for n in 0..10u8 {
+            let taken = guest.send(&[n; 8], bench.stamp());
+            assert_eq!(taken.is_ok(), n < 8 + 2, "{n}");
+            port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).unwrap();
+        }
+        assert_eq!((port.taken, port.messages(), guest.status().waiting), (2, 0, 8));
+        let stalled = port.settle(Duration::from_millis(1), LONG).unwrap_err();
+        assert_eq!(stalled.to_string(), "the disk takes too long: 2 records are not in the file");
+        // It goes on where it was.
+        for _ in 0..3 {
+            go.send(()).unwrap();
+        }
+        while port.messages() < 3 {
+            port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).unwrap();
+        }
+        // And it fails.
+        drop(go);
+        while port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).is_ok() {}
+        assert!(port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).is_ok());
+        let waiting = guest.status().waiting;
+        assert!(port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).is_ok());
+        assert_eq!(guest.status().waiting, waiting, "a message was taken for nobody");
+    }
+
+    #[test]
+    fn a_record_that_cannot_be_written_whole_is_not_in_the_file() {
+        let bench = Bench::new(queuing(8, WhenFull::Refuse), 8, HostPort::File, false);
+        let mut recording = Recording::open(&bench.path()).unwrap();
+        recording.put(b"one", &mut |_| {}).unwrap();
+        recording.file = File::open(bench.path()).unwrap();
+        assert!(recording.put(b"second", &mut |_| panic!("it counts as written")).is_err());
+        assert_eq!(std::fs::read(bench.path()).unwrap(), b"one");
     }
 }

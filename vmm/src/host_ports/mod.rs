@@ -5,14 +5,15 @@
 //! need a second guest that it trusts. So Takt takes part in channels, and hands messages on
 //! through sockets and files.
 //!
-//! All of it happens in the event thread, on its tick and when a socket has something. The other
+//! All of it happens in the event thread, on its tick and when a socket has something, but for reading
+//! and writing files, which threads of their own do. The other
 //! end of each channel is in shared memory and never waits; so whatever a client, a disk or this
 //! thread does, no vCPU thread is the later for it. What a port may do in a tick is bounded
 //! ([`budget`]), for the thread's CPU time may be Linux's.
 //!
 //! ```text
 //! region <-> ends -- sockets <-> seqpacket <-> clients
-//!               `--- files   <-> disk
+//!               `--- files   <-> thread of the file <-> disk
 //! ```
 
 pub mod budget;
@@ -29,6 +30,7 @@ use std::io;
 use std::os::fd::{AsRawFd, RawFd};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
+use std::time::Duration;
 
 use serde::Serialize;
 use takt_channel::Counters;
@@ -38,14 +40,23 @@ use vmm_sys_util::epoll::{Epoll, EpollEvent};
 
 use crate::channels::{Channels, Regions};
 use crate::config::{self, HostPort, Owner};
+use crate::outlet::Outlet;
+use crate::sandbox::Kind;
 use crate::unix_socket::{Listener, SocketError, SocketKind};
+use crate::vcpu::thread::ThreadError;
 use budget::Budget;
 use ends::{Destination, EndError, Source};
-use files::{FileDestination, FileSource};
+use files::{FileDestination, FileSource, Recording, read_ahead};
 use sockets::{Clients, SocketDestination, SocketSource, Watch};
 
 /// Events that are taken at once.
 const EVENTS: usize = 16;
+/// At the end, a recording is waited for as long as some of it is written in each such time, and no longer
+/// than twice that.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// What starts a thread of this name and kind.
+pub type Spawn<'a> = &'a dyn Fn(&str, Kind, Box<dyn FnOnce() + Send>) -> Result<(), ThreadError>;
 
 /// An end on the host could not be made.
 #[derive(Debug, Error)]
@@ -75,6 +86,14 @@ pub enum HostPortError {
         path: PathBuf,
         /// What is wrong.
         reason: config::Unreadable,
+    },
+    /// The thread that reads or writes the file.
+    #[error("channel {channel}: {source}")]
+    Thread {
+        /// Name of the channel.
+        channel: String,
+        /// What is wrong.
+        source: ThreadError,
     },
     /// The host refuses to watch sockets.
     #[error("cannot watch sockets: {0}")]
@@ -126,7 +145,7 @@ impl HostPorts {
     /// Opens all of them; `None` if there are none. No guest may run yet, and the headers of all
     /// partitions' regions must have been written. `results` is the folder of the appliance that is
     /// carried out of it: recordings then go there, each under its channel's name, and sockets, to
-    /// which nobody could connect, are left out.
+    /// which nobody could connect, are left out. `spawn` starts the threads of files.
     ///
     /// # Errors
     /// See [`HostPortError`].
@@ -134,11 +153,12 @@ impl HostPorts {
         channels: &Channels<'_>,
         frequency: TscFrequency,
         results: Option<&Path>,
+        spawn: Spawn<'_>,
     ) -> Result<Option<Self>, HostPortError> {
         let epoll = Rc::new(Epoll::new().map_err(HostPortError::Watch)?);
         let mut all = Self { ports: Vec::new(), epoll, news: Vec::new() };
         for regions in channels.of_host() {
-            all.add(regions, frequency, results)?;
+            all.add(regions, frequency, results, spawn)?;
         }
         Ok((!all.ports.is_empty() || !all.news.is_empty()).then_some(all))
     }
@@ -148,6 +168,7 @@ impl HostPorts {
         regions: &Regions<'_>,
         frequency: TscFrequency,
         results: Option<&Path>,
+        spawn: Spawn<'_>,
     ) -> Result<(), HostPortError> {
         let channel = regions.channel;
         let name = || channel.name.clone();
@@ -155,6 +176,7 @@ impl HostPorts {
             let path = path.to_owned();
             move |reason| HostPortError::File { channel: name(), path, reason }
         };
+        let thread_error = |source| HostPortError::Thread { channel: name(), source };
         let end_error = |source| HostPortError::End { channel: name(), source };
         let mut ends = std::iter::once(&channel.source).chain(&channel.destinations);
         let end = ends.find(|end| end.owner == Owner::Host);
@@ -185,7 +207,9 @@ impl HostPorts {
             HostPort::File(path) if is_source => {
                 let file = config::open_file(path).map_err(file_error(path))?;
                 let end = Source::open(regions).map_err(end_error)?;
-                Way::FileSource(FileSource::new(end, file, maximum))
+                let (messages, work) = read_ahead(file, maximum);
+                spawn("replay", Kind::Reader, Box::new(work)).map_err(thread_error)?;
+                Way::FileSource(FileSource::new(end, messages))
             }
             HostPort::File(path) => {
                 let path = match results {
@@ -193,9 +217,11 @@ impl HostPorts {
                     None => path.clone(),
                 };
                 let end = Destination::open(regions, frequency).map_err(end_error)?;
-                let file = FileDestination::open(end, &path)
-                    .map_err(|error| file_error(&path)(error.into()))?;
-                Way::FileDestination(file)
+                let file = Recording::open(&path);
+                let file = file.map_err(|error| file_error(&path)(error.into()))?;
+                let (outlet, work) = Outlet::new(&[Recording::quota(maximum)], file);
+                spawn("record", Kind::Writer, Box::new(work)).map_err(thread_error)?;
+                Way::FileDestination(FileDestination::new(end, outlet))
             }
         };
         let port = Port { channel: name(), name: end.port.clone(), budget: Budget::TICK, way };
@@ -224,16 +250,20 @@ impl HostPorts {
         }
     }
 
-    /// Takes the last messages, after all guests have stopped.
+    /// Takes the last messages, after all guests have stopped, and waits for their files.
     pub fn finish(&mut self, clock: &Timebase, now: Tsc) {
         for port in &mut self.ports {
-            let Way::FileDestination(_) = port.way else { continue };
             // Nobody adds to what waits, so this comes to an end.
-            loop {
-                let before = port.account().messages;
+            while let Way::FileDestination(file) = &mut port.way {
+                let before = file.taken;
                 port.budget = Budget::TICK;
-                port.serve(clock, now, &mut self.news);
-                if port.account().messages == before {
+                let served = file.serve(&mut port.budget, clock, now);
+                let done = file.taken == before;
+                let settled = served.and_then(|()| file.settle(PATIENCE, 2 * PATIENCE));
+                let failed = settled.err();
+                let over = done || failed.is_some();
+                self.news.extend(failed.map(|why| format!("channel {}: {why}", port.channel)));
+                if over {
                     break;
                 }
             }
@@ -278,7 +308,7 @@ impl Port {
                 (port.messages, of(&port.clients), port.end().counters())
             }
             Way::SocketSource(port) => (port.messages, of(&port.clients), port.end().counters()),
-            Way::FileDestination(port) => (port.messages, none, port.end().counters()),
+            Way::FileDestination(port) => (port.messages(), none, port.end().counters()),
             Way::FileSource(port) => (port.messages, none, port.end().counters()),
         };
         Account {

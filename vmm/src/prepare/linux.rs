@@ -1,10 +1,12 @@
 //! A Linux's partition: memory, a board with its devices, and the threads of its disks.
 
+use std::io::Write;
 use std::path::Path;
 
 use kvm_ioctls::VcpuFd;
-use takt_devices::output;
+use takt_devices::output::{self, OutputEnd};
 use takt_devices::serial::{IrqLine, SerialPort};
+use takt_scheduler::table::Role;
 
 use super::spawn::Processor;
 use super::{Preparation, Prepared};
@@ -37,7 +39,9 @@ impl Preparation<'_> {
         let memory = self.clear(|| GuestMemory::for_linux(partition.memory_bytes(), &views))?;
         let irq = event::eventfd()?;
         let watchdog = partition.watchdog().map(board::timer);
-        let (writer, output) = output::waiting(self.closing.clone());
+        let background =
+            self.file.schedules().placements()[partition.id().0].role == Role::Background;
+        let (writer, output) = self.console_output(background);
         let (init, panic) = (InitSeen::default(), PanicSeen::default());
         let watch = InitWatch::new(writer, init.clone(), panic.clone());
         let console = SerialPort::new(IrqLine(event::clone(&irq)?), watch);
@@ -83,5 +87,16 @@ impl Preparation<'_> {
         prepared.init = Some(init);
         prepared.disks = disks;
         Ok(prepared)
+    }
+    /// The serial port's way out. A Linux with windows is not made to wait: its thread would wake again
+    /// and again to look for room, with its reservation, in windows of others.
+    fn console_output(&self, background: bool) -> (Box<dyn Write + Send>, OutputEnd) {
+        if background {
+            let (writer, output) = output::waiting(self.closing.clone());
+            (Box::new(writer), output)
+        } else {
+            let (writer, output) = output::dropping();
+            (Box::new(writer), output)
+        }
     }
 }

@@ -134,6 +134,7 @@ impl Preparation<'_> {
             name,
             control,
             output,
+            unshown: 0,
             is_terminal: false,
             records,
             gather: Gather::default(),

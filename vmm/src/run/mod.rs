@@ -39,16 +39,19 @@ use crate::footprint::Footprint;
 use crate::host_ports::HostPorts;
 use crate::interrupts::Interrupts;
 use crate::machine::{self, MachineError};
+use crate::outlet::{Outlet, StandardOutput};
 use crate::passthrough::{Devices, last_work};
 use crate::prepare::{Finish, Preparation};
 use crate::report::{self, Host, Report};
 use crate::run_error::RunError;
 use crate::samples::{self, Samples};
 use crate::sandbox::{self, Allowed};
+use crate::screen::{self, Screen};
 use crate::supervisor::{Endings, Sources, Supervisor, take_signals};
-use crate::terminal::{self, Screen};
+use crate::terminal;
+use crate::trace::Trace;
 use crate::unix_socket::{Listener, SocketKind};
-use crate::vcpu::{Control, kick};
+use crate::vcpu::{Control, kick, thread};
 
 /// Runs all partitions of `file` until the run is over.
 ///
@@ -58,7 +61,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let steps = Steps::new(options.fail_at);
     sandbox::prepare(|| {
         let written = last_work::do_it();
-        terminal::restore_at_once();
+        terminal::restore();
         written
     })?;
     let signals = take_signals()?;
@@ -122,14 +125,22 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         return Err(MachineError::Missing("a machine to run").into());
     };
 
-    let host_ports = HostPorts::open(&channels, frequency, appliance::results())?;
+    let spawn = |name: &str, kind, work: Box<dyn FnOnce() + Send>| {
+        thread::detached(name, (kind, options.seccomp), work)
+    };
+    let host_ports = HostPorts::open(&channels, frequency, appliance::results(), &spawn)?;
     steps.pass()?;
     let output = |what, path: &Option<PathBuf>| {
         path.as_deref().map(|path| Output::create(what, path)).transpose()
     };
     let report_file = output("report", &options.report)?;
     let samples_file = output("samples", &options.samples)?;
-    let trace_file = options.trace.as_deref().map(create_trace).transpose()?;
+    let create = |path: &PathBuf| create_trace(path, options.seccomp);
+    let trace_outlet = options.trace.as_ref().map(create).transpose()?.map(Arc::new);
+    let quotas = screen::quotas(file.partitions().len());
+    let output = StandardOutput::new();
+    let console_outlet =
+        Outlet::start("console", options.seccomp, &quotas, output).map(Arc::new)?;
     let sources = Sources::new(signals, Endings { bell, ends })?;
     steps.pass()?;
     let raw = terminal::make_raw()
@@ -148,13 +159,16 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         operators,
         interrupts,
         samples_file,
-        trace_file,
+        trace_outlet,
+        trace_dropped: 0,
+        console_outlet: console_outlet.clone(),
+        patience: Patience::LONG,
         given_back,
         host,
         enforcers: Vec::new(),
         steps,
     };
-    let screen = Screen::new(io::stdout(), raw);
+    let screen = Screen::new(console_outlet, raw, file.partitions().len());
     let controls: Vec<Arc<Control>> = prepared.iter().map(|p| p.account.control.clone()).collect();
     let guard = devices.guard(&controls);
     if let Some(after) = options.panic_after {
@@ -166,11 +180,34 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         .and_then(|started| run.last(started));
     drop(guard);
     terminal::restore();
-    let report = result?;
+    let report = result.inspect_err(|_| run.settle())?;
     if let Some(file) = report_file {
         file.write(serde_json::to_string_pretty(&report))?;
     }
+    // Nobody is left to read it if what came before it has not been read.
+    if report.output.unread_bytes == 0 {
+        let table = format!("\n{}", report.table());
+        // Finds room: all before it has been written.
+        let _ = run.console_outlet.push(screen::OWN, table.as_bytes());
+        run.settle();
+    }
     Ok(report)
+}
+
+/// How long the end of a run waits for what it has to say.
+#[derive(Clone, Copy)]
+struct Patience {
+    /// For a reader that takes nothing at all.
+    stalled: Duration,
+    /// For one that takes a little again and again.
+    slow: Duration,
+}
+
+impl Patience {
+    /// Somebody has sent a signal, and kills what does not end.
+    const SHORT: Self =
+        Self { stalled: Duration::from_millis(30), slow: Duration::from_millis(40) };
+    const LONG: Self = Self { stalled: Duration::from_secs(1), slow: Duration::from_secs(5) };
 }
 
 /// A run, from its start to its report.
@@ -190,8 +227,13 @@ struct Run<'a> {
     interrupts: Option<Interrupts>,
     /// Where samples go, until they do.
     samples_file: Option<Output>,
-    /// Where the trace goes, until it does.
-    trace_file: Option<fs::File>,
+    /// Where the trace goes.
+    trace_outlet: Option<Arc<Outlet>>,
+    /// Events that it has not got.
+    trace_dropped: u64,
+    /// Where the screen is.
+    console_outlet: Arc<Outlet>,
+    patience: Patience,
     /// What of the file system is needed to the end.
     given_back: Vec<Allowed>,
     /// The machine, for the report.
@@ -204,7 +246,8 @@ struct Run<'a> {
 impl Run<'_> {
     /// Looks after the run until it is over.
     fn last(&mut self, started: Started) -> Result<Report, RunError> {
-        let Started { supervisor, running, controls, bells, inits, base, starting } = started;
+        let Started { supervisor, running, disks, controls, bells, inits, base, starting } =
+            started;
         let start = Footprint::now();
         // The time that was asked for is that of the schedule.
         let supervised = supervisor.supervise(self.options.duration.map(|time| Nanos(nanos(time))));
@@ -223,13 +266,22 @@ impl Run<'_> {
             thread.join();
         }
         let mut supervisor = supervised?;
+        // All guests have left, and nobody feeds it any more.
+        supervisor.watchdog = None;
+        if supervisor.ended_by_signal {
+            self.patience = Patience::SHORT;
+        }
         supervisor.note_endings();
         supervisor.drain();
-        supervisor.serve_host_ports(HostPorts::finish);
-        if let (Some(trace), Some(path)) = (supervisor.trace.take(), &self.options.trace) {
-            let failed = |source| RunError::Output { what: "trace", path: path.clone(), source };
-            trace.finish().map_err(failed)?;
+        let busy =
+            disks.into_iter().filter_map(|disk| (!disk.join_within(DISK_PATIENCE)).then_some(()));
+        if busy.count() > 0 {
+            let text = "a disk still waits for its file, and is left to it";
+            supervisor.screen.line("takt", text);
         }
+        supervisor.serve_host_ports(HostPorts::finish);
+        supervisor.tell_last_losses();
+        self.trace_dropped = self.finish_trace(supervisor.trace.take())?;
         if let Some(file) = self.samples_file.take() {
             let accounts = &supervisor.accounts;
             let samples = Samples {
@@ -240,17 +292,49 @@ impl Run<'_> {
             file.write(serde_json::to_string(&samples))?;
         }
         let host_ports = supervisor.host_ports.as_mut().map_or_else(Vec::new, HostPorts::accounts);
+        self.settle();
         Ok(self.report(&supervisor, &inits, base, duration, host_ports, process))
+    }
+
+    /// Waits for who reads what Takt has to say, if anybody does.
+    fn settle(&self) {
+        self.console_outlet.settle(self.patience.stalled, self.patience.slow);
+    }
+
+    /// Ends the trace, if there is one; returns how many events its file has not got.
+    fn finish_trace(&self, trace: Option<Trace>) -> Result<u64, RunError> {
+        let (Some(trace), Some(outlet), Some(path)) =
+            (trace, &self.trace_outlet, &self.options.trace)
+        else {
+            return Ok(0);
+        };
+        let failed = |source| RunError::Output { what: "trace", path: path.clone(), source };
+        let Patience { stalled, slow } = Patience::LONG;
+        outlet.settle(stalled, slow);
+        let dropped = trace.dropped();
+        let ended = trace.finish();
+        let settled = outlet.settle(stalled, slow);
+        match outlet.take_error() {
+            Some(error) => Err(failed(error)),
+            None if !settled => Err(failed(io::ErrorKind::TimedOut.into())),
+            None => ended.map_err(failed).map(|()| dropped),
+        }
     }
 }
 
-/// The trace's file; what it was is gone.
-fn create_trace(path: &Path) -> Result<fs::File, RunError> {
-    fs::File::create(path).map_err(|source| RunError::Output {
+/// How long the end of a run waits for each disk that is busy with its file.
+const DISK_PATIENCE: Duration = Duration::from_millis(10);
+/// Room for what waits for the trace's file: some seconds of a partition at 1000 windows a second.
+const TRACE_BYTES: usize = 4 << 20;
+
+/// The way to the trace's file; what it was is gone.
+fn create_trace(path: &Path, mode: sandbox::Mode) -> Result<Outlet, RunError> {
+    let file = fs::File::create(path).map_err(|source| RunError::Output {
         what: "trace",
         path: path.to_owned(),
         source,
-    })
+    })?;
+    Ok(Outlet::start("trace", mode, &[TRACE_BYTES], file)?)
 }
 
 fn nanos(time: Duration) -> u64 {

@@ -55,6 +55,11 @@ impl Run<'_> {
             window_enforcers: self.enforcers.iter().map(enforcer).collect(),
             host_ports,
             process,
+            output: report::Output {
+                takt_dropped_bytes: supervisor.screen.own_dropped(),
+                unread_bytes: self.console_outlet.unwritten(),
+                trace_dropped_events: self.trace_dropped,
+            },
         }
     }
 
@@ -96,7 +101,7 @@ impl Run<'_> {
             cpu_share: cpu_time.0 as f64 / duration.0.max(1) as f64,
             events: account.health.report(),
             illegal_accesses: account.health.count(Fault::IllegalRequest),
-            console_dropped: account.output.dropped(),
+            console_dropped: account.console_dropped(),
             releases: account.releases.as_ref().map(|r| r.report(unrecorded)),
             wake_ups: account.records.as_ref().map(|_| account.control.wake_ups().into()),
             donation,

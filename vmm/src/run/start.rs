@@ -1,7 +1,5 @@
 //! From threads that wait to guests that run: the last door, the epoch, and who is told first.
 
-use std::fs;
-use std::io::{self, BufWriter};
 use std::sync::Arc;
 
 use takt_scheduler::table::Cpu;
@@ -16,13 +14,14 @@ use crate::disk::DiskThread;
 use crate::host_clock::HostClock;
 use crate::host_watchdog::HostWatchdog;
 use crate::init_watch::{Console, InitSeen};
+use crate::outlet::{LaneWriter, Outlet};
 use crate::prepare::{Kicker, Prepared};
 use crate::report;
 use crate::run_error::RunError;
 use crate::sandbox;
 use crate::schedule_desk::ScheduleDesk;
+use crate::screen::Screen;
 use crate::supervisor::{Sources, Supervisor};
-use crate::terminal::Screen;
 use crate::trace::Trace;
 use crate::vcpu::Control;
 use crate::vcpu::thread::{Ready, Running};
@@ -38,6 +37,8 @@ const fn start_delay(threads: usize) -> Nanos {
 pub(super) struct Started {
     pub supervisor: Supervisor,
     pub running: Vec<Running<()>>,
+    /// Those that may be busy with a file for as long as it likes.
+    pub disks: Vec<Running<()>>,
     /// Of all that run.
     pub controls: Vec<Arc<Control>>,
     /// To be rung for those that wait for one.
@@ -54,7 +55,7 @@ impl Run<'_> {
         prepared: Vec<Prepared>,
         kickers: Vec<Kicker>,
         console: Option<Console>,
-        mut screen: Screen<io::Stdout>,
+        mut screen: Screen,
         sources: Sources,
     ) -> Result<Started, RunError> {
         let (mut accounts, mut inits, mut disks) = (Vec::new(), Vec::new(), Vec::new());
@@ -83,11 +84,11 @@ impl Run<'_> {
         let (kickers, mut controls): (Vec<_>, Vec<_>) =
             kickers.into_iter().map(|Kicker { control, thread, .. }| (thread, control)).unzip();
         controls.extend(accounts.iter().map(|account| account.control.clone()));
-        let mut bells = Vec::new();
+        let (mut bells, mut disk_threads) = (Vec::new(), Vec::new());
         for DiskThread { control, bell, thread } in disks {
             controls.push(control);
             bells.push(bell);
-            others.push(thread);
+            disk_threads.push(thread);
         }
         let delay = start_delay(controls.len());
         let starting = report::Starting {
@@ -100,11 +101,12 @@ impl Run<'_> {
         // processor from this thread as soon as he is told.
         let threads = kickers.into_iter().chain(windowed).chain(others);
         let running: Vec<_> = threads.map(|thread| Ready::start(thread, base)).collect();
+        let disks = disk_threads.into_iter().map(|thread| Ready::start(thread, base)).collect();
 
         for account in &mut accounts {
             account.start(base, self.options.samples.is_some());
         }
-        let trace = self.trace_file.take().map(|file| self.begin_trace(file, base));
+        let trace = self.trace_outlet.clone().map(|outlet| self.begin_trace(outlet, base));
         let desk = ScheduleDesk::new(self.board.clone(), self.file.schedule_names(), base);
         let mut supervisor = Supervisor::new(accounts, desk, trace, screen, console, sources);
         supervisor.host_ports = self.host_ports.take();
@@ -113,11 +115,11 @@ impl Run<'_> {
         supervisor.watchdog = watchdog;
         supervisor.clock = Some(clock);
         self.tell(&mut supervisor.screen, starting);
-        Ok(Started { supervisor, running, controls, bells, inits, base, starting })
+        Ok(Started { supervisor, running, disks, controls, bells, inits, base, starting })
     }
 
     /// Tells people what begins.
-    fn tell(&self, screen: &mut Screen<io::Stdout>, starting: report::Starting) {
+    fn tell(&self, screen: &mut Screen, starting: report::Starting) {
         let names: Vec<&str> = self.file.partitions().iter().map(Partition::name).collect();
         let (file, names) = (self.file.name(), names.join(", "));
         screen.line("takt", &format!("{file}: starting {names}; Ctrl-] q ends the run"));
@@ -144,10 +146,10 @@ impl Run<'_> {
         HostWatchdog::start(time, frame, threads.collect()).map(Some).map_err(RunError::Watchdog)
     }
 
-    fn begin_trace(&self, file: fs::File, base: Timebase) -> Trace {
+    fn begin_trace(&self, outlet: Arc<Outlet>, base: Timebase) -> Trace {
         let partitions: Vec<(&str, Cpu)> =
             self.file.partitions().iter().map(|p| (p.name(), p.cpu())).collect();
         let schedules: Vec<&str> = self.file.schedule_names().iter().map(String::as_str).collect();
-        Trace::new(BufWriter::new(file), base, &partitions, &schedules)
+        Trace::new(LaneWriter { outlet, lane: 0 }, base, &partitions, &schedules)
     }
 }

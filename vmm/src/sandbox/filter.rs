@@ -16,8 +16,14 @@ pub enum Kind {
     Kicker,
     /// Loads a Linux anew.
     Loader,
+    /// Loads a PLC anew.
+    PlcLoader,
     /// Serves a disk of a Linux.
     Disk,
+    /// Writes what may not be taken: the console, a trace, a recording.
+    Writer,
+    /// Reads a file to send from.
+    Reader,
     /// The event thread.
     Main,
     /// The process that writes safe values when there is no other.
@@ -41,6 +47,9 @@ impl Kind {
             Kind::Linux => include_bytes!(concat!(env!("OUT_DIR"), "/linux.bpf")),
             Kind::Kicker => include_bytes!(concat!(env!("OUT_DIR"), "/kicker.bpf")),
             Kind::Loader => include_bytes!(concat!(env!("OUT_DIR"), "/loader.bpf")),
+            Kind::PlcLoader => include_bytes!(concat!(env!("OUT_DIR"), "/plc-loader.bpf")),
+            Kind::Writer => include_bytes!(concat!(env!("OUT_DIR"), "/writer.bpf")),
+            Kind::Reader => include_bytes!(concat!(env!("OUT_DIR"), "/reader.bpf")),
             Kind::Disk => include_bytes!(concat!(env!("OUT_DIR"), "/disk.bpf")),
             Kind::Main => include_bytes!(concat!(env!("OUT_DIR"), "/main.bpf")),
             Kind::Guardian => include_bytes!(concat!(env!("OUT_DIR"), "/guardian.bpf")),

@@ -6,8 +6,18 @@ use std::thread;
 use super::*;
 use crate::sandbox::privileges;
 
-const KINDS: [Kind; 7] =
-    [Kind::Plc, Kind::Linux, Kind::Kicker, Kind::Loader, Kind::Disk, Kind::Main, Kind::Guardian];
+const KINDS: [Kind; 10] = [
+    Kind::Plc,
+    Kind::Linux,
+    Kind::Kicker,
+    Kind::Loader,
+    Kind::PlcLoader,
+    Kind::Disk,
+    Kind::Writer,
+    Kind::Reader,
+    Kind::Main,
+    Kind::Guardian,
+];
 
 /// What a program says of a call: the few instructions that the filters are made of, interpreted.
 fn verdict(kind: Kind, mode: Mode, call: libc::c_long, arguments: [u64; 6]) -> u32 {

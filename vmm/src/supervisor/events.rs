@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io::Read;
 use std::os::fd::{AsRawFd, RawFd};
+use std::time::Instant;
 
 use event_manager::{EventOps, EventSet, Events, MutEventSubscriber};
 
@@ -13,8 +14,6 @@ use crate::host_ports::HostPorts;
 use crate::interrupts::Interrupts;
 use crate::terminal::Key;
 
-/// `Stdin` is buffered by the standard library: only reading through it sees all bytes, and it
-/// reads no more than one descriptor event announces.
 const STDIN: RawFd = libc::STDIN_FILENO;
 
 impl MutEventSubscriber for Supervisor {
@@ -35,26 +34,35 @@ impl MutEventSubscriber for Supervisor {
         }
         // Not every standard input can be waited for: /dev/null and files cannot. Then nobody
         // types.
-        let _ = ops.add(Events::new_raw(STDIN, EventSet::IN));
+        self.listens = ops.add(Events::new_raw(STDIN, EventSet::IN)).is_ok();
+        self.has_keys = self.listens;
     }
 
     fn process(&mut self, events: Events, ops: &mut EventOps) {
         let fd = events.fd();
         if fd == STDIN {
-            if !self.on_key() {
-                let _ = ops.remove(Events::empty_raw(STDIN));
-            }
+            self.on_key();
+            self.listen(ops);
         } else if fd == self.sources.tick.as_raw_fd() {
             let _ = self.sources.tick.wait();
-            self.drain();
+            // First, and before anything that a guest could make long.
             if let Some(watchdog) = &mut self.watchdog {
                 watchdog.serve(self.desk.now());
             }
+            self.screen.tick(Instant::now());
+            self.drain();
+            self.tell_losses();
             self.accounts.iter().for_each(|a| a.look_for_silence(board::clock()));
             self.look_at_kernels();
             self.watch_clock();
             self.watch_schedule();
             self.deliver_typed();
+            if let Some(dropped) = self.typing.tick() {
+                let text =
+                    format!("keyboard: {dropped} bytes dropped: the guest did not take them");
+                self.screen.line("takt", &text);
+            }
+            self.listen(ops);
             self.serve_host_ports(HostPorts::on_tick);
             self.serve_interrupts(Interrupts::on_tick);
             self.serve_operators();
@@ -77,6 +85,8 @@ impl MutEventSubscriber for Supervisor {
             let goes_on = |a: &Account| a.finished.is_none() || a.orders.stopped();
             self.running &= self.accounts.iter().any(goes_on);
         } else {
+            // The time of the run is over, or somebody has sent a signal.
+            self.ended_by_signal |= fd == self.sources.signals.as_raw_fd();
             Self::acknowledge(&mut self.sources.signals);
             self.running = false;
         }
@@ -84,16 +94,14 @@ impl MutEventSubscriber for Supervisor {
 }
 
 impl Supervisor {
-    fn on_key(&mut self) -> bool {
-        // While the guest does not take what was typed, the terminal keeps the rest.
-        let mut buffer = [0; 256];
-        let read = match self.stdin.lock().read(&mut buffer) {
-            Ok(0) | Err(_) => return false,
-            Ok(read) => read,
+    fn on_key(&mut self) {
+        let Some(keys) = self.typing.take() else {
+            self.has_keys = false;
+            return;
         };
-        for key in self.keyboard.take(&buffer[..read]) {
+        for key in keys {
             match key {
-                Key::Byte(byte) => self.typed.push(byte),
+                Key::Byte(byte) => self.typing.keep(byte),
                 Key::Quit => {
                     self.running = false;
                     break;
@@ -104,16 +112,24 @@ impl Supervisor {
             }
         }
         self.deliver_typed();
-        true
+    }
+
+    /// Waits for keys, or does not, while none may be read: they would wake this thread without end.
+    fn listen(&mut self, ops: &mut EventOps) {
+        let listens = self.has_keys && self.typing.may_read();
+        if listens != self.listens {
+            let keys = Events::new_raw(STDIN, EventSet::IN);
+            let changed = if listens { ops.add(keys) } else { ops.remove(keys) };
+            if changed.is_ok() {
+                self.listens = listens;
+            }
+        }
     }
 
     fn deliver_typed(&mut self) {
-        let taken = match &self.console {
-            Some(console) => console.type_bytes(&self.typed),
-            // Nobody listens.
-            None => self.typed.len(),
-        };
-        self.typed.drain(..taken);
+        let console = self.console.as_ref();
+        // Without a console nobody listens.
+        self.typing.deliver(|bytes| console.map_or(bytes.len(), |c| c.type_bytes(bytes)));
     }
 
     /// Reads a counter of 8 bytes, or a signal's description, just to be told once.

@@ -4,13 +4,19 @@
 //! leave what they have to tell in rings, and it looks at those many times a second. Only five
 //! things wake it in between: a key, a signal, the end of a partition, a client of a channel, and a
 //! device's interrupt.
+//!
+//! It waits for nothing else, since it is the one that ends a run, starts guests again and feeds the host's
+//! watchdog. What may wait is done by threads of their own: writing to standard output and to files
+//! ([`outlet`](crate::outlet)), reading files, loading guests ([`restart`](crate::restart)). What it does in
+//! one turn is bounded, whatever guests and clients do.
 
 pub mod error;
 mod events;
 mod signals;
 mod sources;
+mod typing;
 
-use std::io::{self, Stdin, Stdout};
+use std::io::{self, IsTerminal};
 use std::time::Duration;
 
 use event_manager::{EventManager, SubscriberOps};
@@ -30,12 +36,13 @@ use crate::init_watch::Console;
 use crate::interrupts::Interrupts;
 use crate::restart::Restart;
 use crate::schedule_desk::ScheduleDesk;
-use crate::terminal::{Keyboard, Screen};
+use crate::screen::Screen;
 use crate::trace::Trace;
 use crate::vcpu::guest::End;
 use error::{SupervisorError, cannot};
 pub use signals::take_signals;
 pub use sources::{Endings, Sources};
+use typing::Typing;
 
 /// How often the rings are emptied. At the shortest major frame a ring of window records fills
 /// in a hundred times this.
@@ -46,7 +53,7 @@ pub struct Supervisor {
     /// All partitions, by [`PartitionId`].
     pub accounts: Vec<Account>,
     /// The screen.
-    pub screen: Screen<Stdout>,
+    pub screen: Screen,
     /// Where every window is written to, if that is wanted.
     pub trace: Option<Trace>,
     /// The ends of channels that are Takt's own.
@@ -60,15 +67,19 @@ pub struct Supervisor {
     /// The clock on which all of it lies.
     pub clock: Option<HostClock>,
     desk: ScheduleDesk,
-    keyboard: Keyboard,
-    stdin: Stdin,
+    /// True if a signal has ended the run: who sent it waits.
+    pub ended_by_signal: bool,
     console: Option<Console>,
-    /// Typed bytes that the guest has not taken yet.
-    typed: Vec<u8>,
+    typing: Typing,
+    /// Whether there may be more keys, and whether they are waited for.
+    has_keys: bool,
+    listens: bool,
     sources: Sources,
     /// When the run is to end by itself, since the epoch.
     until: Option<Nanos>,
     running: bool,
+    /// The guests have left.
+    over: bool,
 }
 
 impl Supervisor {
@@ -78,7 +89,7 @@ impl Supervisor {
         accounts: Vec<Account>,
         desk: ScheduleDesk,
         trace: Option<Trace>,
-        screen: Screen<Stdout>,
+        screen: Screen,
         console: Option<Console>,
         sources: Sources,
     ) -> Self {
@@ -92,13 +103,15 @@ impl Supervisor {
             interrupts: None,
             clock: None,
             desk,
-            keyboard: Keyboard::default(),
-            stdin: io::stdin(),
+            ended_by_signal: false,
             console,
-            typed: Vec::new(),
+            typing: Typing::new(io::stdin().is_terminal()),
+            has_keys: false,
+            listens: false,
             sources,
             until: None,
             running: true,
+            over: false,
         }
     }
 
@@ -145,20 +158,15 @@ impl Supervisor {
 
     /// Takes everything out of the rings.
     pub fn drain(&mut self) {
-        let mut buffer = Vec::new();
         for (id, account) in self.accounts.iter_mut().enumerate() {
-            buffer.clear();
-            account.output.drain_into(&mut buffer);
-            if account.is_terminal {
-                self.screen.raw(&buffer);
-                if let Some(kernel) = account.kernel.as_mut().filter(|_| !buffer.is_empty()) {
+            let bytes = account.show(PartitionId(id), &mut self.screen, self.over);
+            if account.is_terminal && !bytes.is_empty() {
+                if let Some(kernel) = &mut account.kernel {
                     kernel.printed();
                 }
                 if let Some(load) = &mut account.load {
-                    load.add(&buffer, self.desk.now());
+                    load.add(&bytes, self.desk.now());
                 }
-            } else {
-                account.lines.add(&buffer, |line| self.screen.line(&account.name, line));
             }
             let base = self.desk.base();
             let (trace, operators) = (&mut self.trace, &mut self.operators);
@@ -177,6 +185,21 @@ impl Supervisor {
                 tell(&mut self.operators, now, EventKind::Health, Some(name), line);
             });
         }
+    }
+
+    /// Says what of the guests' output was dropped.
+    fn tell_losses(&mut self) {
+        for (id, account) in self.accounts.iter().enumerate() {
+            self.screen.tell_losses(PartitionId(id), &account.name, account.console_dropped());
+        }
+        self.screen.tell_own_losses();
+    }
+
+    /// Says what of the guests' output was dropped and has not been told of: the run is over.
+    pub fn tell_last_losses(&mut self) {
+        let accounts = self.accounts.iter();
+        let all = accounts.map(|account| (account.name.as_str(), account.console_dropped()));
+        self.screen.tell_last_losses(all);
     }
 
     /// Lets the ends of channels that are Takt's own do `what`, and says what came of it.
@@ -212,8 +235,9 @@ impl Supervisor {
     /// Says how a partition has ended, and decides whether it is to be started anew.
     fn judge(&mut self, id: PartitionId, finished: &Finished) -> Option<Start> {
         let (base, now) = (self.desk.base(), self.desk.now());
-        let Account { name, lines, health, ended_run, .. } = self.accounts.get_mut(id.0)?;
-        lines.finish(|line| self.screen.line(name, line));
+        let account = self.accounts.get_mut(id.0)?;
+        account.finish_line(id, &mut self.screen);
+        let Account { name, health, ended_run, .. } = account;
         if let End::ScheduleChange(mode) = finished.end {
             self.screen.line("takt", &format!("{name}: {}", finished.end));
             return Some(Start { mode, reason: StartReason::ScheduleChange });
@@ -260,9 +284,10 @@ impl Supervisor {
         tell(&mut self.operators, now, kind, Some(&account.name), &text);
     }
 
-    /// Lets go of the threads whose guests have ended.
+    /// Lets go of the threads whose guests have ended, and makes no guest wait any more.
     #[must_use]
     pub fn without_restarts(mut self) -> Self {
+        self.over = true;
         for account in &mut self.accounts {
             account.restart = None;
             account.orders.forget();

@@ -1,6 +1,6 @@
 //! Events, as the trace-event format has them, one after the other in an array.
 
-use std::io::{self, Write};
+use std::io::{self, ErrorKind, Write};
 
 use serde::Serialize;
 
@@ -60,14 +60,32 @@ pub struct Name<'a> {
 /// The array, while it is being written.
 pub struct Events<W: Write> {
     out: W,
-    /// What comes before the next event.
-    separator: &'static str,
+    /// Those that were added since the last [`commit`](Self::commit).
+    batch: Vec<u8>,
+    batched: u64,
+    /// Whether the array has begun.
+    begun: bool,
+    /// Events for which there was no room.
+    dropped: u64,
+    /// Those of them that the reader of the trace does not know of.
+    untold: u64,
+    /// Those of which this batch tells.
+    telling: u64,
     failed: Option<io::Error>,
 }
 
 impl<W: Write> Events<W> {
     pub fn new(out: W) -> Self {
-        Self { out, separator: "[\n", failed: None }
+        Self {
+            out,
+            batch: Vec::new(),
+            batched: 0,
+            begun: false,
+            dropped: 0,
+            untold: 0,
+            telling: 0,
+            failed: None,
+        }
     }
 
     /// Adds an event at an instant, with a length if it is a slice; both in nanoseconds. After an
@@ -86,16 +104,46 @@ impl<W: Write> Events<W> {
         }
         let Track { process: pid, thread: tid, .. } = track;
         let event = Event { name, ph, ts: micros(at), dur: length.map(micros), pid, tid, args };
-        let written = self
-            .out
-            .write_all(self.separator.as_bytes())
-            .and_then(|()| Ok(serde_json::to_writer(&mut self.out, &event)?));
-        self.separator = ",\n";
-        self.failed = written.err();
+        let separator = if self.begun || self.batched > 0 { ",\n" } else { "[\n" };
+        self.batch.extend_from_slice(separator.as_bytes());
+        self.failed = serde_json::to_writer(&mut self.batch, &event).err().map(io::Error::from);
+        self.batched += 1;
+    }
+
+    /// Writes what was added since the last time, in one piece. Where there is no room (`WouldBlock`) all of
+    /// it is dropped and counted.
+    pub fn commit(&mut self) {
+        if self.failed.is_none() {
+            match self.out.write_all(&self.batch) {
+                Ok(()) => self.begun |= self.batched > 0,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                    // The telling itself is no loss.
+                    let lost = self.batched - u64::from(self.telling > 0);
+                    self.dropped += lost;
+                    self.untold += self.telling + lost;
+                }
+                Err(error) => self.failed = Some(error),
+            }
+        }
+        self.batch.clear();
+        (self.batched, self.telling) = (0, 0);
+    }
+
+    /// Events for which there was no room.
+    pub fn dropped(&self) -> u64 {
+        self.dropped
+    }
+
+    /// Those that the reader of the trace does not know of. If there are any, the next event has to tell
+    /// of them.
+    pub fn take_untold(&mut self) -> u64 {
+        self.telling = std::mem::take(&mut self.untold);
+        self.telling
     }
 
     /// Ends the array, or tells the first error.
     pub fn finish(mut self) -> io::Result<()> {
+        self.commit();
         match self.failed {
             Some(error) => Err(error),
             None => self.out.write_all(b"\n]\n").and_then(|()| self.out.flush()),

@@ -1,3 +1,4 @@
+use std::cell::Cell;
 use std::collections::BTreeMap;
 
 use super::events::micros;
@@ -313,4 +314,51 @@ fn a_full_disk_is_told_at_the_end() {
         let error = trace.finish().unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::StorageFull, "{space}");
     }
+}
+
+/// Takes whole pieces, while there is room.
+struct Roomy<'a> {
+    out: &'a mut Vec<u8>,
+    has_room: &'a Cell<bool>,
+}
+
+impl Write for Roomy<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if !self.has_room.get() {
+            return Err(io::ErrorKind::WouldBlock.into());
+        }
+        self.out.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn windows_for_which_there_is_no_room_leave_a_mark_and_a_whole_file() {
+    let (mut out, has_room) = (Vec::new(), Cell::new(true));
+    let writer = Roomy { out: &mut out, has_room: &has_room };
+    let mut trace = Trace::new(writer, base(), &[("plc", Cpu(0))], &["normal"]);
+    let mut dropped = 0;
+    for n in 0..9 {
+        has_room.set(n % 3 == 0);
+        trace.add(PLC, &window(n), &[]);
+        dropped += u64::from(n % 3 != 0);
+    }
+    let events_dropped = trace.dropped();
+    has_room.set(true);
+    trace.finish().unwrap();
+    let events: Vec<Value> = serde_json::from_slice(&out).unwrap();
+    check(&events);
+    let releases = events.iter().filter(|e| e["name"] == "release").count() as u64;
+    assert_eq!((releases, dropped), (3, 6));
+    let each = events_dropped / dropped;
+    assert_eq!(events_dropped, each * dropped);
+    let told: Vec<u64> = events
+        .iter()
+        .filter(|e| e["name"] == "dropped")
+        .map(|e| e["args"]["events"].as_u64().unwrap())
+        .collect();
+    assert_eq!(told, [2 * each; 3]);
 }

@@ -7,11 +7,13 @@
 //! is meant for a kick in each period, shutting itself in would take many periods, and what it had used
 //! beyond the budget it would still owe at the epoch.
 
+use std::convert::Infallible;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::{Builder, JoinHandle};
+use std::time::Duration;
 
 use kvm_ioctls::VcpuFd;
 use takt_scheduler::enforce::{make_deadline, pin_to};
@@ -153,24 +155,31 @@ fn remedy(error: &io::Error) -> &'static str {
 /// A thread that is ready and waits for the epoch. Dropping it ends the thread, and waits for that: what
 /// a thread has of the host's devices cannot be given back before.
 pub struct Ready<T> {
-    waiting: Option<(Sender<Timebase>, JoinHandle<Option<T>>)>,
+    waiting: Option<Waiting<T>>,
+}
+
+struct Waiting<T> {
+    start: Sender<Timebase>,
+    handle: JoinHandle<Option<T>>,
+    /// Its other end goes with the thread.
+    gone: Receiver<Infallible>,
 }
 
 impl<T> Ready<T> {
     /// Lets it run.
     pub fn start(mut self, base: Timebase) -> Running<T> {
-        let handle = self.waiting.take().map(|(start, handle)| {
+        let thread = self.waiting.take().map(|Waiting { start, handle, gone }| {
             // If the thread is gone, joining it tells.
             let _ = start.send(base);
-            handle
+            (handle, gone)
         });
-        Running { handle }
+        Running { thread }
     }
 }
 
 impl<T> Drop for Ready<T> {
     fn drop(&mut self) {
-        if let Some((start, handle)) = self.waiting.take() {
+        if let Some(Waiting { start, handle, .. }) = self.waiting.take() {
             drop(start);
             let _ = handle.join();
         }
@@ -179,13 +188,25 @@ impl<T> Drop for Ready<T> {
 
 /// A thread that runs.
 pub struct Running<T> {
-    handle: Option<JoinHandle<Option<T>>>,
+    thread: Option<(JoinHandle<Option<T>>, Receiver<Infallible>)>,
 }
 
 impl<T> Running<T> {
     /// Waits for its end; `None` if it did not get to run.
     pub fn join(self) -> Option<T> {
-        self.handle?.join().ok().flatten()
+        let (handle, _) = self.thread?;
+        handle.join().ok().flatten()
+    }
+
+    /// Waits for its end, but no longer than this. False if it has not come; then the thread is left to
+    /// what it does, for as long as the process lives.
+    pub fn join_within(self, time: Duration) -> bool {
+        let Some((handle, gone)) = self.thread else { return true };
+        if gone.recv_timeout(time) == Err(RecvTimeoutError::Timeout) {
+            return false;
+        }
+        let _ = handle.join();
+        true
     }
 }
 
@@ -226,6 +247,38 @@ pub fn plain<T: Send + 'static>(
     spawn(name, place, control, || Ok(()), |(), base| body(base))
 }
 
+/// Starts a thread of the ordinary class that is bound to no CPU, has no part in the schedule, and is
+/// never joined; returns when it is shut in.
+///
+/// # Errors
+/// See [`ThreadError`].
+pub fn detached(
+    name: &str,
+    (kind, mode): (Kind, Mode),
+    body: impl FnOnce() + Send + 'static,
+) -> Result<(), ThreadError> {
+    let (report, reported) = channel();
+    let own = name.to_owned();
+    let run = move || {
+        let entered = sandbox::enter(kind, mode, &own, &[]);
+        let failed = entered.is_err();
+        if report.send(entered).is_ok() && !failed {
+            body();
+        }
+    };
+    let name = || name.to_owned();
+    Builder::new()
+        .name(name())
+        .stack_size(STACK)
+        .spawn(run)
+        .map_err(|source| ThreadError::Spawn { name: name(), source })?;
+    match reported.recv() {
+        Ok(Ok(_)) => Ok(()),
+        Ok(Err(source)) => Err(ThreadError::Shut { name: name(), source }),
+        Err(_) => Err(ThreadError::Died { name: name() }),
+    }
+}
+
 fn spawn<P, T: Send + 'static>(
     name: &str,
     place: Place,
@@ -237,8 +290,10 @@ fn spawn<P, T: Send + 'static>(
     let (start, started): (Sender<Timebase>, Receiver<Timebase>) = channel();
     let thread_name = name.to_owned();
     let own = control.clone();
+    let (alive, gone) = channel();
     let Place { cpu, reservation, .. } = place;
     let run = move || {
+        let _alive = alive;
         own.thread.store(kick::this_thread(), Ordering::SeqCst);
         let prepared = pin(&thread_name, &place)
             .and_then(|()| allow_ports(&thread_name, &place))
@@ -264,7 +319,7 @@ fn spawn<P, T: Send + 'static>(
     match reported.recv() {
         Ok(Ok(())) => {
             // Refused, it lets the thread go.
-            let ready = Ready { waiting: Some((start, handle)) };
+            let ready = Ready { waiting: Some(Waiting { start, handle, gone }) };
             reserve(name, control.thread(), cpu, reservation).map(|()| ready)
         }
         Ok(Err(error)) => {
@@ -380,7 +435,8 @@ mod tests {
             drop(own);
             Some(base)
         });
-        drop(Ready { waiting: Some((start, handle)) });
+        let (_, gone) = channel();
+        drop(Ready { waiting: Some(Waiting { start, handle, gone }) });
         assert_eq!(Arc::strong_count(&devices), 1);
     }
 }

@@ -30,6 +30,7 @@ fn account() -> (Account, Receiver<Revival<PlcGuest>>) {
         name: "plc".into(),
         control: std::sync::Arc::default(),
         output,
+        unshown: 0,
         is_terminal: false,
         records: None,
         gather: Gather::default(),

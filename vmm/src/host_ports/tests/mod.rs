@@ -32,6 +32,21 @@ const EPOCH: Tsc = Tsc(1_000_000);
 const SAMPLING: ChannelKind = ChannelKind::Sampling { refresh: Nanos::from_millis(5) };
 const MAXIMUM: u32 = 64;
 
+/// Longer than any test may need; reached only if one fails.
+const LONG: Duration = Duration::from_secs(60);
+
+/// A thread that is not shut in.
+fn spawn(_: &str, _: Kind, work: Box<dyn FnOnce() + Send>) -> Result<(), ThreadError> {
+    std::thread::spawn(work);
+    Ok(())
+}
+
+/// Whether all that is in a file was sent.
+fn is_over(ports: &HostPorts) -> bool {
+    let over = |port: &Port| matches!(&port.way, Way::FileSource(file) if file.is_over());
+    ports.ports.iter().any(over)
+}
+
 pub(super) fn queuing(depth: u32, when_full: WhenFull) -> ChannelKind {
     ChannelKind::Queuing { depth, when_full }
 }
@@ -88,7 +103,7 @@ impl Bench {
     }
 
     pub(super) fn open(&self) -> HostPorts {
-        HostPorts::open(self.channels, self.clock.frequency, None).unwrap().unwrap()
+        HostPorts::open(self.channels, self.clock.frequency, None, &spawn).unwrap().unwrap()
     }
 
     fn own(&self) -> Own {
@@ -118,6 +133,11 @@ impl Bench {
     pub(super) fn tick(&mut self, ports: &mut HostPorts) {
         self.now += 1;
         ports.on_tick(&self.clock, Tsc(EPOCH.0 + self.now));
+        for port in &mut ports.ports {
+            if let Way::FileDestination(file) = &mut port.way {
+                file.settle(LONG, LONG).unwrap();
+            }
+        }
     }
 
     fn ready(&self, ports: &mut HostPorts) {

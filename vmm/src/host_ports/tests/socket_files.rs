@@ -17,7 +17,8 @@ fn the_socket_is_its_owners_and_goes_with_the_run() {
 fn a_socket_that_was_left_behind_is_replaced_and_one_in_use_is_not() {
     let bench = Bench::new(SAMPLING, MAXIMUM, HostPort::Socket, false);
     let taken = |bench: &Bench| {
-        let error = HostPorts::open(bench.channels, bench.clock.frequency, None).err().unwrap();
+        let error =
+            HostPorts::open(bench.channels, bench.clock.frequency, None, &spawn).err().unwrap();
         error.to_string().contains("another program listens there")
     };
     leave_behind(&bench.path());
