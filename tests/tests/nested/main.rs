@@ -20,6 +20,7 @@ mod ports;
 mod safe_values;
 mod sandbox;
 mod several_cpus;
+mod stalls;
 mod timing;
 mod vfio;
 mod vmx;

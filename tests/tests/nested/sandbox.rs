@@ -160,7 +160,8 @@ fn the_doors_are_shut_and_trying_them_ends_the_process_with_safe_values() {
     for line in ["CapPrm:\t0000000000020000", "CapEff:\t0000000000020000", "Seccomp:\t2"] {
         assert!(guardian.contains(line), "{guardian}");
     }
-    check_process(&looked.read("process"), &["main", "drive", "demo", "kicker-0"]);
+    let all = ["main", "drive", "demo", "kicker-0", "plc-loader", "plc-loader", "console"];
+    check_process(&looked.read("process"), &all);
     let calls = looked.calls();
     check_cycles(behind_doors(&calls["demo"]));
     // Process 1 keeps what it takes to use a port and to switch the machine off.
@@ -257,6 +258,9 @@ fn nothing_is_in_a_list_without_being_called_or_a_reason() {
         ("plc", &["drive", "sweep", "warm", "never-done"]),
         ("linux", &["linux"]),
         ("loader", &["loader"]),
+        ("plc-loader", &["plc-loader"]),
+        ("writer", &["console"]),
+        ("reader", &[]),
         ("kicker", &["kicker-0"]),
         ("disk", &["disk-0"]),
         ("guardian", &["takt-guardian"]),
@@ -389,7 +393,7 @@ fn check_process(text: &str, threads: &[&str]) {
     // class while it prepared the run, and is of the ordinary one.
     let mut policies = of("policy:");
     policies.sort();
-    assert_eq!(policies, ["0", "6", "6", "6"], "{text}");
+    assert_eq!(policies, ["0", "0", "0", "0", "6", "6", "6"], "{text}");
     assert!(text.contains("Max core file size        0                    0"), "{text}");
 
     // Both are nobody else's to change, and the socket nobody else's to use.

@@ -161,11 +161,7 @@ impl Account {
     }
 
     fn start_anew(&mut self, mode: StartMode) -> Result<Outcome, Refusal> {
-        let started = self.may_start(mode)?.start(Start { mode, reason: StartReason::Operator });
-        if let Err(error) = started {
-            let text = format!("{}: {error}", self.name);
-            return Err(Refusal::new(ErrorKind::Refused, text));
-        }
+        self.may_start(mode)?.start(Start { mode, reason: StartReason::Operator });
         self.finished = None;
         self.restarted(mode);
         let mode = match mode {
@@ -181,7 +177,7 @@ impl Account {
         let refused = |error, why| Err(Refusal::new(error, format!("{}: {why}", self.name)));
         let gone = matches!(self.finished, Some(Finished { end: End::NotLoaded, .. }));
         match &self.restart {
-            Some(Restart::Linux(_)) if mode == StartMode::Warm => {
+            Some(restart) if mode == StartMode::Warm && !restart.retains() => {
                 let why = "a Linux retains nothing, so it has no warm start";
                 refused(ErrorKind::Unsupported, why)
             }

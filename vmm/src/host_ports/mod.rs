@@ -43,7 +43,7 @@ use crate::config::{self, HostPort, Owner};
 use crate::outlet::Outlet;
 use crate::sandbox::Kind;
 use crate::unix_socket::{Listener, SocketError, SocketKind};
-use crate::vcpu::thread::ThreadError;
+use crate::vcpu::thread::{Spawn, ThreadError};
 use budget::Budget;
 use ends::{Destination, EndError, Source};
 use files::{FileDestination, FileSource, Recording, read_ahead};
@@ -54,9 +54,6 @@ const EVENTS: usize = 16;
 /// At the end, a recording is waited for as long as some of it is written in each such time, and no longer
 /// than twice that.
 const PATIENCE: Duration = Duration::from_secs(1);
-
-/// What starts a thread of this name and kind.
-pub type Spawn<'a> = &'a dyn Fn(&str, Kind, Box<dyn FnOnce() + Send>) -> Result<(), ThreadError>;
 
 /// An end on the host could not be made.
 #[derive(Debug, Error)]

@@ -29,7 +29,7 @@ use crate::interrupts::Interrupts;
 use crate::passthrough::Devices;
 use crate::run_error::RunError;
 use crate::sandbox::{self, Mode};
-use crate::vcpu::thread::{self, Place, Ready};
+use crate::vcpu::thread::{self, Place, Ready, Spawn};
 use crate::vcpu::{Control, kicker};
 
 /// A partition that is ready to run.
@@ -88,6 +88,8 @@ pub struct Preparation<'a> {
     pub late_wake_up: Option<u64>,
     /// What follows from a system call that a thread may not make.
     pub mode: Mode,
+    /// What starts threads that have no part in the schedule.
+    pub spawner: Spawn<'a>,
 }
 
 /// What a run needs of its preparation.

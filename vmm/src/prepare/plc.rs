@@ -18,7 +18,7 @@ use crate::interrupts::apic;
 use crate::machine::{self, MachineError};
 use crate::memory::GuestMemory;
 use crate::passthrough::Granted;
-use crate::restart::{PlcRestart, Restart};
+use crate::restart::{PlcLoader, Restart};
 use crate::run_error::RunError;
 use crate::vcpu::first_state::FirstState;
 use crate::vcpu::plc::PlcGuest;
@@ -63,8 +63,14 @@ impl Preparation<'_> {
         let guest = PlcGuest::new(&memory, bytes, tsc.khz(), frame, console)
             .ok_or(MachineError::Missing("the PLC guest's pages"))?
             .with_devices(devices);
-        let (restart, revivals) =
-            PlcRestart::new(memory.clone(), image, ports.own, space, processor);
+        let loader = PlcLoader {
+            memory: memory.clone(),
+            image,
+            channels: ports.own,
+            space,
+            processor,
+        };
+        let (restart, revivals) = Restart::new(loader, self.spawner)?;
         let touched = memory.clone();
         let ready = move |vcpu: &mut VcpuFd| -> Result<(), TouchError> {
             touch(vcpu, &touched)?;
@@ -76,7 +82,7 @@ impl Preparation<'_> {
         };
         let processor = Processor { vcpu: machine.vcpu, ready };
         let mut prepared = self.spawn(partition, processor, memory, guest, output, revivals)?;
-        prepared.account.restart = Some(Restart::Plc(restart));
+        prepared.account.restart = Some(restart);
         Ok(prepared)
     }
 }

@@ -1,7 +1,8 @@
 //! The thread of a partition, and what it does from the epoch to its end.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, TryRecvError};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError};
+use std::time::Duration;
 
 use kvm_ioctls::VcpuFd;
 use rtrb::{Consumer, RingBuffer};
@@ -33,6 +34,8 @@ use crate::vcpu::{Control, background};
 
 /// Window records that the event thread may be behind.
 const RECORDS: usize = 4096;
+/// How often a thread without a guest looks whether the run is over.
+const LOOK: Duration = Duration::from_millis(20);
 
 /// How a vCPU thread tells of its end.
 struct Ending {
@@ -204,9 +207,20 @@ impl Body {
             guest.left();
             self.own.leave_guest();
             self.tell(end, false, 0);
-            let Ok(revival) = revivals.recv() else { return };
+            let Some(revival) = self.wait(revivals) else { return };
             if !self.revive(kickable, &mut guest, revival) {
                 return;
+            }
+        }
+    }
+
+    /// Waits for the word to go on; `None` if there will be none, or the run is over. What loads a guest may
+    /// take longer than the end of a run, so this looks for that.
+    fn wait<G>(&self, revivals: &Receiver<Revival<G>>) -> Option<Revival<G>> {
+        loop {
+            match revivals.recv_timeout(LOOK) {
+                Err(RecvTimeoutError::Timeout) if !self.own.ending() => {}
+                other => return other.ok(),
             }
         }
     }

@@ -96,6 +96,9 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let (sender, ends) = channel();
     let bell = eventfd()?;
     let schedules = file.schedules();
+    let spawn = |name: &str, kind, work: Box<dyn FnOnce() + Send>| {
+        thread::detached(name, (kind, options.seccomp), work)
+    };
     let mut preparation = Preparation {
         file,
         kvm: machine::open_kvm()?,
@@ -113,6 +116,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         interrupts: Interrupts::new()?,
         late_wake_up: options.late_wake_up,
         mode: options.seccomp,
+        spawner: &spawn,
     };
     let mut prepared = Vec::new();
     for partition in file.partitions() {
@@ -125,9 +129,6 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         return Err(MachineError::Missing("a machine to run").into());
     };
 
-    let spawn = |name: &str, kind, work: Box<dyn FnOnce() + Send>| {
-        thread::detached(name, (kind, options.seccomp), work)
-    };
     let host_ports = HostPorts::open(&channels, frequency, appliance::results(), &spawn)?;
     steps.pass()?;
     let output = |what, path: &Option<PathBuf>| {

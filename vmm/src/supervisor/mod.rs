@@ -263,13 +263,10 @@ impl Supervisor {
             tell(&mut self.operators, now, kind, Some(&account.name), &text);
             return;
         }
-        let (started, failure) = match (start, &account.restart) {
-            (Some(start), Some(restart)) => match restart.start(start) {
-                Ok(()) => (Some(start), None),
-                Err(error) => (None, Some(error)),
-            },
-            (_, restart) => (None, restart.as_ref().and_then(Restart::failure)),
-        };
+        let failure = account.restart.as_ref().and_then(Restart::failure);
+        let started = start.filter(|start| {
+            account.restart.as_ref().map(|restart| restart.start(*start)).is_some()
+        });
         if let Some(error) = failure {
             self.screen.line("takt", &format!("{}: {error}", account.name));
         }

@@ -32,6 +32,9 @@ use crate::sandbox::{self, Kind, Mode, SandboxError};
 /// All memory is locked, so a stack costs what it may grow to; these threads need little.
 const STACK: usize = 128 * 1024;
 
+/// What starts a thread of this name and kind that has no part in the schedule.
+pub type Spawn<'a> = &'a dyn Fn(&str, Kind, Box<dyn FnOnce() + Send>) -> Result<(), ThreadError>;
+
 /// Where and how a thread runs.
 #[derive(Clone, Debug)]
 pub struct Place {

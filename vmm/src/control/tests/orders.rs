@@ -13,7 +13,7 @@ use crate::boot::plc::PlcImage;
 use crate::gather::Gather;
 use crate::health::{Table, Watch};
 use crate::memory::GuestMemory;
-use crate::restart::{PlcRestart, Restart, Revival};
+use crate::restart::{PlcLoader, Restart, Revival};
 use crate::terminal::Lines;
 use crate::vcpu::first_state::FirstState;
 use crate::vcpu::guest::End;
@@ -24,7 +24,13 @@ const RAM: u64 = 4 << 20;
 fn account() -> (Account, Receiver<Revival<PlcGuest>>) {
     let memory = GuestMemory::for_plc(RAM, &[]).unwrap();
     let image = PlcImage::read(None, RAM).unwrap();
-    let (restart, revivals) = PlcRestart::new(memory, image, Vec::new(), None, FirstState::none());
+    let processor = FirstState::none();
+    let loader = PlcLoader { memory, image, channels: Vec::new(), space: None, processor };
+    let spawn = |_: &str, _, work: Box<dyn FnOnce() + Send>| {
+        std::thread::spawn(work);
+        Ok(())
+    };
+    let (restart, revivals) = Restart::new(loader, &spawn).unwrap();
     let (_, output) = output::dropping();
     let account = Account {
         name: "plc".into(),
@@ -42,7 +48,7 @@ fn account() -> (Account, Receiver<Revival<PlcGuest>>) {
         occupied: Nanos::ZERO,
         watchdog: None,
         kernel: None,
-        restart: Some(Restart::Plc(restart)),
+        restart: Some(restart),
         restarts: 0,
         finished: None,
         ended_run: false,
@@ -81,7 +87,7 @@ fn a_partition_stops_when_its_thread_says_so_and_can_be_started() {
 
     let outcome = plc.order_start(StartMode::Warm).unwrap();
     assert_eq!(outcome.text, "warm start by an operator");
-    assert!(revivals.try_recv().is_ok());
+    assert!(revivals.recv().is_ok());
     assert!(!plc.control.stopping(), "its thread would stop at once");
     assert_eq!((plc.state(), plc.restarts, plc.end()), (State::Running, 1, None));
     assert_eq!(plc.start_mode, StartMode::Warm);
@@ -99,7 +105,7 @@ fn a_restart_comes_after_the_stop() {
         (outcome.kind, outcome.text.as_str()),
         (EventKind::Restarted, "cold start by an operator")
     );
-    assert!(revivals.try_recv().is_ok());
+    assert!(revivals.recv().is_ok());
     assert!(!plc.control.stopping(), "its thread would stop at once");
     assert_eq!(plc.state(), State::Running);
     assert_eq!(plc.obey(finished(End::Stopped)), None, "an order is carried out once");
@@ -120,7 +126,7 @@ fn what_has_ended_by_itself_can_be_started() {
     plc.finished = Some(finished(End::Exited(3)));
     assert_eq!(plc.state(), State::Ended);
     assert!(plc.order_restart(StartMode::Cold).unwrap().is_some());
-    assert!(revivals.try_recv().is_ok());
+    assert!(revivals.recv().is_ok());
     assert_eq!(plc.state(), State::Running);
 }
 

@@ -1,0 +1,109 @@
+//! Starting a guest anew.
+//!
+//! Clearing and loading memory takes longer than a window, and stopping a device that writes to it may take
+//! longer still: longer than the event thread may be away from its rings and from the host's watchdog. So
+//! each partition has a thread of its own for that, of the ordinary class, which waits from the start on: a
+//! run starts no threads later. The partition's thread only sets registers, or takes over another processor.
+//!
+//! Even that is time, and a deadline thread that is woken for it at some instant takes it from
+//! whoever has a window then. So a thread with windows is not woken: it looks for the word in each
+//! of its own windows ([`Windowed::next_window`](crate::vcpu::windowed::Windowed::next_window)).
+
+mod linux;
+mod plc;
+
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use crate::boot::Start;
+use crate::run_error::RunError;
+use crate::sandbox::Kind;
+use crate::vcpu::kick::Kickable;
+use crate::vcpu::thread::{Spawn, ThreadError};
+
+pub use linux::LinuxLoader;
+pub use plc::PlcLoader;
+
+/// The word to a partition's thread that its guest has been loaded: what it has to do itself, which
+/// is false if it failed.
+pub type Revival<G> = Box<dyn FnOnce(&mut Kickable, &mut G) -> bool + Send>;
+
+/// Where a partition's thread waits for the word.
+pub type Revivals<G> = Receiver<Revival<G>>;
+
+type Failure = Arc<Mutex<Option<RunError>>>;
+
+/// What loads a guest anew, on a thread of its own.
+pub trait Loader: Send + 'static {
+    /// The guest, as its thread knows it.
+    type Guest: 'static;
+    /// Name and kind of the thread.
+    const THREAD: (&str, Kind);
+    /// Whether a guest finds what it retained, so that a warm start is another than a cold one.
+    const RETAINS: bool;
+
+    /// Loads the guest, and gives its thread the word. The guest must not run any more.
+    ///
+    /// # Errors
+    /// See [`RunError`]. Then there was no word.
+    fn load(&mut self, start: Start, thread: &Sender<Revival<Self::Guest>>)
+    -> Result<(), RunError>;
+}
+
+/// What is needed to start a guest anew. When it is dropped, the thread that loads comes to its end.
+pub struct Restart {
+    orders: Sender<Start>,
+    failure: Failure,
+    retains: bool,
+}
+
+impl Restart {
+    /// By a loader, whose thread is started by `spawn`; the other part is for the partition's thread.
+    ///
+    /// # Errors
+    /// If there is no such thread.
+    pub fn new<L: Loader>(
+        mut loader: L,
+        spawn: Spawn<'_>,
+    ) -> Result<(Self, Revivals<L::Guest>), ThreadError> {
+        let (orders, ordered) = channel();
+        let (thread, revivals) = channel();
+        let failure = Failure::default();
+        let own = failure.clone();
+        let work = move || {
+            for start in ordered {
+                if let Err(error) = loader.load(start, &thread) {
+                    *lock(&own) = Some(error);
+                    let _ = thread.send(Box::new(|_, _| false));
+                }
+            }
+        };
+        let (name, kind) = L::THREAD;
+        spawn(name, kind, Box::new(work))?;
+        Ok((Self { orders, failure, retains: L::RETAINS }, revivals))
+    }
+
+    /// Orders the guest to be loaded and its thread to go on. The thread must have told of its end. If it
+    /// cannot be loaded the thread tells so, and [`failure`](Self::failure) says why.
+    pub fn start(&self, start: Start) {
+        // The thread takes orders for as long as this exists.
+        let _ = self.orders.send(start);
+    }
+
+    /// Why the guest could not be loaded, if its thread has told so.
+    #[must_use]
+    pub fn failure(&self) -> Option<RunError> {
+        lock(&self.failure).take()
+    }
+
+    /// Whether a guest finds what it retained.
+    #[must_use]
+    pub fn retains(&self) -> bool {
+        self.retains
+    }
+}
+
+/// Nothing that happens under the lock leaves it half-done.
+fn lock(failure: &Failure) -> MutexGuard<'_, Option<RunError>> {
+    failure.lock().unwrap_or_else(PoisonError::into_inner)
+}
