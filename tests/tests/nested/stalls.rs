@@ -46,7 +46,7 @@ fn a_reader_that_stops_costs_what_it_does_not_read_and_nothing_else() {
     let console = left("stalled-reader", "console");
     assert_eq!(outcome.status, 0, "{}\n{console}", outcome.output);
     let outcome = Outcome { output: console, ..outcome };
-    assert_eq!(left("stalled-reader", "status"), "0\n", "{}", outcome.output);
+    assert_eq!(left("stalled-reader", "exit"), "0\n", "{}", outcome.output);
 
     assert_nothing_late(&outcome, "good", 200 * seconds);
 
