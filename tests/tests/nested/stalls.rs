@@ -117,7 +117,7 @@ fn a_disk_that_stands_still_holds_up_neither_its_linux_nor_a_new_start_nor_the_w
         .health("linux", "partition-ended", "shut-down")
         .schedule("normal")
         .window("plc", 0, 200)
-        .window("linux", 500, 9_000)
+        .window("linux", 500, 8_000)
         .save("slow-disk");
     let _ = fs::remove_dir_all(target("tests/slow-disk.out"));
     let outcome = ["loop", "ext4"]
