@@ -207,7 +207,7 @@ struct Patience {
 impl Patience {
     /// Somebody has sent a signal, and kills what does not end.
     const SHORT: Self =
-        Self { stalled: Duration::from_millis(30), slow: Duration::from_millis(40) };
+        Self { stalled: Duration::from_millis(20), slow: Duration::from_millis(30) };
     const LONG: Self = Self { stalled: Duration::from_secs(1), slow: Duration::from_secs(5) };
 }
 

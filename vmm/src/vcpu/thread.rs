@@ -32,6 +32,15 @@ use crate::sandbox::{self, Kind, Mode, SandboxError};
 /// All memory is locked, so a stack costs what it may grow to; these threads need little.
 const STACK: usize = 128 * 1024;
 
+/// What a thread needs that has no part in the schedule.
+const fn stack(kind: Kind) -> usize {
+    match kind {
+        // Makes a machine, with KVM's tables on its stack.
+        Kind::Loader => 256 * 1024,
+        _ => 64 * 1024,
+    }
+}
+
 /// What starts a thread of this name and kind that has no part in the schedule.
 pub type Spawn<'a> = &'a dyn Fn(&str, Kind, Box<dyn FnOnce() + Send>) -> Result<(), ThreadError>;
 
@@ -272,7 +281,7 @@ pub fn detached(
     let name = || name.to_owned();
     Builder::new()
         .name(name())
-        .stack_size(STACK)
+        .stack_size(stack(kind))
         .spawn(run)
         .map_err(|source| ThreadError::Spawn { name: name(), source })?;
     match reported.recv() {
