@@ -17,7 +17,30 @@ use rtrb::{Consumer, Producer, RingBuffer};
 /// Bytes that a ring holds: the event thread empties it many times a second.
 const CAPACITY: usize = 16 * 1024;
 /// How long a waiting writer sleeps before it looks again.
-const RETRY: Duration = Duration::from_millis(1);
+pub(crate) const RETRY: Duration = Duration::from_millis(1);
+
+/// Where a serial port's output goes.
+pub trait ConsoleOutput: io::Write {
+    /// Whether a write would wait now.
+    fn would_wait(&self) -> bool {
+        false
+    }
+}
+
+impl<W: ConsoleOutput + ?Sized> ConsoleOutput for Box<W> {
+    fn would_wait(&self) -> bool {
+        W::would_wait(self)
+    }
+}
+
+impl ConsoleOutput for Vec<u8> {}
+impl ConsoleOutput for DroppingOutput {}
+
+impl ConsoleOutput for WaitingOutput {
+    fn would_wait(&self) -> bool {
+        self.producer.slots() == 0 && !self.gives_up()
+    }
+}
 
 /// Makes the two ends of a console's output that drops what does not fit.
 #[must_use]
@@ -70,6 +93,12 @@ pub struct WaitingOutput {
     stop: Arc<AtomicBool>,
 }
 
+impl WaitingOutput {
+    fn gives_up(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) || self.producer.is_abandoned()
+    }
+}
+
 impl io::Write for WaitingOutput {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         loop {
@@ -77,7 +106,7 @@ impl io::Write for WaitingOutput {
             if !taken.is_empty() || bytes.is_empty() {
                 return Ok(taken.len());
             }
-            if self.stop.load(Ordering::Relaxed) || self.producer.is_abandoned() {
+            if self.gives_up() {
                 return Err(io::ErrorKind::BrokenPipe.into());
             }
             thread::sleep(RETRY);

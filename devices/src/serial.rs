@@ -5,13 +5,14 @@
 //! typed bytes that the 16-byte-deep view of the guest has no room for yet.
 
 use std::collections::VecDeque;
-use std::io::Write;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
+use std::thread;
 
 use vm_superio::serial::NoEvents;
 use vm_superio::{Serial, Trigger};
 use vmm_sys_util::eventfd::EventFd;
 
+use crate::output::{ConsoleOutput, RETRY};
 use crate::ports::PortDevice;
 
 /// Number of I/O ports of a 16550.
@@ -31,12 +32,12 @@ impl Trigger for IrqLine {
     }
 }
 
-struct Port<W: Write> {
+struct Port<W: ConsoleOutput> {
     registers: Serial<IrqLine, NoEvents, W>,
     pending: VecDeque<u8>,
 }
 
-impl<W: Write> Port<W> {
+impl<W: ConsoleOutput> Port<W> {
     fn refill(&mut self) {
         let room = self.registers.fifo_capacity().min(self.pending.len());
         if room > 0 {
@@ -49,15 +50,15 @@ impl<W: Write> Port<W> {
 }
 
 /// A serial port, shared by the thread of its guest and the thread that types.
-pub struct SerialPort<W: Write>(Arc<Mutex<Port<W>>>);
+pub struct SerialPort<W: ConsoleOutput>(Arc<Mutex<Port<W>>>);
 
-impl<W: Write> Clone for SerialPort<W> {
+impl<W: ConsoleOutput> Clone for SerialPort<W> {
     fn clone(&self) -> Self {
         Self(self.0.clone())
     }
 }
 
-impl<W: Write> SerialPort<W> {
+impl<W: ConsoleOutput> SerialPort<W> {
     /// A port that raises `irq` and writes what the guest sends to `out`.
     pub fn new(irq: IrqLine, out: W) -> Self {
         let registers = Serial::new(irq, out);
@@ -66,8 +67,7 @@ impl<W: Write> SerialPort<W> {
 
     /// Brings bytes to the guest. Returns how many were taken; the caller keeps the rest.
     ///
-    /// Never waits: the guest's thread may hold the port while *it* waits for the caller to take
-    /// the guest's output.
+    /// Never waits for the guest's thread, which may hold the port at this moment.
     pub fn type_bytes(&self, bytes: &[u8]) -> usize {
         let mut port = match self.0.try_lock() {
             Ok(port) => port,
@@ -107,7 +107,7 @@ impl<W: Write> SerialPort<W> {
     }
 }
 
-impl<W: Write + Send> PortDevice for SerialPort<W> {
+impl<W: ConsoleOutput + Send> PortDevice for SerialPort<W> {
     fn read(&mut self, offset: u16, data: &mut [u8]) {
         data.fill(0xff);
         if let (Ok(offset), [value]) = (u8::try_from(offset), data) {
@@ -119,16 +119,28 @@ impl<W: Write + Send> PortDevice for SerialPort<W> {
 
     fn write(&mut self, offset: u16, data: &[u8]) {
         if let (Ok(offset), &[value]) = (u8::try_from(offset), data) {
+            let mut port = self.lock();
+            // Not under the lock: what is typed has to get through, above all to a guest that prints
+            // without end.
+            while port.registers.writer().would_wait() {
+                drop(port);
+                thread::sleep(RETRY);
+                port = self.lock();
+            }
             // An error means that the output is gone because the run is ending, or that the
             // interrupt's counter is full, in which case it is pending anyway.
-            let _ = self.lock().registers.write(offset, value);
+            let _ = port.registers.write(offset, value);
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::time::{Duration, Instant};
+
     use super::*;
+    use crate::output;
 
     const DATA: u16 = 0;
     const INTERRUPT_ENABLE: u16 = 1;
@@ -179,6 +191,37 @@ mod tests {
         assert_eq!(port.type_bytes(b"x"), 0);
         drop(guard);
         assert_eq!(port.type_bytes(b"x"), 1);
+    }
+
+    #[test]
+    fn what_is_typed_gets_through_to_a_guest_that_waits_to_print() {
+        let irq = EventFd::new(vmm_sys_util::eventfd::EFD_NONBLOCK).unwrap();
+        let stop = Arc::new(AtomicBool::new(false));
+        let (out, mut end) = output::waiting(stop.clone());
+        let port = SerialPort::new(IrqLine(irq), out);
+        let mut guest = port.clone();
+        let prints = thread::spawn({
+            let stop = stop.clone();
+            move || {
+                while !stop.load(Ordering::Relaxed) {
+                    guest.write(DATA, b"y");
+                }
+            }
+        });
+        // Nobody takes it: from here on the guest waits.
+        while !port.lock().registers.writer().would_wait() {
+            thread::yield_now();
+        }
+        let begun = Instant::now();
+        while port.type_bytes(b"\x03") == 0 {
+            assert!(begun.elapsed() < Duration::from_secs(60), "nothing can be typed");
+            thread::yield_now();
+        }
+        stop.store(true, Ordering::Relaxed);
+        prints.join().unwrap();
+        let mut printed = Vec::new();
+        end.drain_into(&mut printed);
+        assert!(printed.iter().all(|byte| *byte == b'y'));
     }
 
     #[test]

@@ -9,6 +9,7 @@ use std::io::{self, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use takt_devices::output::ConsoleOutput;
 use takt_devices::serial::SerialPort;
 use takt_scheduler::time::Tsc;
 
@@ -49,7 +50,7 @@ impl PanicSeen {
 }
 
 /// The serial port of the Linux guest, watched, and through a ring to the event thread.
-pub type Console = SerialPort<InitWatch<Box<dyn Write + Send>>>;
+pub type Console = SerialPort<InitWatch<Box<dyn ConsoleOutput + Send>>>;
 
 /// Passes console output on and watches it.
 pub struct InitWatch<W> {
@@ -84,6 +85,12 @@ impl<W: Write> InitWatch<W> {
         if self.seen.instant().is_none() && line.ends_with(AFTER) && contains(line, BEFORE) {
             self.seen.0.store(Tsc::now().0, Ordering::Relaxed);
         }
+    }
+}
+
+impl<W: ConsoleOutput> ConsoleOutput for InitWatch<W> {
+    fn would_wait(&self) -> bool {
+        self.out.would_wait()
     }
 }
 

@@ -1,10 +1,9 @@
 //! A Linux's partition: memory, a board with its devices, and the threads of its disks.
 
-use std::io::Write;
 use std::path::Path;
 
 use kvm_ioctls::VcpuFd;
-use takt_devices::output::{self, OutputEnd};
+use takt_devices::output::{self, ConsoleOutput, OutputEnd};
 use takt_devices::serial::{IrqLine, SerialPort};
 use takt_scheduler::table::Role;
 
@@ -90,7 +89,7 @@ impl Preparation<'_> {
     }
     /// The serial port's way out. A Linux with windows is not made to wait: its thread would wake again
     /// and again to look for room, with its reservation, in windows of others.
-    fn console_output(&self, background: bool) -> (Box<dyn Write + Send>, OutputEnd) {
+    fn console_output(&self, background: bool) -> (Box<dyn ConsoleOutput + Send>, OutputEnd) {
         if background {
             let (writer, output) = output::waiting(self.closing.clone());
             (Box::new(writer), output)
