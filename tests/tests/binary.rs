@@ -25,8 +25,12 @@ const LOOKED_FOR: [&str; 10] = [
     "statx",
 ];
 /// Weak names of the compiler's start-up code, which looks as well.
-const OF_START_UP: [&str; 4] =
-    ["_ITM_deregisterTMCloneTable", "_ITM_registerTMCloneTable", "__cxa_finalize", "__gmon_start__"];
+const OF_START_UP: [&str; 4] = [
+    "_ITM_deregisterTMCloneTable",
+    "_ITM_registerTMCloneTable",
+    "__cxa_finalize",
+    "__gmon_start__",
+];
 /// Weak marks of the C library for parts of a locale that are linked; nothing is called by them.
 const OF_LOCALES: &str = "_nl_current_LC_";
 

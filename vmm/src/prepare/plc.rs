@@ -63,13 +63,8 @@ impl Preparation<'_> {
         let guest = PlcGuest::new(&memory, bytes, tsc.khz(), frame, console)
             .ok_or(MachineError::Missing("the PLC guest's pages"))?
             .with_devices(devices);
-        let loader = PlcLoader {
-            memory: memory.clone(),
-            image,
-            channels: ports.own,
-            space,
-            processor,
-        };
+        let loader =
+            PlcLoader { memory: memory.clone(), image, channels: ports.own, space, processor };
         let (restart, revivals) = Restart::new(loader, self.spawner)?;
         let touched = memory.clone();
         let ready = move |vcpu: &mut VcpuFd| -> Result<(), TouchError> {
