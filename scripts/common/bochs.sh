@@ -37,8 +37,11 @@ bochs_machine() {
 
 # make_disk: the disk to start from, which is nothing but the loader.
 make_disk() {
+    local entry
+    entry=$(pvh_entry)
+    [[ -n $entry ]] || fail "$appliance/vmlinux has no entry by PVH, which Bochs's loader needs"
     as --32 -o "$work/loader.o" "$root/scripts/common/bochs-loader.s" \
-        --defsym "kernel_entry=$(pvh_entry)" --defsym "words_start=$words_start" \
+        --defsym "kernel_entry=$entry" --defsym "words_start=$words_start" \
         --defsym "initrd_start=$initrd_start" \
         --defsym "initrd_bytes=$(stat -c %s "$work/initrd")"
     ld -m elf_i386 --oformat=binary -Ttext=0x7c00 -o "$work/disk" "$work/loader.o"
@@ -66,6 +69,7 @@ configure_bochs() {
     svm) model=ryzen ;;
     esac
     megabytes=$(machine_memory)
+    ((megabytes <= 2048)) || fail "$megabytes MiB are needed, and Bochs has at most 2048 for a machine"
     cat >"$work/bochsrc" <<END
 display_library: nogui
 cpu: model=$model, exclude_features="rdrand,rdseed", ips=1000000000, reset_on_triple_fault=0, ignore_bad_msrs=1
