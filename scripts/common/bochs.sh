@@ -61,7 +61,8 @@ pvh_entry() {
 }
 
 # configure_bochs: $work/bochsrc. With a billion instructions a second and a clock that follows
-# nothing else, an instruction is a nanosecond as in the lab, and what is drawn at random is left out.
+# nothing else, an instruction is a nanosecond as in the lab, and what is drawn at random is left out. The screen's
+# own clock is real time otherwise, and its ticks moved interrupts of the run by some nanoseconds.
 configure_bochs() {
     local model megabytes
     case $lane in
@@ -77,6 +78,7 @@ clock: sync=none, time0=1893456000
 memory: guest=$megabytes, host=$megabytes
 romimage: file="$root/target/bochs/bios.bin", options=fastboot
 vgaromimage: file="$root/target/bochs/vgabios.bin"
+vga: extension=vbe, update_freq=5, realtime=0
 optramimage1: file="$work/kernel", address=$(kernel_start)
 optramimage2: file="$work/initrd", address=$(printf '0x%x' "$initrd_start")
 optramimage3: file="$work/words", address=$(printf '0x%x' "$words_start")
