@@ -1,6 +1,8 @@
 # Runs the appliance in Bochs, which emulates what QEMU does not: Intel's VMX, for kvm-intel; and AMD's SVM a
 # second time, in other code. Sourced by emulator.sh; bochs_machine uses the variables of nested.sh.
 # shellcheck shell=bash
+# The variables are those of nested.sh.
+# shellcheck disable=SC2034,SC2154
 
 # Where the initial RAM disk and the kernel's command line lie in the machine's memory: behind the
 # kernel, and before what the firmware has at the end.
