@@ -24,7 +24,7 @@ mod archive;
 pub mod hurry;
 mod result_port;
 
-use std::ffi::{CStr, OsString};
+use std::ffi::{CStr, OsStr, OsString};
 use std::fs::{self, File, OpenOptions};
 use std::io;
 use std::os::fd::AsRawFd;
@@ -55,6 +55,8 @@ const VFIO_MODULES: &str = "/modules/vfio";
 const OUT: &str = "/out";
 /// What the kernel shows on the console.
 const KERNEL_LOG_LEVEL: &str = "/proc/sys/kernel/printk";
+/// Whether the kernel looks for CPUs that hang.
+const LOCKUP_DETECTION: &str = "/proc/sys/kernel/watchdog";
 /// The first word of the command line proper; see [`arguments`].
 const PROGRAM: &str = "takt";
 /// The ordinary process 1.
@@ -203,6 +205,7 @@ fn prepare() -> Result<(), Error> {
     mount(c"cgroup2", c"/sys/fs/cgroup")?;
     make_folder(Path::new(OUT))?;
     make_folder(Path::new("/tmp"))?;
+    switch_lockup_detection_off();
     load_modules(Path::new(MODULE_LIST))
 }
 
@@ -227,6 +230,14 @@ pub fn load_for_vfio() -> io::Result<()> {
         return Ok(());
     }
     load_modules(Path::new(VFIO_MODULES)).map_err(io::Error::other)
+}
+
+/// The detector of lockups wakes a thread on each CPU every four seconds that comes before
+/// SCHED_DEADLINE (kernel/watchdog.c). Here it has nobody to tell, and what hangs is seen by Takt and the
+/// hardware's watchdog.
+fn switch_lockup_detection_off() {
+    // A kernel without it has no such file.
+    let _ = fs::write(LOCKUP_DETECTION, "0");
 }
 
 fn make_folder(path: &Path) -> Result<(), Error> {
@@ -295,12 +306,29 @@ fn load_one_of(folder: &Path, choice: &str) -> Result<(), Error> {
     Err(Error::Module(refused))
 }
 
+/// What a module is to do otherwise than it would.
+///
+/// With the processor's own timer (preemption timer) kvm-intel keeps a guest's deadlines without asking
+/// Takt where they belong, and a guest that halts has them as timers of the host then.
+fn parameters(path: &Path) -> &'static CStr {
+    match path.file_stem().and_then(OsStr::to_str) {
+        Some("kvm-intel") => c"preemption_timer=0",
+        _ => c"",
+    }
+}
+
 fn load_module(path: &Path) -> io::Result<()> {
     let file = File::open(path)?;
+    let parameters = parameters(path);
     // SAFETY: finit_module(2) reads the open file and the NUL-terminated parameter string, and
     // changes no memory of this process.
     let result = unsafe {
-        libc::syscall(libc::SYS_finit_module, file.as_raw_fd(), c"".as_ptr(), 0 as libc::c_int)
+        libc::syscall(
+            libc::SYS_finit_module,
+            file.as_raw_fd(),
+            parameters.as_ptr(),
+            0 as libc::c_int,
+        )
     };
     match check(if result < 0 { -1 } else { 0 }) {
         Err(error) if error.raw_os_error() == Some(libc::EEXIST) => Ok(()),

@@ -69,6 +69,7 @@ impl Preparation<'_> {
             drives,
             frequency: self.frequency,
             watchdog: watchdog.clone(),
+            deadlines: self.deadlines.clone(),
             vm: None,
         };
         let (vcpu, guest) = board.start()?;
@@ -78,6 +79,10 @@ impl Preparation<'_> {
         let mut prepared = self.spawn(partition, processor, memory, guest, output, revivals)?;
         prepared.account.restart = Some(Restart::Linux(restart));
         prepared.account.is_terminal = true;
+        if let Some(deadlines) = &self.deadlines {
+            deadlines.served_by(prepared.account.control.clone());
+        }
+        prepared.account.deadlines.clone_from(&self.deadlines);
         prepared.account.watchdog = watchdog;
         prepared.account.kernel = Some(KernelWatch::new(panic));
         prepared.init = Some(init);

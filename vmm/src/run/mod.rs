@@ -5,6 +5,7 @@
 //! nothing is allocated or mapped for a guest.
 
 mod disturbances;
+mod epoch;
 mod options;
 mod output;
 mod result;
@@ -90,6 +91,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let (sender, ends) = channel();
     let bell = eventfd()?;
     let schedules = file.schedules();
+    let board = Arc::new(SwitchBoard::new(schedules.frame(), schedules.tables().len()));
     let mut preparation = Preparation {
         file,
         kvm: machine::open_kvm()?,
@@ -99,13 +101,14 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         sender,
         bell: event::clone(&bell)?,
         closing: Arc::default(),
-        board: Arc::new(SwitchBoard::new(schedules.frame(), schedules.tables().len())),
+        board: board.clone(),
         frequency: None,
         clearing: Duration::ZERO,
         console: None,
         doorbell: eventfd()?,
         interrupts: Interrupts::new()?,
         late_wake_up: options.late_wake_up,
+        deadlines: Preparation::deadlines(file, &board),
         mode: options.seccomp,
     };
     let mut prepared = Vec::new();
@@ -198,12 +201,13 @@ struct Run<'a> {
 impl Run<'_> {
     /// Looks after the run until it is over.
     fn last(&mut self, started: Started) -> Result<Report, RunError> {
-        let Started { supervisor, running, controls, bells, inits, base, starting } = started;
+        let Started { supervisor, running, controls, bells, inits, epoch, starting } = started;
+        let base = epoch.base;
         let start = Footprint::now();
         // The time that was asked for is that of the schedule.
         let left = self.options.duration.map(|time| {
             let end = base.instant(Nanos(nanos(time)));
-            Duration::from_nanos(self.frequency.nanos(end.since(Tsc::now())).0)
+            self.frequency.nanos(end.since(Tsc::now()))
         });
         let supervised = supervisor.supervise(left);
         let process = report::Process { start, end: Footprint::now(), starting };
@@ -238,7 +242,7 @@ impl Run<'_> {
             file.write(serde_json::to_string(&samples))?;
         }
         let host_ports = supervisor.host_ports.as_mut().map_or_else(Vec::new, HostPorts::accounts);
-        Ok(self.report(&supervisor, &inits, base, duration, host_ports, process))
+        Ok(self.report(&supervisor, &inits, &epoch, duration, host_ports, process))
     }
 }
 

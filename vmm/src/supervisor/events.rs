@@ -46,6 +46,8 @@ impl MutEventSubscriber for Supervisor {
             }
         } else if fd == self.sources.tick.as_raw_fd() {
             let _ = self.sources.tick.wait();
+            // Without its tick nothing would be looked after any more.
+            self.running &= self.arm_timers().is_ok();
             self.drain();
             if let Some(watchdog) = &mut self.watchdog {
                 watchdog.serve(self.desk.now());

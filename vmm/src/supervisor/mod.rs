@@ -7,16 +7,16 @@
 
 pub mod error;
 mod events;
+mod own_timers;
 mod signals;
 mod sources;
 
 use std::io::{self, Stdin, Stdout};
-use std::time::Duration;
 
 use event_manager::{EventManager, SubscriberOps};
+use takt_scheduler::quiet::QuietTimes;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
-use vmm_sys_util::timerfd::TimerFd;
 
 use crate::account::{Account, Finished};
 use crate::boot::{Start, StartMode, StartReason};
@@ -33,12 +33,9 @@ use crate::terminal::{Keyboard, Screen};
 use crate::trace::Trace;
 use crate::vcpu::guest::End;
 use error::{SupervisorError, cannot};
+use own_timers::OwnTimers;
 pub use signals::take_signals;
 pub use sources::{Endings, Sources};
-
-/// How often the rings are emptied. At the shortest major frame a ring of window records fills
-/// in a hundred times this.
-const TICK: Duration = Duration::from_millis(20);
 
 /// The state of the event thread.
 pub struct Supervisor {
@@ -56,6 +53,8 @@ pub struct Supervisor {
     pub operators: Option<Operators>,
     /// What may interrupt PLC guests.
     pub interrupts: Option<Interrupts>,
+    /// The windows of the CPU that this thread runs on, if there are any.
+    pub quiet: Option<QuietTimes>,
     desk: ScheduleDesk,
     keyboard: Keyboard,
     stdin: Stdin,
@@ -63,6 +62,7 @@ pub struct Supervisor {
     /// Typed bytes that the guest has not taken yet.
     typed: Vec<u8>,
     sources: Sources,
+    timers: Option<OwnTimers>,
     running: bool,
 }
 
@@ -85,6 +85,8 @@ impl Supervisor {
             watchdog: None,
             operators: None,
             interrupts: None,
+            quiet: None,
+            timers: None,
             desk,
             keyboard: Keyboard::default(),
             stdin: io::stdin(),
@@ -100,17 +102,12 @@ impl Supervisor {
     ///
     /// # Errors
     /// If the event loop fails.
-    pub fn supervise(self, duration: Option<Duration>) -> Result<Self, SupervisorError> {
-        let arm = |timer: &mut TimerFd, first, interval| {
-            timer
-                .reset(first, interval)
-                .map_err(|e| cannot("arm a timer")(io::Error::from_raw_os_error(e.errno())))
-        };
+    pub fn supervise(self, duration: Option<Nanos>) -> Result<Self, SupervisorError> {
         let mut this = self;
-        arm(&mut this.sources.tick, TICK, Some(TICK))?;
-        if let Some(duration) = duration {
-            arm(&mut this.sources.deadline, duration.max(Duration::from_nanos(1)), None)?;
-        }
+        let now = this.desk.now();
+        let end = duration.map(|left| now.plus(left));
+        this.timers = Some(OwnTimers::new(this.quiet.take(), this.desk.base(), now, end));
+        this.arm_timers().map_err(cannot("arm a timer"))?;
         let mut events = EventManager::new().map_err(SupervisorError::Events)?;
         let id = events.add_subscriber(this);
         loop {
@@ -119,6 +116,12 @@ impl Supervisor {
                 return events.remove_subscriber(id).map_err(SupervisorError::Events);
             }
         }
+    }
+
+    /// Sets the timers for the next tick and for the end of the run.
+    fn arm_timers(&mut self) -> io::Result<()> {
+        let (switch, Sources { tick, deadline, .. }) = (self.desk.switch(), &self.sources);
+        self.timers.as_mut().map_or(Ok(()), |timers| timers.arm(tick, deadline, switch))
     }
 
     /// Takes everything out of the rings.

@@ -23,6 +23,7 @@
 pub mod background;
 pub mod exit_count;
 pub mod guest;
+pub mod guest_timer;
 pub mod kick;
 pub mod kicker;
 pub mod linux;

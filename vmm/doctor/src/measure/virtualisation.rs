@@ -3,7 +3,7 @@
 use std::io;
 
 use kvm_ioctls::Kvm;
-use takt::machine::{self, MachineError};
+use takt::machine::{self, TimerOwner, MachineError};
 use takt::memory::GuestMemory;
 use takt::probe;
 
@@ -61,7 +61,7 @@ fn closed(host: &Host, errno: i32) -> Finding {
 fn made(kvm: &Kvm, linux: bool) -> Result<(), MachineError> {
     machine::for_plc(kvm, &GuestMemory::for_plc(MEMORY, &[])?, false)?;
     if linux {
-        machine::for_linux(kvm, &GuestMemory::for_linux(MEMORY, &[])?)?;
+        machine::for_linux(kvm, &GuestMemory::for_linux(MEMORY, &[])?, TimerOwner::Takt)?;
     }
     Ok(())
 }

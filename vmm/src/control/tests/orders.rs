@@ -40,6 +40,7 @@ fn account() -> (Account, Receiver<Revival<PlcGuest>>) {
         occupied: Nanos::ZERO,
         watchdog: None,
         kernel: None,
+        deadlines: None,
         restart: Some(Restart::Plc(restart)),
         restarts: 0,
         finished: None,
