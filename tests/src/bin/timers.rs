@@ -5,7 +5,8 @@
 //! `storm`: three threads, each with a timer of 20 kHz, of a kind of its own: a POSIX timer that
 //! sends signals, a descriptor that is read, and sleeps of 50 us. In between they compute.
 //! `measure`: sleeps to instants that lie 1 ms and a bit apart, as cyclictest does, and prints how much
-//! later it woke up, in ns. Both print how often a timer went off: a storm that makes no progress is none.
+//! later it woke up. A storm prints how often each timer went off: one that makes no progress is none.
+//! Both print a line of JSON.
 //!
 //! Exit status 0: the time is over; 1: a call has failed.
 
@@ -49,7 +50,10 @@ fn storm(time: Duration) -> io::Result<()> {
     for thread in threads {
         counts.push(thread.join().map_err(|_| io::Error::other("a thread has died"))??);
     }
-    println!("timers: sleeps {}, signals {}, expirations {}", counts[0], counts[1], counts[2]);
+    let [sleeps, expirations, signals] = [counts[0], counts[2], counts[1]];
+    println!(
+        "timers: {{\"sleeps\": {sleeps}, \"signals\": {signals}, \"expirations\": {expirations}}}"
+    );
     Ok(())
 }
 
@@ -151,8 +155,7 @@ fn measure(time: Duration) -> io::Result<()> {
     late.sort_unstable();
     let of = |permille: usize| late[(late.len() - 1) * permille / 1000];
     println!(
-        "timers: {} sleeps, late by min {} p50 {} p99 {} max {} ns",
-        late.len(),
+        "timers: {{\"late_ns\": {{\"min\": {}, \"p50\": {}, \"p99\": {}, \"max\": {}}}}}",
         of(0),
         of(500),
         of(990),

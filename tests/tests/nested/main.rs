@@ -16,6 +16,7 @@ mod linux_ports;
 mod load;
 mod passthrough;
 mod ports;
+mod quiet;
 mod safe_values;
 mod sandbox;
 mod several_cpus;
