@@ -214,8 +214,7 @@ pub fn tick_phase(all: &[QuietTimes], period: Nanos) -> Option<TickPhase> {
         widest_gap(windows.map(span), step)
     };
     let whole = of(|window| (window.from, window.to)).map(|gap| (gap, Clear::Windows));
-    let releases =
-        || of(|window| (window.from, window.start)).map(|gap| (gap, Clear::Releases));
+    let releases = || of(|window| (window.from, window.start)).map(|gap| (gap, Clear::Releases));
     let ((from, length), clear) = whole.or_else(releases)?;
     Some(TickPhase {
         offset: unsigned((from + length / 2).rem_euclid(step)),

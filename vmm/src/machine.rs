@@ -172,8 +172,7 @@ pub fn for_linux(
 
 /// Makes the guest's writes of deadlines exits, and those to its TSC.
 fn take_timer_over(vm: &VmFd) -> Result<(), MachineError> {
-    let mut exits =
-        kvm_enable_cap { cap: KVM_CAP_X86_USER_SPACE_MSR, ..Default::default() };
+    let mut exits = kvm_enable_cap { cap: KVM_CAP_X86_USER_SPACE_MSR, ..Default::default() };
     exits.args[0] = u64::from(MsrExitReason::Filter.bits());
     vm.enable_cap(&exits).map_err(cannot("hand registers over"))?;
     let range = |base| MsrFilterRange {

@@ -19,8 +19,7 @@ fn times() -> (u32, &'static str) {
 fn with_storm(file: File, name: &str) -> File {
     let initrd = initrd_with(name, &[Path::new(env!("CARGO_BIN_EXE_timers"))]);
     let (seconds, _) = times();
-    let exec =
-        format!("timers {seconds} measure & timers {seconds} storm; wait; echo calm again");
+    let exec = format!("timers {seconds} measure & timers {seconds} storm; wait; echo calm again");
     file.linux_with(&initrd, &exec)
 }
 
@@ -116,6 +115,10 @@ fn a_kernel_that_aims_other_timers_at_releases_moves_them_by_one_interrupt() {
         outcome.assert_kept_its_time("plc", 2_990);
         let latest = outcome.number("plc", "release_latency_ns.max");
         // That it hits is what the figure is worth.
-        assert!((100..=ONE_INTERRUPT_NS).contains(&latest), "{aim:?}: {latest}\n{}", outcome.output);
+        assert!(
+            (100..=ONE_INTERRUPT_NS).contains(&latest),
+            "{aim:?}: {latest}\n{}",
+            outcome.output
+        );
     }
 }

@@ -163,7 +163,8 @@ impl Preparation<'_> {
 impl Preparation<'_> {
     /// The deadlines of another partition that wait for the windows of this one.
     fn waiting_for(&self, partition: &Partition) -> Option<Arc<Deadlines>> {
-        let linux = self.file.partitions().iter().find(|p| matches!(p.kind(), Kind::Linux { .. }))?;
+        let linux =
+            self.file.partitions().iter().find(|p| matches!(p.kind(), Kind::Linux { .. }))?;
         let waits = linux.id() != partition.id() && linux.cpu() == partition.cpu();
         self.deadlines.clone().filter(|_| waits)
     }
