@@ -205,11 +205,7 @@ impl Run<'_> {
         let base = epoch.base;
         let start = Footprint::now();
         // The time that was asked for is that of the schedule.
-        let left = self.options.duration.map(|time| {
-            let end = base.instant(Nanos(nanos(time)));
-            self.frequency.nanos(end.since(Tsc::now()))
-        });
-        let supervised = supervisor.supervise(left);
+        let supervised = supervisor.supervise(self.options.duration.map(|time| Nanos(nanos(time))));
         let process = report::Process { start, end: Footprint::now(), starting };
         let duration = base.offset(Tsc::now());
         self.closing.store(true, Ordering::Relaxed);

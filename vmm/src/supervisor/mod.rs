@@ -97,16 +97,15 @@ impl Supervisor {
         }
     }
 
-    /// Looks after the run until it has lasted `duration` (if given), the user ends it, or no
+    /// Looks after the run until it is as old as `until` says (if given), the user ends it, or no
     /// partition runs any more.
     ///
     /// # Errors
     /// If the event loop fails.
-    pub fn supervise(self, duration: Option<Nanos>) -> Result<Self, SupervisorError> {
+    pub fn supervise(self, until: Option<Nanos>) -> Result<Self, SupervisorError> {
         let mut this = self;
-        let now = this.desk.now();
-        let end = duration.map(|left| now.plus(left));
-        this.timers = Some(OwnTimers::new(this.quiet.take(), this.desk.base(), now, end));
+        let (base, now) = (this.desk.base(), this.desk.now());
+        this.timers = Some(OwnTimers::new(this.quiet.take(), base, now, until));
         this.arm_timers().map_err(cannot("arm a timer"))?;
         let mut events = EventManager::new().map_err(SupervisorError::Events)?;
         let id = events.add_subscriber(this);
