@@ -6,6 +6,7 @@
 
 use thiserror::Error;
 
+use crate::quiet::QuietTimes;
 use crate::table::{
     Cpu, PartitionId, Placement, Role, Table, TableError, Window, guard_of, room_before,
 };
@@ -170,6 +171,13 @@ impl Schedules {
     #[must_use]
     pub fn timetable_on(&self, cpu: Cpu) -> Option<Timetable> {
         self.timetable(|table| table.windows_on(cpu).collect())
+    }
+
+    /// When nothing but the owners of windows should be served on a CPU, under all schedules; without
+    /// the windows of `except`. `None` where there are none.
+    #[must_use]
+    pub fn quiet_on(&self, cpu: Cpu, except: Option<PartitionId>) -> Option<QuietTimes> {
+        QuietTimes::new(&self.tables, cpu, except)
     }
 
     fn timetable<'a>(

@@ -136,13 +136,13 @@ impl SwitchBoard {
     }
 
     /// Makes a request take effect two frames on. `now` has just been read; see the module. Any
-    /// number of threads may call this; it is wait-free.
-    pub fn adopt(&self, now: Nanos) {
-        let Some(wanted) = self.wanted.load(Ordering::SeqCst).checked_sub(1) else { return };
+    /// number of threads may call this; it is wait-free. True for the one that made it so.
+    pub fn adopt(&self, now: Nanos) -> bool {
+        let Some(wanted) = self.wanted.load(Ordering::SeqCst).checked_sub(1) else { return false };
         let word = self.word.load(Ordering::SeqCst);
         let old = Switch::unpack(word);
         if self.frame_at(now) < old.frame {
-            return;
+            return false;
         }
         let frame = self.frame_at(now.plus(LEAD)) + 2;
         let new = Switch { before: old.after, after: ScheduleId(wanted), frame };
@@ -154,6 +154,7 @@ impl SwitchBoard {
         if won {
             self.wanted.store(0, Ordering::SeqCst);
         }
+        won
     }
 
     /// Where the switch stands at `now` since the epoch.

@@ -105,6 +105,92 @@ pub fn erring_kernel(error: &str, count: u32) -> Option<PathBuf> {
     Some(write(&format!("{error}-kernel-{count}"), &code))
 }
 
+/// Writes a kernel that aims a timer of its local APIC at the releases of a PLC with a frame of 1 ms, and
+/// returns its path. It finds them by the time that is taken from it, and sweeps over the last 60 us
+/// before the same moment of the next frame in steps of 53 ns. Before that it tries to set its TSC forward,
+/// so that its instants would mean others, and a timer of the board's.
+#[must_use]
+pub fn aiming_kernel(timer: Aim) -> PathBuf {
+    let [lvt, register] = match timer {
+        // The vector is 32. Bits 17 and 18 are the timer's mode.
+        Aim::Deadline => [2 << 17 | 32, 0x6e0u32],
+        Aim::OneShot => [32, 0x838],
+        Aim::Periodic => [1 << 17 | 32, 0x838],
+    };
+    let mut code = vec![
+        0xb9, 0x1b, 0x00, 0x00, 0x00, // mov ecx, 0x1b
+        0x0f, 0x32, // rdmsr
+        0x0d, 0x00, 0x0c, 0x00, 0x00, // or eax, 0xc00: the APIC in x2APIC mode
+        0x0f, 0x30, // wrmsr
+        0xb9, 0x3b, 0x00, 0x00, 0x00, // mov ecx, 0x3b
+        0xb8, 0xff, 0xff, 0x07, 0x00, // mov eax, 0x7ffff
+        0x31, 0xd2, // xor edx, edx
+        0x0f, 0x30, // wrmsr: the TSC
+        0xb0, 0x30, // mov al, 0x30
+        0xe6, 0x43, // out 0x43, al
+        0xb0, 0x01, // mov al, 1
+        0xe6, 0x40, // out 0x40, al
+        0xe6, 0x40, // out 0x40, al: the board's timer
+        0xb9, 0x3e, 0x08, 0x00, 0x00, // mov ecx, 0x83e
+        0xb8, 0x0b, 0x00, 0x00, 0x00, // mov eax, 0xb
+        0x31, 0xd2, // xor edx, edx
+        0x0f, 0x30, // wrmsr: each count is one of the bus
+        0xb9, 0x32, 0x08, 0x00, 0x00, // mov ecx, 0x832
+        0xb8, // mov eax, lvt
+    ];
+    code.extend(lvt.to_le_bytes());
+    code.extend([
+        0x31, 0xd2, // xor edx, edx
+        0x0f, 0x30, // wrmsr: the timer's mode
+        0x31, 0xdb, // xor ebx, ebx
+        0x45, 0x31, 0xc0, // xor r8d, r8d
+        0x0f, 0x31, // 1: rdtsc
+        0x48, 0xc1, 0xe2, 0x20, // shl rdx, 32
+        0x48, 0x09, 0xd0, // or rax, rdx
+        0x49, 0x89, 0xc1, // mov r9, rax
+        0x4c, 0x29, 0xc0, // sub rax, r8
+        0x4d, 0x89, 0xc8, // mov r8, r9
+        0x48, 0x3d, 0x20, 0x4e, 0x00, 0x00, // cmp rax, 20000: as long as a window takes
+        0x72, 0xe6, // jb 1b
+        0x83, 0xc3, 0x35, // add ebx, 53
+        0x81, 0xfb, 0x60, 0xea, 0x00, 0x00, // cmp ebx, 60000
+        0x72, 0x02, // jb 2f
+        0x31, 0xdb, // xor ebx, ebx
+        0x48, 0x8d, 0x83, 0xe0, 0x57, 0x0e, 0x00, // 2: lea rax, [rbx + 940000]
+    ]);
+    match timer {
+        Aim::Deadline => code.extend([
+            0x4c, 0x01, 0xc8, // add rax, r9
+        ]),
+        // Of the same length, so that the jumps are the same.
+        Aim::OneShot | Aim::Periodic => code.extend([
+            0x0f, 0x1f, 0x00, // nop
+        ]),
+    }
+    code.extend([
+        0x48, 0x89, 0xc2, // mov rdx, rax
+        0x48, 0xc1, 0xea, 0x20, // shr rdx, 32
+        0xb9, // mov ecx, register
+    ]);
+    code.extend(register.to_le_bytes());
+    code.extend([
+        0x0f, 0x30, // wrmsr
+        0xeb, 0xbf, // jmp 1b
+    ]);
+    write(&format!("aiming-kernel-{timer:?}"), &code)
+}
+
+/// By which mode of its timer [`aiming_kernel`] aims.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Aim {
+    /// An instant.
+    Deadline,
+    /// A count, once.
+    OneShot,
+    /// A count, again and again.
+    Periodic,
+}
+
 fn write(name: &str, code: &[u8]) -> PathBuf {
     let path = scratch().join(name);
     // A run that packs the file at this moment must see the old or the new one.

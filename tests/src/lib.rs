@@ -22,7 +22,7 @@ use std::thread;
 pub use file::{BUSY, File, System};
 pub use host::Host;
 pub use initrd::{archive, initrd_and, initrd_of, initrd_with};
-pub use kernel::{erring_kernel, restarting_kernel, silent_kernel};
+pub use kernel::{Aim, aiming_kernel, erring_kernel, restarting_kernel, silent_kernel};
 pub use serde_json::Value;
 
 /// Real time after which a run is given up. It is never what a test waits for.

@@ -21,6 +21,7 @@ use crate::statistics;
 use crate::terminal::Lines;
 use crate::vcpu::Control;
 use crate::vcpu::guest::End;
+use crate::vcpu::guest_timer::Deadlines;
 use crate::vcpu::record::{Detour, Record, WindowRecord};
 
 /// What a vCPU's thread leaves behind.
@@ -72,6 +73,8 @@ pub struct Account {
     pub watchdog: Option<Timer>,
     /// What notices that its kernel does nothing any more; only of a Linux.
     pub kernel: Option<KernelWatch>,
+    /// Where the deadlines of its timer are placed, if it has one and Takt does that.
+    pub deadlines: Option<Arc<Deadlines>>,
     /// For starting its guest anew; `None` if it cannot be.
     pub restart: Option<Restart>,
     /// How often its guest was started anew.

@@ -4,7 +4,7 @@
 //! start gets a new one; memory, console and images stay. The machine that was is taken apart
 //! first, since its interrupts hang on the same event descriptors.
 
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 use std::time::Instant;
 
 use kvm_ioctls::{Kvm, VcpuFd, VmFd};
@@ -22,10 +22,11 @@ use crate::boot::linux::Image;
 use crate::boot::long_mode::{self, StartError};
 use crate::disk::Drive;
 use crate::init_watch::Console;
-use crate::machine::{self, Machine, MachineError};
+use crate::machine::{self, Machine, MachineError, TimerOwner};
 use crate::memory::{GuestMemory, HOLE_END, HOLE_START};
 use crate::pci::{self, Card};
 use crate::run_error::RunError;
+use crate::vcpu::guest_timer::{Deadlines, GuestTimer};
 use crate::vcpu::kick;
 use crate::vcpu::linux::LinuxGuest;
 
@@ -71,6 +72,8 @@ pub struct Board {
     pub frequency: Option<TscFrequency>,
     /// What notices that the guest is silent.
     pub watchdog: Option<Timer>,
+    /// Where its timer's deadlines are placed, if there are windows of others on its CPU.
+    pub deadlines: Option<Arc<Deadlines>>,
     /// The machine of the last start. Its processor keeps it alive, but its interrupts go with this.
     pub vm: Option<VmFd>,
 }
@@ -96,7 +99,8 @@ impl Board {
             fittings,
         )
         .map_err(|source| RunError::Linux { partition: self.partition.clone(), source })?;
-        let Machine { vcpu, vm, tsc } = machine::for_linux(&self.kvm, &self.memory)?;
+        let owner = if self.deadlines.is_some() { TimerOwner::Takt } else { TimerOwner::Kvm };
+        let Machine { vcpu, vm, tsc } = machine::for_linux(&self.kvm, &self.memory, owner)?;
         long_mode::start(&vcpu, self.memory.regions(), entry)?;
         vm.register_irqfd(&self.irq, SERIAL_IRQ).map_err(|source| MachineError::Call {
             what: "attach the serial port's interrupt",
@@ -121,7 +125,8 @@ impl Board {
             timer.start(clock());
         }
         let guest = LinuxGuest::new(ports, power).with_disks(disks);
-        Ok((vcpu, guest.watched_by(self.watchdog.clone())))
+        let guest_timer = self.deadlines.clone().and_then(GuestTimer::new);
+        Ok((vcpu, guest.watched_by(self.watchdog.clone()).with_timer(guest_timer)))
     }
 
     /// As [`start`](Self::start), after a guest has run there. The guest must not run any more.

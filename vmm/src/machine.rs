@@ -7,12 +7,13 @@
 //! performance counters ([`cpuid`]).
 
 use kvm_bindings::{
-    CpuId, KVM_CAP_SPLIT_IRQCHIP, KVM_CPUID_FLAG_SIGNIFCANT_INDEX, KVM_MAX_CPUID_ENTRIES,
-    KVM_PIT_SPEAKER_DUMMY, KVM_VCPU_TSC_CTRL, KVM_VCPU_TSC_OFFSET, Msrs, kvm_device_attr,
-    kvm_enable_cap, kvm_lapic_state, kvm_msr_entry, kvm_pit_config,
+    CpuId, KVM_CAP_SPLIT_IRQCHIP, KVM_CAP_X86_USER_SPACE_MSR, KVM_CPUID_FLAG_SIGNIFCANT_INDEX,
+    KVM_MAX_CPUID_ENTRIES, KVM_VCPU_TSC_CTRL, KVM_VCPU_TSC_OFFSET, Msrs, kvm_device_attr,
+    kvm_enable_cap, kvm_lapic_state, kvm_msr_entry,
 };
 use kvm_ioctls::{
-    Cap, Kvm, MsrFilterDefaultAction, MsrFilterRange, MsrFilterRangeFlags, VcpuFd, VmFd,
+    Cap, Kvm, MsrExitReason, MsrFilterDefaultAction, MsrFilterRange, MsrFilterRangeFlags, VcpuFd,
+    VmFd,
 };
 use takt_scheduler::time::TscFrequency;
 use thiserror::Error;
@@ -27,6 +28,18 @@ const TSS_ADDRESS: usize = 0xfffb_d000;
 
 /// `KVM_CAP_HALT_POLL` of `include/uapi/linux/kvm.h`; kvm-ioctls has no name for it.
 const KVM_CAP_HALT_POLL: u32 = 182;
+
+/// Model-specific registers whose writes Takt answers in KVM's place, see [`vcpu::guest_timer`].
+///
+/// [`vcpu::guest_timer`]: crate::vcpu::guest_timer
+pub mod msr {
+    /// `IA32_TSC_DEADLINE`: when the local APIC's timer is to go off.
+    pub const TSC_DEADLINE: u32 = 0x6e0;
+    /// `IA32_TIME_STAMP_COUNTER`.
+    pub(super) const TSC: u32 = 0x10;
+    /// `IA32_TSC_ADJUST`.
+    pub(super) const TSC_ADJUST: u32 = 0x3b;
+}
 
 /// What kvm-ioctls has no call for: the first it offers for other architectures only.
 mod request {
@@ -87,6 +100,8 @@ pub fn missing(kvm: &Kvm) -> Vec<&'static str> {
         (Cap::Ioeventfd, "doorbells by eventfd (KVM_CAP_IOEVENTFD)"),
         (Cap::ImmediateExit, "immediate exit (KVM_CAP_IMMEDIATE_EXIT)"),
         (Cap::ReadonlyMem, "read-only memory slots (KVM_CAP_READONLY_MEM)"),
+        (Cap::X86UserSpaceMsr, "registers by user space (KVM_CAP_X86_USER_SPACE_MSR, Linux 5.10)"),
+        (Cap::X86MsrFilter, "filters for registers (KVM_CAP_X86_MSR_FILTER, Linux 5.10)"),
         (Cap::GetTscKhz, "the TSC's frequency (KVM_CAP_GET_TSC_KHZ)"),
     ];
     needed.into_iter().filter(|(cap, _)| !kvm.check_extension(*cap)).map(|(_, name)| name).collect()
@@ -153,16 +168,33 @@ fn bound_machine_checks(vcpu: &VcpuFd) -> Result<(), MachineError> {
     }
 }
 
-/// A machine for Linux: interrupt controllers, timer, and the processor state that a PC's
+/// Who sets the deadlines of a Linux's timer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TimerOwner {
+    /// KVM, as the guest writes them.
+    Kvm,
+    /// Takt: the guest's writes are exits.
+    Takt,
+}
+
+/// A machine for Linux: interrupt controllers with their timer, and the processor state that a PC's
 /// firmware would leave behind.
+///
+/// There is no timer of the board (PIT). A kernel that knows its TSC's frequency and has a timer with
+/// deadlines needs none, and KVM would keep it as a timer of the host that interrupts windows.
 ///
 /// # Errors
 /// See [`MachineError`].
-pub fn for_linux(kvm: &Kvm, memory: &GuestMemory) -> Result<Machine, MachineError> {
+pub fn for_linux(
+    kvm: &Kvm,
+    memory: &GuestMemory,
+    timer: TimerOwner,
+) -> Result<Machine, MachineError> {
     let vm = create(kvm, memory)?;
     vm.create_irq_chip().map_err(cannot("create the interrupt controllers"))?;
-    let pit = kvm_pit_config { flags: KVM_PIT_SPEAKER_DUMMY, ..Default::default() };
-    vm.create_pit2(pit).map_err(cannot("create the timer"))?;
+    if timer == TimerOwner::Takt {
+        take_timer_over(&vm)?;
+    }
     switch_polling_off(&vm)?;
     let vcpu = vm.create_vcpu(0).map_err(cannot("create a vCPU"))?;
     let mut cpuid = supported(kvm)?;
@@ -170,6 +202,22 @@ pub fn for_linux(kvm: &Kvm, memory: &GuestMemory) -> Result<Machine, MachineErro
     vcpu.set_cpuid2(&cpuid).map_err(cannot("set the CPUID"))?;
     set_firmware_state(&vcpu)?;
     finish(vm, vcpu)
+}
+
+/// Makes the guest's writes of deadlines exits, and those to its TSC.
+fn take_timer_over(vm: &VmFd) -> Result<(), MachineError> {
+    let mut exits = kvm_enable_cap { cap: KVM_CAP_X86_USER_SPACE_MSR, ..Default::default() };
+    exits.args[0] = u64::from(MsrExitReason::Filter.bits());
+    vm.enable_cap(&exits).map_err(cannot("hand registers over"))?;
+    let range = |base| MsrFilterRange {
+        flags: MsrFilterRangeFlags::WRITE,
+        base,
+        msr_count: 1,
+        bitmap: &[0],
+    };
+    let ranges = [msr::TSC_DEADLINE, msr::TSC, msr::TSC_ADJUST].map(range);
+    vm.set_msr_filter(MsrFilterDefaultAction::ALLOW, &ranges)
+        .map_err(cannot("filter writes to registers"))
 }
 
 /// A halted guest must give its CPU away at once, not poll on it for the next interrupt.

@@ -7,12 +7,12 @@
 use std::fmt;
 use std::time::{Duration, Instant};
 
-use kvm_ioctls::VcpuExit;
+use kvm_ioctls::{Kvm, VcpuExit};
 use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress};
 
 use crate::boot::long_mode::{self, Entry, StartError};
-use crate::machine::{self, MachineError};
+use crate::machine::{self, MachineError, TimerOwner, msr};
 use crate::memory::{GuestMemory, MemoryError};
 
 /// Rounds of the loop. At two instructions a round, hardware takes well under a millisecond, an
@@ -62,9 +62,37 @@ pub enum ProbeError {
     /// The vCPU could not be started.
     #[error(transparent)]
     Start(#[from] StartError),
-    /// The guest did something else than count.
-    #[error("the probe's guest did not count to its end: {0}")]
+    /// The guest did something else than it was to do.
+    #[error("the probe's guest did something else: {0}")]
     Strayed(String),
+}
+
+/// Whether KVM leaves it to Takt where a Linux's deadlines go.
+///
+/// It may set them on a shorter path of its own, past the filter for registers: where it uses the
+/// processor's preemption timer, and from Linux 6.18 on everywhere (`handle_fastpath_wrmsr`,
+/// arch/x86/kvm/x86.c). So a throw-away guest writes one.
+///
+/// # Errors
+/// See [`ProbeError`].
+pub fn hands_deadlines_over(kvm: &Kvm) -> Result<bool, ProbeError> {
+    let memory = GuestMemory::for_linux(MEMORY, &[])?;
+    let mut machine = machine::for_linux(kvm, &memory, TimerOwner::Takt)?;
+    // mov ecx, TSC_DEADLINE; xor eax, eax; xor edx, edx; wrmsr; out 0x80, al
+    let [a, b, c, d] = msr::TSC_DEADLINE.to_le_bytes();
+    let code = [0xb9, a, b, c, d, 0x31, 0xc0, 0x31, 0xd2, 0x0f, 0x30, 0xe6, 0x80];
+    memory.regions().write_slice(&code, GuestAddress(CODE)).map_err(StartError::from)?;
+    let entry = Entry { rip: CODE, ..Entry::default() };
+    long_mode::start(&machine.vcpu, memory.regions(), entry)?;
+    loop {
+        match machine.vcpu.run() {
+            Ok(VcpuExit::X86Wrmsr(_)) => return Ok(true),
+            Ok(VcpuExit::IoOut(..)) => return Ok(false),
+            Ok(exit) => return Err(ProbeError::Strayed(format!("{exit:?}"))),
+            Err(e) if e.errno() == libc::EINTR => {}
+            Err(e) => return Err(ProbeError::Strayed(e.to_string())),
+        }
+    }
 }
 
 /// Runs the probe.

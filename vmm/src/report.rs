@@ -7,6 +7,7 @@ use std::fmt::{self, Write};
 use std::fs;
 
 use serde::{Deserialize, Serialize};
+use takt_scheduler::quiet;
 
 use crate::footprint::Footprint;
 use crate::host_ports::Account as HostPort;
@@ -37,6 +38,8 @@ pub struct Report {
     pub duration_ns: u64,
     /// False if a test has switched off the kick at a window's end.
     pub kick: bool,
+    /// How the host's tick lay to the windows.
+    pub tick: Tick,
     /// Which schedule held at the end.
     pub schedule: Schedule,
     /// In the order of the partition file.
@@ -61,6 +64,64 @@ pub struct Output {
     pub unread_bytes: u64,
     /// Events that the trace has not got.
     pub trace_dropped_events: u64,
+}
+
+/// How the host's tick lay to the windows.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Tick {
+    /// From one to the next.
+    pub period_ns: u64,
+    /// What is clear of it, from the epoch on; `null` if it meets releases wherever it lies.
+    pub clear: Option<Clear>,
+    /// How far it may creep in either direction until that is clear no more.
+    pub margin_ns: u64,
+    /// How far it has crept: the host's clock against the TSC, from the start to the end.
+    pub crept_ns: u64,
+}
+
+/// What is clear of the host's tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Clear {
+    /// All windows, from their guards to their ends.
+    Windows,
+    /// The releases, from their guards on.
+    Releases,
+}
+
+impl fmt::Display for Tick {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let us = |ns: u64| ns as f64 / 1e3;
+        write!(f, "host's tick: every {:.0} us, ", us(self.period_ns))?;
+        match self.clear {
+            None => f.write_str("wherever it lies it meets releases")?,
+            Some(Clear::Windows) => write!(f, "{:.0} us off all windows", us(self.margin_ns))?,
+            Some(Clear::Releases) => {
+                write!(f, "in windows, {:.0} us off all releases", us(self.margin_ns))?;
+            }
+        }
+        write!(f, " at the start, crept by {:.3} us", us(self.crept_ns))
+    }
+}
+
+impl From<quiet::Clear> for Clear {
+    fn from(clear: quiet::Clear) -> Self {
+        match clear {
+            quiet::Clear::Windows => Clear::Windows,
+            quiet::Clear::Releases => Clear::Releases,
+        }
+    }
+}
+
+/// What became of the deadlines of a Linux's timer.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Deadlines {
+    /// How often Linux has programmed its timer.
+    pub programmed: u64,
+    /// Deadlines that lay in a window or its guard, and were moved to its end.
+    pub moved: u64,
+    /// Of those: put back, since the PLC was done early or the schedule changed.
+    pub put_back: u64,
 }
 
 /// What Takt's own process held when the guests started, and when the run was over.
@@ -149,6 +210,9 @@ pub struct Partition {
     /// Only for a background partition.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub donation: Option<Donation>,
+    /// Only for a Linux beside windows on its CPU.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub deadlines: Option<Deadlines>,
     /// Only for Linux: from the start of its vCPU to its first process; `null` if it did not get
     /// there, or if its console does not show the kernel's messages.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -329,6 +393,7 @@ impl Report {
             enforcer.describe(&mut text);
         }
         self.output.describe(&mut text);
+        let _ = writeln!(text, "\n{}", self.tick);
         for port in &self.host_ports {
             describe_host_port(&mut text, port);
         }
@@ -396,6 +461,13 @@ impl Partition {
                 "  donation       {:.3} s left by windows, {received:.1} % of it used; minimum share {:.1} %",
                 d.offered_ns as f64 / 1e9,
                 d.minimum_share * 100.0
+            );
+        }
+        if let Some(d) = self.deadlines {
+            let _ = writeln!(
+                text,
+                "  deadlines      {} programmed, {} moved out of windows, {} of those put back",
+                d.programmed, d.moved, d.put_back
             );
         }
         if !self.events.totals.is_empty() {
@@ -480,6 +552,12 @@ mod tests {
             epoch_tsc: 1,
             duration_ns: 10_000_000_000,
             kick: true,
+            tick: Tick {
+                period_ns: 4_000_000,
+                clear: Some(Clear::Windows),
+                margin_ns: 337_500,
+                crept_ns: 3,
+            },
             schedule: Schedule {
                 current: "normal".into(),
                 next: "normal".into(),
@@ -516,6 +594,7 @@ mod tests {
                     }),
                     wake_ups: Some(WakeUps { early: 7, divided: 2, steered: 3 }),
                     donation: None,
+                    deadlines: None,
                     boot_to_init_ns: None,
                     stuck: None,
                 },
@@ -536,6 +615,7 @@ mod tests {
                         received_ns: 8_910_000_000,
                         minimum_share: 0.65,
                     }),
+                    deadlines: Some(Deadlines { programmed: 900, moved: 30, put_back: 20 }),
                     boot_to_init_ns: Some(None),
                     stuck: Some(Some(Stuck { how: How::Spinning, since_ns: 5_120_000_000 })),
                 },

@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use takt_scheduler::schedules::ScheduleId;
-use takt_scheduler::switch::{Status, SwitchBoard, SwitchError};
+use takt_scheduler::switch::{Status, Switch, SwitchBoard, SwitchError};
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 
 /// The operator's side of the [`SwitchBoard`].
@@ -46,6 +46,12 @@ impl ScheduleDesk {
     #[must_use]
     pub fn base(&self) -> Timebase {
         self.base
+    }
+
+    /// Which schedule holds when.
+    #[must_use]
+    pub fn switch(&self) -> Switch {
+        self.board.switch()
     }
 
     /// Asks for the schedule after the one that holds, in the order of the file; returns the

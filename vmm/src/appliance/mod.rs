@@ -55,6 +55,8 @@ const VFIO_MODULES: &str = "/modules/vfio";
 const OUT: &str = "/out";
 /// What the kernel shows on the console.
 const KERNEL_LOG_LEVEL: &str = "/proc/sys/kernel/printk";
+/// Whether the kernel looks for CPUs that hang.
+const LOCKUP_DETECTION: &str = "/proc/sys/kernel/watchdog";
 /// The first word of the command line proper; see [`arguments`].
 const PROGRAM: &str = "takt";
 /// The ordinary process 1.
@@ -203,6 +205,7 @@ fn prepare() -> Result<(), Error> {
     mount(c"cgroup2", c"/sys/fs/cgroup")?;
     make_folder(Path::new(OUT))?;
     make_folder(Path::new("/tmp"))?;
+    switch_lockup_detection_off();
     load_modules(Path::new(MODULE_LIST))?;
     await_fine_timers();
     Ok(())
@@ -255,6 +258,14 @@ pub fn load_for_vfio() -> io::Result<()> {
     load_modules(Path::new(VFIO_MODULES)).map_err(io::Error::other)
 }
 
+/// The detector of lockups wakes a thread on each CPU every four seconds that comes before
+/// SCHED_DEADLINE (kernel/watchdog.c). Here it has nobody to tell, and what hangs is seen by Takt and the
+/// hardware's watchdog.
+fn switch_lockup_detection_off() {
+    // A kernel without it has no such file.
+    let _ = fs::write(LOCKUP_DETECTION, "0");
+}
+
 fn make_folder(path: &Path) -> Result<(), Error> {
     fs::create_dir_all(path).map_err(|source| Error::Folder { path: path.into(), source })
 }
@@ -299,10 +310,13 @@ pub fn load_watchdog_drivers() {
 /// What KVM need not do here: interrupt every guest each five minutes for the sake of a clock, take pages
 /// that it has split away again, and let guests be hypervisors. (`takt doctor` says the same of other
 /// hosts.) A module ignores what it does not know.
+///
+/// With the processor's own timer (preemption timer) kvm-intel keeps a guest's deadlines without asking
+/// Takt where they belong, and a guest that halts has them as timers of the host then.
 const PARAMETERS: [(&str, &CStr); 3] = [
     ("kvm.ko", c"kvmclock_periodic_sync=0 nx_huge_pages_recovery_ratio=0"),
     ("kvm-amd.ko", c"nested=0"),
-    ("kvm-intel.ko", c"nested=0"),
+    ("kvm-intel.ko", c"nested=0 preemption_timer=0"),
 ];
 
 fn load_modules(list: &Path) -> Result<(), Error> {

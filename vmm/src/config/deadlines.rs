@@ -15,6 +15,7 @@ use takt_scheduler::table::{PartitionId, Role};
 use takt_scheduler::time::Nanos;
 
 use super::diagnostic::{Diagnostic, Span, quote};
+use super::interrupts;
 use super::schedules::Draft;
 
 /// What a wake-up may take from the beginning of each window, if no guard absorbs it: as long as
@@ -46,10 +47,12 @@ pub fn check(
     if draft.partitions[partition.0].tasks.tasks.is_empty() {
         return Ok(met);
     }
-    let overhead = match schedules.placements()[partition.0].role {
+    let wake_up = match schedules.placements()[partition.0].role {
         Role::Windowed { guard } => WAKE_UP_ALLOWANCE.less(guard),
         Role::Background => WAKE_UP_ALLOWANCE,
     };
+    let kinds: Vec<_> = draft.partitions.iter().map(|p| p.partition.kind()).collect();
+    let overhead = wake_up.plus(interrupts::allowance(schedules, partition, &kinds));
     for (i, table) in schedules.tables().iter().enumerate() {
         let schedule = ScheduleId(i);
         let case = Case { draft, partition, schedule };
@@ -119,7 +122,7 @@ impl Case<'_> {
         let name = quote(&owner.partition.name);
         let found = format!(
             "in the schedule {} no window of {name} is longer than the {overhead} that a wake-up \
-             may take of it: its tasks get nothing",
+             and interrupts may take of it: its tasks get nothing",
             quote(self.draft.schedules[self.schedule.0].name.get_ref())
         );
         let allowed =

@@ -27,6 +27,7 @@ mod explain;
 mod health;
 mod host_ports;
 mod images;
+mod interrupts;
 mod names;
 mod partition;
 mod passthrough;
@@ -60,6 +61,7 @@ pub use disks::{DISKS_MAX, Disk};
 pub use host_ports::HostPort;
 pub use images::Unreadable;
 pub(crate) use images::open as open_file;
+pub use interrupts::INTERRUPT;
 pub use passthrough::{
     Bar, DeviceMemory, Interrupt, InterruptSource, MemorySource, Passthrough, PciFunction, PortIo,
     SafePlace, SafeValue,

@@ -72,6 +72,7 @@ impl Preparation<'_> {
             drives,
             frequency: self.frequency,
             watchdog: watchdog.clone(),
+            deadlines: self.deadlines.clone(),
             vm: None,
         };
         let (vcpu, guest) = board.start()?;
@@ -81,6 +82,10 @@ impl Preparation<'_> {
         let mut prepared = self.spawn(partition, processor, memory, guest, output, revivals)?;
         prepared.account.restart = Some(restart);
         prepared.account.is_terminal = true;
+        if let Some(deadlines) = &self.deadlines {
+            deadlines.served_by(prepared.account.control.clone());
+        }
+        prepared.account.deadlines.clone_from(&self.deadlines);
         prepared.account.watchdog = watchdog;
         prepared.account.kernel = Some(KernelWatch::new(panic));
         prepared.init = Some(init);

@@ -29,6 +29,7 @@ use crate::interrupts::Interrupts;
 use crate::passthrough::Devices;
 use crate::run_error::RunError;
 use crate::sandbox::{self, Mode};
+use crate::vcpu::guest_timer::Deadlines;
 use crate::vcpu::thread::{self, Place, Ready, Spawn};
 use crate::vcpu::{Control, kicker};
 
@@ -86,6 +87,8 @@ pub struct Preparation<'a> {
     pub interrupts: Interrupts,
     /// For tests: the release whose wake-ups come late.
     pub late_wake_up: Option<u64>,
+    /// The deadlines of the Linux guest's timer, if there are windows of others on its CPU.
+    pub deadlines: Option<Arc<Deadlines>>,
     /// What follows from a system call that a thread may not make.
     pub mode: Mode,
     /// What starts threads that have no part in the schedule.
@@ -136,6 +139,15 @@ impl Preparation<'_> {
         Finish { closing, board, console, interrupts, clearing }
     }
 
+    /// The deadlines of the file's Linux, if there are windows of others on its CPU.
+    #[must_use]
+    pub fn deadlines(file: &PartitionFile, board: &Arc<SwitchBoard>) -> Option<Arc<Deadlines>> {
+        let is_linux = |p: &&Partition| matches!(p.kind(), Kind::Linux { .. });
+        let linux = file.partitions().iter().find(is_linux)?;
+        let quiet = file.schedules().quiet_on(linux.cpu(), Some(linux.id()))?;
+        Some(Arc::new(Deadlines::new(quiet, board.clone())))
+    }
+
     /// One thread per CPU with windows, to end them.
     ///
     /// # Errors
@@ -149,7 +161,12 @@ impl Preparation<'_> {
             let owners = schedules.tables().iter();
             let owners =
                 owners.map(|t| t.windows_on(cpu).map(|w| owner(w.partition)).collect()).collect();
-            let windows = kicker::Windows { timetable, owners, board: self.board.clone() };
+            let windows = kicker::Windows {
+                timetable,
+                owners,
+                board: self.board.clone(),
+                deadlines: self.deadlines.clone(),
+            };
             let control: Arc<Control> = Arc::default();
             let own = control.clone();
             let reservation = CpuReservations::of(schedules, cpu).kicker;

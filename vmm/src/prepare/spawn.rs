@@ -16,7 +16,7 @@ use super::{Preparation, Prepared};
 use crate::account::{Account, Finished};
 use crate::boot::StartMode;
 use crate::boot::touch::TouchError;
-use crate::config::{Partition, ScheduleChange};
+use crate::config::{Kind, Partition, ScheduleChange};
 use crate::control::Orders;
 use crate::event;
 use crate::gather::Gather;
@@ -26,6 +26,7 @@ use crate::restart::Revival;
 use crate::run_error::RunError;
 use crate::terminal::Lines;
 use crate::vcpu::guest::{End, Guest};
+use crate::vcpu::guest_timer::Deadlines;
 use crate::vcpu::kick::Kickable;
 use crate::vcpu::record::Record;
 use crate::vcpu::thread::{self, Place};
@@ -103,6 +104,7 @@ impl Preparation<'_> {
                 board: self.board.clone(),
                 guard,
                 late_wake_up: self.late_wake_up,
+                deadlines: self.waiting_for(partition),
                 on_switch: match partition.on_schedule_change() {
                     ScheduleChange::Ignore => None,
                     ScheduleChange::Warm => Some(StartMode::Warm),
@@ -127,8 +129,8 @@ impl Preparation<'_> {
                 (thread::vcpu(&name, place, control.clone(), vcpu, ready, run)?, Some(consumer))
             }
             None => {
-                let run = move |kickable: &mut Kickable, _: Timebase| {
-                    body.run_background(kickable, guest, &revivals);
+                let run = move |kickable: &mut Kickable, base: Timebase| {
+                    body.run_background(kickable, guest, &revivals, &base);
                 };
                 (thread::vcpu(&name, place, control.clone(), vcpu, ready, run)?, None)
             }
@@ -149,6 +151,7 @@ impl Preparation<'_> {
             occupied: Nanos::ZERO,
             watchdog: None,
             kernel: None,
+            deadlines: None,
             restart: None,
             restarts: 0,
             finished: None,
@@ -159,6 +162,16 @@ impl Preparation<'_> {
             lines: Lines::default(),
         };
         Ok(Prepared { account, thread, init: None, disks: Vec::new() })
+    }
+}
+
+impl Preparation<'_> {
+    /// The deadlines of another partition that wait for the windows of this one.
+    fn waiting_for(&self, partition: &Partition) -> Option<Arc<Deadlines>> {
+        let linux =
+            self.file.partitions().iter().find(|p| matches!(p.kind(), Kind::Linux { .. }))?;
+        let waits = linux.id() != partition.id() && linux.cpu() == partition.cpu();
+        self.deadlines.clone().filter(|_| waits)
     }
 }
 
@@ -200,10 +213,11 @@ impl Body {
         kickable: &mut Kickable,
         mut guest: G,
         revivals: &Receiver<Revival<G>>,
+        base: &Timebase,
     ) {
         loop {
             self.own.enter_guest();
-            let end = background::run(kickable, &mut guest, &self.own, &mut self.health);
+            let end = background::run(kickable, &mut guest, &self.own, &mut self.health, base);
             guest.left();
             self.own.leave_guest();
             self.tell(end, false, 0);

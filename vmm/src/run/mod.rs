@@ -5,6 +5,7 @@
 //! nothing is allocated or mapped for a guest.
 
 mod disturbances;
+mod epoch;
 mod options;
 mod output;
 mod own_process;
@@ -99,6 +100,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let spawn = |name: &str, kind, work: Box<dyn FnOnce() + Send>| {
         thread::detached(name, (kind, options.seccomp), work)
     };
+    let board = Arc::new(SwitchBoard::new(schedules.frame(), schedules.tables().len()));
     let mut preparation = Preparation {
         file,
         kvm: machine::open_kvm()?,
@@ -108,13 +110,14 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         sender,
         bell: event::clone(&bell)?,
         closing: Arc::default(),
-        board: Arc::new(SwitchBoard::new(schedules.frame(), schedules.tables().len())),
+        board: board.clone(),
         frequency: None,
         clearing: Duration::ZERO,
         console: None,
         doorbell: eventfd()?,
         interrupts: Interrupts::new()?,
         late_wake_up: options.late_wake_up,
+        deadlines: Preparation::deadlines(file, &board),
         mode: options.seccomp,
         spawner: &spawn,
     };
@@ -247,8 +250,9 @@ struct Run<'a> {
 impl Run<'_> {
     /// Looks after the run until it is over.
     fn last(&mut self, started: Started) -> Result<Report, RunError> {
-        let Started { supervisor, running, disks, controls, bells, inits, base, starting } =
+        let Started { supervisor, running, disks, controls, bells, inits, epoch, starting } =
             started;
+        let base = epoch.base;
         let start = Footprint::now();
         // The time that was asked for is that of the schedule.
         let supervised = supervisor.supervise(self.options.duration.map(|time| Nanos(nanos(time))));
@@ -294,7 +298,7 @@ impl Run<'_> {
         }
         let host_ports = supervisor.host_ports.as_mut().map_or_else(Vec::new, HostPorts::accounts);
         self.settle();
-        Ok(self.report(&supervisor, &inits, base, duration, host_ports, process))
+        Ok(self.report(&supervisor, &inits, &epoch, duration, host_ports, process))
     }
 
     /// Waits for who reads what Takt has to say, if anybody does.

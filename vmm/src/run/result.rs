@@ -7,6 +7,7 @@ use takt_scheduler::table::{Cpu, Role};
 use takt_scheduler::time::{Nanos, Timebase};
 
 use super::Run;
+use super::epoch::Epoch;
 use crate::account::Account;
 use crate::config::{Kind, Partition};
 use crate::health::Fault;
@@ -16,17 +17,19 @@ use crate::kernel_watch::KernelWatch;
 use crate::report::{self, Report};
 use crate::supervisor::Supervisor;
 use crate::vcpu::Control;
+use crate::vcpu::guest_timer::{Deadlines, Told};
 
 impl Run<'_> {
     pub(super) fn report(
         &self,
         supervisor: &Supervisor,
         inits: &[Option<InitSeen>],
-        base: Timebase,
+        epoch: &Epoch,
         duration: Nanos,
         host_ports: Vec<host_ports::Account>,
         process: report::Process,
     ) -> Report {
+        let base = epoch.base;
         let partitions = supervisor.accounts.iter().zip(inits).zip(self.file.partitions());
         let describe = |((account, init), partition): ((&Account, &Option<InitSeen>), _)| {
             self.describe(account, partition, duration, &supervisor.accounts, init.as_ref(), base)
@@ -46,6 +49,7 @@ impl Run<'_> {
             epoch_tsc: base.epoch.0,
             duration_ns: duration.0,
             kick: !self.options.without_kick,
+            tick: epoch.told(),
             schedule: report::Schedule {
                 current: schedule(status.current),
                 next: schedule(status.next),
@@ -106,6 +110,10 @@ impl Run<'_> {
             wake_ups: account.records.as_ref().map(|_| account.control.wake_ups().into()),
             donation,
             stuck: account.kernel.as_ref().map(KernelWatch::stuck),
+            deadlines: account.deadlines.as_deref().map(Deadlines::told).map(|told| {
+                let Told { programmed, moved, put_back } = told;
+                report::Deadlines { programmed, moved, put_back }
+            }),
             boot_to_init_ns: init.map(|i| i.instant().map(|at| base.offset(at).0)),
         }
     }

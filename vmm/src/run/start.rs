@@ -2,11 +2,13 @@
 
 use std::sync::Arc;
 
+use takt_scheduler::quiet::QuietTimes;
 use takt_scheduler::table::Cpu;
-use takt_scheduler::time::{Nanos, Timebase, Tsc};
+use takt_scheduler::time::{Nanos, Timebase};
 use vmm_sys_util::eventfd::EventFd;
 
 use super::disturbances::provoke;
+use super::epoch::Epoch;
 use super::{Run, nanos};
 use crate::account::Account;
 use crate::config::Partition;
@@ -33,6 +35,13 @@ const fn start_delay(threads: usize) -> Nanos {
     Nanos::from_micros(1000 + 100 * threads as u64)
 }
 
+/// The CPU that the calling thread runs on. It stays there, or at least on one of those without windows:
+/// CPUs with windows have scheduling domains of their own, unless there is only one.
+fn this_cpu() -> Option<Cpu> {
+    // SAFETY: takes no pointers.
+    usize::try_from(unsafe { libc::sched_getcpu() }).ok().map(Cpu)
+}
+
 /// A run whose threads have been told the epoch.
 pub(super) struct Started {
     pub supervisor: Supervisor,
@@ -44,7 +53,7 @@ pub(super) struct Started {
     /// To be rung for those that wait for one.
     pub bells: Vec<EventFd>,
     pub inits: Vec<Option<InitSeen>>,
-    pub base: Timebase,
+    pub epoch: Epoch,
     pub starting: report::Starting,
 }
 
@@ -90,13 +99,16 @@ impl Run<'_> {
             bells.push(bell);
             disk_threads.push(thread);
         }
-        let delay = start_delay(controls.len());
+        let schedules = self.file.schedules();
+        let quiet: Vec<QuietTimes> =
+            schedules.cpus().iter().filter_map(|cpu| schedules.quiet_on(*cpu, None)).collect();
+        let epoch = Epoch::choose(start_delay(controls.len()), self.frequency, &quiet);
+        let began = self.options.began;
         let starting = report::Starting {
-            first_release_ns: self.options.began.map(|began| nanos(began.elapsed()) + delay.0),
+            first_release_ns: began.map(|began| nanos(began.elapsed()) + epoch.delay.0),
             clearing_ns: nanos(self.clearing),
         };
-        let epoch = Tsc::now().after(self.frequency.ticks(delay));
-        let base = Timebase { epoch, frequency: self.frequency };
+        let base = epoch.base;
         // No window may begin whose end nobody has been told of, and who has no windows may take the
         // processor from this thread as soon as he is told.
         let threads = kickers.into_iter().chain(windowed).chain(others);
@@ -114,8 +126,9 @@ impl Run<'_> {
         supervisor.interrupts = self.interrupts.take();
         supervisor.watchdog = watchdog;
         supervisor.clock = Some(clock);
+        supervisor.quiet = this_cpu().and_then(|cpu| schedules.quiet_on(cpu, None));
         self.tell(&mut supervisor.screen, starting);
-        Ok(Started { supervisor, running, disks, controls, bells, inits, base, starting })
+        Ok(Started { supervisor, running, disks, controls, bells, inits, epoch, starting })
     }
 
     /// Tells people what begins.

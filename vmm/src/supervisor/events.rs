@@ -49,6 +49,8 @@ impl MutEventSubscriber for Supervisor {
             if let Some(watchdog) = &mut self.watchdog {
                 watchdog.serve(self.desk.now());
             }
+            // Without its tick nothing would be looked after any more.
+            self.running &= self.arm_timers().is_ok();
             self.screen.tick(Instant::now());
             self.drain();
             self.tell_losses();
@@ -70,9 +72,9 @@ impl MutEventSubscriber for Supervisor {
         } else if fd == self.sources.deadline.as_raw_fd() {
             let _ = self.sources.deadline.wait();
             self.end_in_time();
-            if let Some(left) = self.left().filter(|_| self.running) {
-                // The tick ends the run if this fails.
-                let _ = self.sources.deadline.reset(left, None);
+            if self.running {
+                // It came too early, by a clock that is steered. The tick ends the run if this fails.
+                let _ = self.arm_end();
             }
         } else if self.host_ports.as_ref().is_some_and(|ports| fd == ports.as_raw_fd()) {
             self.serve_host_ports(HostPorts::on_ready);

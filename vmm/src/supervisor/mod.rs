@@ -12,17 +12,17 @@
 
 pub mod error;
 mod events;
+mod own_timers;
 mod signals;
 mod sources;
 mod typing;
 
 use std::io::{self, IsTerminal};
-use std::time::Duration;
 
 use event_manager::{EventManager, SubscriberOps};
+use takt_scheduler::quiet::QuietTimes;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
-use vmm_sys_util::timerfd::TimerFd;
 
 use crate::account::{Account, Finished};
 use crate::boot::{Start, StartMode, StartReason};
@@ -40,13 +40,10 @@ use crate::screen::Screen;
 use crate::trace::Trace;
 use crate::vcpu::guest::End;
 use error::{SupervisorError, cannot};
+use own_timers::OwnTimers;
 pub use signals::take_signals;
 pub use sources::{Endings, Sources};
 use typing::Typing;
-
-/// How often the rings are emptied. At the shortest major frame a ring of window records fills
-/// in a hundred times this.
-const TICK: Duration = Duration::from_millis(20);
 
 /// The state of the event thread.
 pub struct Supervisor {
@@ -66,6 +63,8 @@ pub struct Supervisor {
     pub interrupts: Option<Interrupts>,
     /// The clock on which all of it lies.
     pub clock: Option<HostClock>,
+    /// The windows of the CPU that this thread runs on, if there are any.
+    pub quiet: Option<QuietTimes>,
     desk: ScheduleDesk,
     /// True if a signal has ended the run: who sent it waits.
     pub ended_by_signal: bool,
@@ -77,6 +76,7 @@ pub struct Supervisor {
     sources: Sources,
     /// When the run is to end by itself, since the epoch.
     until: Option<Nanos>,
+    timers: Option<OwnTimers>,
     running: bool,
     /// The guests have left.
     over: bool,
@@ -102,6 +102,8 @@ impl Supervisor {
             operators: None,
             interrupts: None,
             clock: None,
+            quiet: None,
+            timers: None,
             desk,
             ended_by_signal: false,
             console,
@@ -121,17 +123,11 @@ impl Supervisor {
     /// # Errors
     /// If the event loop fails.
     pub fn supervise(self, until: Option<Nanos>) -> Result<Self, SupervisorError> {
-        let arm = |timer: &mut TimerFd, first, interval| {
-            timer
-                .reset(first, interval)
-                .map_err(|e| cannot("arm a timer")(io::Error::from_raw_os_error(e.errno())))
-        };
         let mut this = self;
-        arm(&mut this.sources.tick, TICK, Some(TICK))?;
+        let (base, now) = (this.desk.base(), this.desk.now());
         this.until = until;
-        if let Some(left) = this.left() {
-            arm(&mut this.sources.deadline, left, None)?;
-        }
+        this.timers = Some(OwnTimers::new(this.quiet.take(), base, now, until));
+        this.arm_timers().map_err(cannot("arm a timer"))?;
         let mut events = EventManager::new().map_err(SupervisorError::Events)?;
         let id = events.add_subscriber(this);
         loop {
@@ -142,18 +138,24 @@ impl Supervisor {
         }
     }
 
-    /// What is left of the run by the schedule's clock; a nanosecond if nothing is, since a timer of
-    /// nothing never expires.
-    fn left(&self) -> Option<Duration> {
-        self.until.map(|until| Duration::from_nanos(until.less(self.desk.now()).0.max(1)))
-    }
-
     /// Ends the run if it is old enough. The timer goes by a clock that may be steered: it is set again
     /// if it has come too early, and the tick makes up for one that comes too late.
     fn end_in_time(&mut self) {
         if self.until.is_some_and(|until| self.desk.now() >= until) {
             self.running = false;
         }
+    }
+
+    /// Sets the timers for the next tick and for the end of the run.
+    fn arm_timers(&mut self) -> io::Result<()> {
+        let (switch, Sources { tick, deadline, .. }) = (self.desk.switch(), &self.sources);
+        self.timers.as_mut().map_or(Ok(()), |timers| timers.arm(tick, deadline, switch))
+    }
+
+    /// Sets the timer for the end of the run.
+    fn arm_end(&self) -> io::Result<()> {
+        let (switch, Sources { deadline, .. }) = (self.desk.switch(), &self.sources);
+        self.timers.as_ref().map_or(Ok(()), |timers| timers.arm_end(deadline, switch))
     }
 
     /// Takes everything out of the rings.

@@ -1,7 +1,11 @@
 //! Running the partition that gets what the windows leave.
 
+use kvm_ioctls::VcpuExit;
+use takt_scheduler::time::Timebase;
+
 use super::Control;
 use super::guest::{End, Guest, KvmFailure, Step};
+use super::guest_timer;
 use super::kick::Kickable;
 use crate::health::{Answer, Reporter};
 
@@ -12,6 +16,7 @@ pub fn run(
     guest: &mut impl Guest,
     control: &Control,
     health: &mut Reporter,
+    base: &Timebase,
 ) -> End {
     loop {
         kickable.clear();
@@ -22,7 +27,16 @@ pub fn run(
             return end;
         }
         control.look_if_asked(kickable);
+        if let Err(end) = guest_timer::look_again(guest, kickable.vcpu(), base) {
+            return end;
+        }
         match kickable.vcpu().run() {
+            Ok(VcpuExit::X86Wrmsr(write)) => {
+                let write = guest_timer::take(write);
+                if let Err(end) = guest_timer::write(guest, kickable.vcpu(), write, base) {
+                    return end;
+                }
+            }
             Ok(exit) => {
                 let answer = Answer::to(exit, guest);
                 if let Step::Ended(end) = health.conclude(answer, kickable.vcpu()) {

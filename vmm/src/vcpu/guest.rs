@@ -7,6 +7,7 @@ use takt_abi::{Exception, exception_name};
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use takt_scheduler::timetable::{Release, Slot};
 
+use super::guest_timer::GuestTimer;
 use super::port_access::PortAccess;
 use super::record::Scan;
 use crate::boot::StartMode;
@@ -135,6 +136,11 @@ pub trait Guest {
     /// Ranges of the host's ports that the guest's thread needs for that, both ends included.
     fn io_ranges(&self) -> Vec<[u16; 2]> {
         Vec::new()
+    }
+
+    /// The guest's timer, if its deadlines are Takt's to place.
+    fn timer(&mut self) -> Option<&mut GuestTimer> {
+        None
     }
 
     /// How the guest is to end, if something else than an exit of its own says so.

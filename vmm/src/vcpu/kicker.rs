@@ -16,6 +16,7 @@ use takt_scheduler::time::{Timebase, Tsc};
 use takt_scheduler::timetable::{Slot, Timetable};
 
 use super::Control;
+use super::guest_timer::Deadlines;
 
 /// The windows of one CPU, and who owns each.
 pub struct Windows {
@@ -25,11 +26,13 @@ pub struct Windows {
     pub owners: Vec<Vec<Arc<Control>>>,
     /// Which schedule holds.
     pub board: Arc<SwitchBoard>,
+    /// Of a Linux, which go by the schedule.
+    pub deadlines: Option<Arc<Deadlines>>,
 }
 
 /// Kicks until it is told to stop.
 pub fn run(windows: &Windows, base: &Timebase, own: &Control) {
-    let Windows { timetable, owners, board } = windows;
+    let Windows { timetable, owners, board, deadlines } = windows;
     let mut slot = timetable.first(board.switch());
     let mut sleeper = Sleeper::new(base.frequency);
     loop {
@@ -50,7 +53,9 @@ pub fn run(windows: &Windows, base: &Timebase, own: &Control) {
         if let Slot::Window(release) = slot {
             owners[release.schedule.0][release.window].end_window(now);
         }
-        board.adopt(base.offset(now));
+        if let (true, Some(deadlines)) = (board.adopt(base.offset(now)), deadlines) {
+            deadlines.look_again();
+        }
         let next = timetable.after(&slot, board.switch());
         // Never early and never twice, and without a loop to catch up after a long delay: what
         // was missed is over, and a window still running past its end belongs to one of these.

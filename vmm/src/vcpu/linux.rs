@@ -12,6 +12,7 @@ use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use takt_scheduler::timetable::{Release, Slot};
 
 use super::guest::{End, Guest, Step, handle_common};
+use super::guest_timer::GuestTimer;
 use super::record::Scan;
 use crate::disk;
 use crate::sandbox;
@@ -23,13 +24,14 @@ pub struct LinuxGuest {
     disks: Vec<Registers>,
     stray_memory: u64,
     watchdog: Option<Timer>,
+    timer: Option<GuestTimer>,
 }
 
 impl LinuxGuest {
     /// A guest with these devices; `power` is the line that some of them pull.
     #[must_use]
     pub fn new(ports: PortBus, power: PowerLine) -> Self {
-        Self { ports, power, disks: Vec::new(), stray_memory: 0, watchdog: None }
+        Self { ports, power, disks: Vec::new(), stray_memory: 0, watchdog: None, timer: None }
     }
 
     /// The same guest with disks, by their numbers.
@@ -50,6 +52,12 @@ impl LinuxGuest {
     #[must_use]
     pub fn watched_by(self, watchdog: Option<Timer>) -> Self {
         Self { watchdog, ..self }
+    }
+
+    /// The same guest with a timer whose deadlines are Takt's to place.
+    #[must_use]
+    pub fn with_timer(self, timer: Option<GuestTimer>) -> Self {
+        Self { timer, ..self }
     }
 }
 
@@ -99,6 +107,10 @@ impl Guest for LinuxGuest {
             }
             other => handle_common(&other),
         }
+    }
+
+    fn timer(&mut self) -> Option<&mut GuestTimer> {
+        self.timer.as_mut()
     }
 
     fn ended_from_outside(&self) -> Option<End> {

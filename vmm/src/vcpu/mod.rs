@@ -24,6 +24,7 @@ pub mod background;
 pub mod exit_count;
 pub mod first_state;
 pub mod guest;
+pub mod guest_timer;
 pub mod kick;
 pub mod kicker;
 pub mod linux;

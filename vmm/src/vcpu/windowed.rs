@@ -16,6 +16,7 @@ use takt_scheduler::timetable::{Slot, Timetable};
 
 use super::Control;
 use super::guest::{End, Guest, KvmFailure, Step};
+use super::guest_timer::{self, Deadlines};
 use super::kick::Kickable;
 use super::port_access::PortAccess;
 use super::record::{DETOURS_MAX, Detour, Exit, Record, WindowRecord};
@@ -36,6 +37,8 @@ pub struct Plan {
     pub guard: Nanos,
     /// For tests: the wake-up for the release of this number comes [`LATE`].
     pub late_wake_up: Option<u64>,
+    /// A Linux's deadlines that wait for this partition's windows, if it is not that Linux's own.
+    pub deadlines: Option<Arc<Deadlines>>,
     /// How the partition is started anew when a switch takes effect; `None`: it goes on.
     pub on_switch: Option<StartMode>,
 }
@@ -187,6 +190,10 @@ impl Windowed {
             });
             record.ended = ended.is_some();
             self.log.push(Record::Window(record));
+            // After all that is the partition's own: this one is for Linux.
+            if let (Some(deadlines), Outcome::Done) = (&self.plan.deadlines, ran.outcome) {
+                deadlines.window_given_back(end);
+            }
             if let Some(end) = ended {
                 return end;
             }
@@ -298,6 +305,9 @@ impl Windowed {
             if now >= end {
                 return ran(Outcome::Expired);
             }
+            if let Err(end) = guest_timer::look_again(guest, kickable.vcpu(), &self.base) {
+                return ran(Outcome::Ended(end));
+            }
             if let Some((exit, left)) = last.filter(|_| exits <= DETOURS_MAX) {
                 self.log.push(Record::Detour(Detour { exit, left, entered: now }));
             }
@@ -306,6 +316,14 @@ impl Windowed {
             exits = exits.saturating_add(1);
             let ran = |outcome| Ran { entered: first, left, exits, outcome };
             match result {
+                Ok(VcpuExit::X86Wrmsr(write)) => {
+                    last = Some((Exit::Other, left));
+                    let write = guest_timer::take(write);
+                    let vcpu = kickable.vcpu();
+                    if let Err(end) = guest_timer::write(guest, vcpu, write, &self.base) {
+                        return ran(Outcome::Ended(end));
+                    }
+                }
                 Ok(exit) => {
                     last = Some((reason(&exit), left));
                     let access = Access::of(&exit);

@@ -48,6 +48,7 @@ fn account() -> (Account, Receiver<Revival<PlcGuest>>) {
         occupied: Nanos::ZERO,
         watchdog: None,
         kernel: None,
+        deadlines: None,
         restart: Some(restart),
         restarts: 0,
         finished: None,

@@ -1,0 +1,77 @@
+//! What interrupts of the host may take from a window.
+//!
+//! Takt keeps timers out of windows where it can ([`takt_scheduler::quiet`]). What is left comes in at
+//! most so often in a window, and is allowed for in the analysis of tasks:
+//!
+//! * the host's tick. Its place is chosen, but a clock that is steered carries it into windows sooner or
+//!   later;
+//! * a Linux on the same CPU whose kernel means harm: it has one timer that Takt does not see (the one-shot
+//!   and periodic modes of its local APIC), and does not run while a window is used. So it goes off once, or
+//!   each time that KVM lets a periodic one (`min_timer_period_us`).
+//!
+//! Interrupts of devices are not counted: their owner says where they go (`takt doctor`).
+
+use takt_scheduler::schedules::Schedules;
+use takt_scheduler::table::PartitionId;
+use takt_scheduler::time::Nanos;
+
+use crate::config::Kind;
+
+/// What one may take: 1.8 us by SVM and 5.8 us by VMX were the longest in emulated machines, the latter
+/// where KVM flushes a cache in software after each (L1TF).
+pub const INTERRUPT: Nanos = Nanos::from_micros(6);
+/// The shortest tick of a host, with `CONFIG_HZ=1000`.
+const TICK: Nanos = Nanos::from_millis(1);
+/// The shortest period of a guest's timer (`min_timer_period_us`, arch/x86/kvm/x86.c).
+const PERIODIC: Nanos = Nanos::from_micros(200);
+
+/// What interrupts may take from each window of `partition`, by its longest one in any schedule. `kinds`
+/// are those of all partitions.
+pub fn allowance(schedules: &Schedules, partition: PartitionId, kinds: &[&Kind]) -> Nanos {
+    let placements = schedules.placements();
+    let own = placements[partition.0].cpu;
+    let beside_linux = kinds.iter().zip(placements).enumerate().any(|(i, (kind, placement))| {
+        i != partition.0 && placement.cpu == own && matches!(kind, Kind::Linux { .. })
+    });
+    let longest = schedules.timetable_of(partition).map_or(Nanos::ZERO, |t| t.longest());
+    let within = |period: Nanos| 1 + longest.0 / period.0;
+    let linux = if beside_linux { within(PERIODIC) } else { 0 };
+    Nanos((within(TICK) + linux) * INTERRUPT.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::PathBuf;
+    use takt_scheduler::table::{Cpu, Placement, Role, Window};
+
+    fn us(n: u64) -> Nanos {
+        Nanos::from_micros(n)
+    }
+
+    /// For a window of so many us, on the CPU of a Linux or on another.
+    fn for_window(duration: u64, linux_cpu: usize) -> Nanos {
+        let plc = Placement { cpu: Cpu(0), role: Role::Windowed { guard: us(20) } };
+        let linux = Placement { cpu: Cpu(linux_cpu), role: Role::Background };
+        let window = Window {
+            partition: PartitionId(0),
+            offset: us(0),
+            duration: us(duration),
+            period: us(20_000),
+        };
+        let schedules = Schedules::new(us(20_000), &[plc, linux], &[&[window]]).unwrap();
+        let kinds = [
+            Kind::Plc { image: None },
+            Kind::Linux { kernel: PathBuf::new(), initrd: None, cmdline: String::new() },
+        ];
+        allowance(&schedules, PartitionId(0), &[&kinds[0], &kinds[1]])
+    }
+
+    #[test]
+    fn a_window_allows_for_ticks_and_for_the_timer_of_a_linux_beside_it() {
+        assert_eq!(for_window(300, 0), us(18), "a tick, and two of a period of 200 us");
+        assert_eq!(for_window(300, 1), us(6));
+        assert_eq!(for_window(2_500, 1), us(18));
+        assert_eq!(for_window(150, 0), us(12));
+    }
+}

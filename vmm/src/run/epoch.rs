@@ -1,0 +1,118 @@
+//! Where the epoch lies to the host's tick.
+//!
+//! The host's tick interrupts a busy CPU at multiples of its period on CLOCK_MONOTONIC
+//! (`tick_init_jiffy_update`, kernel/time/tick-sched.c; not before Linux 6.4 and what was taken from it
+//! for older ones). It cannot be moved, so the epoch is: by less than a frame, to where the tick is
+//! farthest from all windows ([`tick_phase`]). Where it then goes is the clock's doing. That
+//! clock runs with the TSC unless somebody steers it, and a steered one creeps over the margin sooner or
+//! later; how far it has crept, the report tells.
+
+use takt_scheduler::quiet::{QuietTimes, TickPhase, tick_phase};
+use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
+
+use crate::report;
+
+/// The TSC and CLOCK_MONOTONIC at the same moment.
+#[derive(Clone, Copy, Debug)]
+struct Clocks {
+    tsc: Tsc,
+    monotonic: Nanos,
+}
+
+impl Clocks {
+    fn now() -> Clocks {
+        let tsc = Tsc::now();
+        Clocks { tsc, monotonic: time(libc::clock_gettime, libc::CLOCK_MONOTONIC) }
+    }
+}
+
+/// What a call says of a clock. Both that are asked for exist on every Linux, so that it cannot fail.
+fn time(
+    call: unsafe extern "C" fn(libc::clockid_t, *mut libc::timespec) -> libc::c_int,
+    clock: libc::clockid_t,
+) -> Nanos {
+    let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    // SAFETY: both calls fill in a live structure.
+    unsafe { call(clock, &raw mut time) };
+    Nanos(time.tv_sec.unsigned_abs() * 1_000_000_000 + time.tv_nsec.unsigned_abs())
+}
+
+/// The epoch that was chosen.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Epoch {
+    /// When it is, and the speed of its clock.
+    pub base: Timebase,
+    /// How long that is from when it was chosen.
+    pub delay: Nanos,
+    clocks: Clocks,
+    tick: Nanos,
+    phase: Option<TickPhase>,
+}
+
+impl Epoch {
+    /// Chooses one at least so far ahead.
+    pub(super) fn choose(least: Nanos, frequency: TscFrequency, quiet: &[QuietTimes]) -> Epoch {
+        let clocks = Clocks::now();
+        // The coarse clock moves once in each tick.
+        let tick = time(libc::clock_getres, libc::CLOCK_MONOTONIC_COARSE);
+        let phase = tick_phase(quiet, tick);
+        let delay = match phase {
+            Some(phase) => delay(clocks.monotonic, least, phase),
+            None => least,
+        };
+        let base = Timebase { epoch: clocks.tsc.after(frequency.ticks(delay)), frequency };
+        Epoch { base, delay, clocks, tick, phase }
+    }
+
+    /// What a report says of the tick, at the end of a run.
+    pub(super) fn told(&self) -> report::Tick {
+        let now = Clocks::now();
+        let by_tsc = self.base.frequency.nanos(now.tsc.since(self.clocks.tsc));
+        let by_clock = now.monotonic.less(self.clocks.monotonic);
+        report::Tick {
+            period_ns: self.tick.0,
+            clear: self.phase.map(|phase| phase.clear.into()),
+            margin_ns: self.phase.map_or(0, |phase| phase.margin.0),
+            crept_ns: by_tsc.0.abs_diff(by_clock.0),
+        }
+    }
+}
+
+/// From `now` to the first epoch, at least so far ahead, from which a tick is at its place.
+fn delay(now: Nanos, least: Nanos, phase: TickPhase) -> Nanos {
+    let earliest = now.plus(least);
+    let past = earliest.plus(phase.offset).0 % phase.step.0;
+    let wait = if past == 0 { 0 } else { phase.step.0 - past };
+    least.plus(Nanos(wait))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use takt_scheduler::quiet::Clear;
+
+    #[test]
+    fn an_epoch_is_at_most_a_step_later_and_at_its_place() {
+        let step = Nanos::from_millis(1);
+        let phase = |offset| TickPhase {
+            offset: Nanos(offset),
+            margin: Nanos(1),
+            step,
+            clear: Clear::Windows,
+        };
+        let least = Nanos::from_micros(1300);
+        for now in [0, 1, 4_000_000, 123_456_789, 999_999_999_999] {
+            for offset in [0, 1, 642_500, 999_999] {
+                let delay = delay(Nanos(now), least, phase(offset));
+                assert!(delay >= least && delay < least.plus(step), "{delay}");
+                assert_eq!((now + delay.0 + offset) % step.0, 0);
+            }
+        }
+    }
+
+    #[test]
+    fn the_tick_of_this_host_is_known() {
+        let tick = time(libc::clock_getres, libc::CLOCK_MONOTONIC_COARSE);
+        assert!((Nanos::from_micros(900)..=Nanos::from_millis(10)).contains(&tick), "{tick}");
+    }
+}

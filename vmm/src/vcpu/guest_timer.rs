@@ -1,0 +1,284 @@
+//! The deadlines of a Linux's timer, kept out of the windows of others on its CPU.
+//!
+//! Linux programs its timer by writing an instant into a register (`IA32_TSC_DEADLINE`). While its
+//! vCPU does not run, KVM keeps that as a timer of the host, on the same CPU and in hard interrupt
+//! context: it goes off on top of a PLC's release as well. So these writes come to Takt, by KVM's filter
+//! for model-specific registers (`Documentation/virt/kvm/api.rst`, KVM_X86_SET_MSR_FILTER), and the
+//! thread of Linux's vCPU sets a deadline that would fall into a quiet time to the end of that
+//! ([`QuietTimes::defer`]). In between Linux could not have been served anyway, but for what a PLC
+//! leaves of its window: so a PLC that is done early has the deadline put back, by a kick of Linux's
+//! thread. The same kick makes that thread look again when the schedule is about to change.
+//!
+//! Writes to the guest's TSC come here too and are dropped: it would otherwise have another clock than
+//! the schedule, and its deadlines another meaning.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
+
+use kvm_bindings::{Msrs, kvm_msr_entry};
+use kvm_ioctls::{VcpuFd, WriteMsrExit};
+use takt_scheduler::quiet::QuietTimes;
+use takt_scheduler::switch::SwitchBoard;
+use takt_scheduler::time::{Timebase, Tsc};
+
+use super::Control;
+use super::guest::{End, Guest, KvmFailure};
+use crate::machine::msr::TSC_DEADLINE;
+
+/// What the threads of one CPU know of a Linux's timer.
+pub struct Deadlines {
+    quiet: QuietTimes,
+    board: Arc<SwitchBoard>,
+    /// Of the thread of Linux's vCPU, once there is one.
+    thread: OnceLock<Arc<Control>>,
+    /// The deadline that waits for the end of a quiet time, as a TSC value; 0 if none does.
+    waiting: AtomicU64,
+    /// Whether the place of the deadline is to be looked for again.
+    again: AtomicBool,
+    counts: Counts,
+}
+
+/// What became of the deadlines so far.
+#[derive(Debug, Default)]
+struct Counts {
+    programmed: AtomicU64,
+    moved: AtomicU64,
+    put_back: AtomicU64,
+}
+
+/// What became of a Linux's deadlines.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Told {
+    /// How often Linux has programmed its timer.
+    pub programmed: u64,
+    /// Deadlines that lay in a quiet time, and were moved.
+    pub moved: u64,
+    /// Of those: put back, since the PLC was done early or the schedule changed.
+    pub put_back: u64,
+}
+
+impl Deadlines {
+    /// For a Linux whose deadlines are to stay out of these times.
+    #[must_use]
+    pub fn new(quiet: QuietTimes, board: Arc<SwitchBoard>) -> Self {
+        Self {
+            quiet,
+            board,
+            thread: OnceLock::new(),
+            waiting: AtomicU64::new(0),
+            again: AtomicBool::new(false),
+            counts: Counts::default(),
+        }
+    }
+
+    /// Says which thread runs Linux's vCPU. Before any of them runs.
+    pub fn served_by(&self, thread: Arc<Control>) {
+        // There is one such thread, which is told once.
+        let _ = self.thread.set(thread);
+    }
+
+    /// The owner of the window that ends at `end` has given the rest of it back.
+    pub fn window_given_back(&self, end: Tsc) {
+        let waiting = self.waiting.load(Ordering::SeqCst);
+        if waiting != 0 && waiting < end.0 {
+            self.look_again();
+        }
+    }
+
+    /// Has the deadline's place looked for again: the schedule changes.
+    pub fn look_again(&self) {
+        self.again.store(true, Ordering::SeqCst);
+        if let Some(thread) = self.thread.get() {
+            thread.kick();
+        }
+    }
+
+    /// What became of the deadlines so far.
+    #[must_use]
+    pub fn told(&self) -> Told {
+        let of = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        let Counts { programmed, moved, put_back } = &self.counts;
+        Told { programmed: of(programmed), moved: of(moved), put_back: of(put_back) }
+    }
+}
+
+/// The timer, as the thread that runs the vCPU has it.
+pub struct GuestTimer {
+    deadlines: Arc<Deadlines>,
+    /// What Linux has asked for last; 0 for none.
+    wanted: Tsc,
+    /// What was set instead.
+    set: Tsc,
+    /// One register, so that nothing is allocated for it each time.
+    register: Msrs,
+}
+
+impl GuestTimer {
+    /// The timer of a new vCPU; `None` if one register is too many.
+    #[must_use]
+    pub fn new(deadlines: Arc<Deadlines>) -> Option<Self> {
+        let entry = kvm_msr_entry { index: TSC_DEADLINE, ..Default::default() };
+        let register = Msrs::from_entries(&[entry]).ok()?;
+        // What an earlier vCPU has waited for went with it.
+        deadlines.waiting.store(0, Ordering::SeqCst);
+        Some(Self { deadlines, wanted: Tsc(0), set: Tsc(0), register })
+    }
+
+    fn program(
+        &mut self,
+        vcpu: &VcpuFd,
+        deadline: Tsc,
+        base: &Timebase,
+    ) -> Result<(), kvm_ioctls::Error> {
+        self.deadlines.counts.programmed.fetch_add(1, Ordering::Relaxed);
+        self.wanted = deadline;
+        let place = self.place(base);
+        if place > self.wanted {
+            self.deadlines.counts.moved.fetch_add(1, Ordering::Relaxed);
+        }
+        self.set(vcpu, place)
+    }
+
+    /// Looks again where the deadline belongs, if somebody wants that. Costs a load otherwise.
+    fn look_again(&mut self, vcpu: &VcpuFd, base: &Timebase) -> Result<(), kvm_ioctls::Error> {
+        let again = &self.deadlines.again;
+        if !again.load(Ordering::SeqCst) {
+            return Ok(());
+        }
+        again.store(false, Ordering::SeqCst);
+        // What has expired already must not do so twice.
+        if self.wanted == Tsc(0) || self.set <= Tsc::now() {
+            return Ok(());
+        }
+        let place = self.place(base);
+        if place == self.set {
+            return Ok(());
+        }
+        if place == self.wanted {
+            self.deadlines.counts.put_back.fetch_add(1, Ordering::Relaxed);
+        }
+        self.set(vcpu, place)
+    }
+
+    /// Where the wanted deadline is to lie now; never before it.
+    fn place(&self, base: &Timebase) -> Tsc {
+        let (wanted, deadlines) = (self.wanted, &self.deadlines);
+        // Before the epoch there are no windows.
+        let moved = (wanted > base.epoch).then(|| {
+            let now = base.offset(Tsc::now());
+            deadlines.quiet.defer(base.offset(wanted), now, deadlines.board.switch())
+        });
+        let place = moved.flatten().map_or(wanted, |at| base.instant(at).max(wanted));
+        deadlines.waiting.store(if place > wanted { wanted.0 } else { 0 }, Ordering::SeqCst);
+        place
+    }
+
+    fn set(&mut self, vcpu: &VcpuFd, place: Tsc) -> Result<(), kvm_ioctls::Error> {
+        self.set = place;
+        for entry in self.register.as_mut_slice() {
+            entry.data = place.0;
+        }
+        vcpu.set_msrs(&self.register).map(drop)
+    }
+}
+
+/// A write to a model-specific register that the filter hands over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Write {
+    index: u32,
+    value: u64,
+}
+
+/// Takes a write over, which is thereby answered: it succeeds.
+#[must_use]
+pub fn take(exit: WriteMsrExit<'_>) -> Write {
+    *exit.error = 0;
+    Write { index: exit.index, value: exit.data }
+}
+
+/// Does what a write asks for.
+///
+/// # Errors
+/// The guest's end, if it has no such timer, or KVM cannot set the deadline.
+pub fn write(
+    guest: &mut impl Guest,
+    vcpu: &VcpuFd,
+    write: Write,
+    base: &Timebase,
+) -> Result<(), End> {
+    let timer = guest.timer().ok_or(End::Kvm(KvmFailure::UnexpectedExit))?;
+    if write.index == TSC_DEADLINE {
+        timer.program(vcpu, Tsc(write.value), base).map_err(failed)?;
+    }
+    Ok(())
+}
+
+/// To be called after kicks have been forgotten and before the guest is entered: places its deadline
+/// anew, if that was the reason for one.
+///
+/// # Errors
+/// As for [`write`].
+pub fn look_again(guest: &mut impl Guest, vcpu: &VcpuFd, base: &Timebase) -> Result<(), End> {
+    guest.timer().map_or(Ok(()), |timer| timer.look_again(vcpu, base)).map_err(failed)
+}
+
+fn failed(error: kvm_ioctls::Error) -> End {
+    End::Kvm(KvmFailure::Errno(error.errno()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use takt_scheduler::schedules::Schedules;
+    use takt_scheduler::table::{Cpu, PartitionId, Placement, Role, Window};
+    use takt_scheduler::time::{Nanos, Ticks, TscFrequency};
+
+    const FRAME: Nanos = Nanos::from_millis(60_000);
+
+    /// A timer beside a PLC with a window of 10 s in a minute, whose first begins 20 s from now.
+    fn timer() -> (GuestTimer, Timebase) {
+        let plc = Placement { cpu: Cpu(0), role: Role::Windowed { guard: Nanos::from_micros(20) } };
+        let window = Window {
+            partition: PartitionId(0),
+            offset: Nanos::from_millis(20_000),
+            duration: Nanos::from_millis(10_000),
+            period: FRAME,
+        };
+        let schedules = Schedules::new(FRAME, &[plc], &[&[window]]).unwrap();
+        let quiet = schedules.quiet_on(Cpu(0), None).unwrap();
+        let deadlines = Deadlines::new(quiet, Arc::new(SwitchBoard::new(FRAME, 1)));
+        let frequency = TscFrequency::from_khz(2_399_987).unwrap();
+        let base = Timebase { epoch: Tsc::now(), frequency };
+        (GuestTimer::new(Arc::new(deadlines)).unwrap(), base)
+    }
+
+    #[test]
+    fn a_deadline_waits_while_it_lies_in_a_window() {
+        let (mut timer, base) = timer();
+        let at = |ms| base.instant(Nanos::from_millis(ms));
+        timer.wanted = at(25_000);
+        let place = timer.place(&base);
+        assert_eq!(place, base.instant(Nanos(30_000_005_000)));
+        assert_eq!(timer.deadlines.waiting.load(Ordering::SeqCst), timer.wanted.0);
+        for free in [at(10_000), at(31_000), Tsc(0), base.epoch.before(Ticks(9)), Tsc(u64::MAX)] {
+            timer.wanted = free;
+            assert_eq!(timer.place(&base), free);
+            assert_eq!(timer.deadlines.waiting.load(Ordering::SeqCst), 0);
+        }
+    }
+
+    #[test]
+    fn only_a_window_that_the_deadline_waits_for_asks_for_another_look() {
+        let (mut timer, base) = timer();
+        let at = |ms| base.instant(Nanos::from_millis(ms));
+        let asked = |timer: &GuestTimer| timer.deadlines.again.load(Ordering::SeqCst);
+        timer.deadlines.window_given_back(at(30_000));
+        assert!(!asked(&timer), "none waits");
+        timer.wanted = at(85_000);
+        timer.place(&base);
+        timer.deadlines.window_given_back(at(30_000));
+        assert!(!asked(&timer), "it waits for a later one");
+        timer.deadlines.window_given_back(at(90_000));
+        assert!(asked(&timer));
+    }
+}
