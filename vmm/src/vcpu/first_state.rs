@@ -86,12 +86,7 @@ impl FirstState {
         indices.extend(UNLISTED.into_iter().flat_map(|[first, last]| first..=last));
         indices.sort_unstable();
         indices.dedup();
-        // One by one: KVM stops at the first that this host does not have.
-        let read = |index| {
-            let mut one = room(&[kvm_msr_entry { index, ..Default::default() }]).ok()?;
-            (vcpu.get_msrs(&mut one) == Ok(1)).then(|| one.as_slice().first().copied())?
-        };
-        let entries: Vec<kvm_msr_entry> = indices.into_iter().filter_map(read).collect();
+        let entries = readable(vcpu, &indices)?;
         let extended = if kvm.check_extension(Cap::Xsave) && kvm.check_extension(Cap::Xcrs) {
             let xcrs = vcpu.get_xcrs().map_err(cannot("read extended control registers"))?;
             let mut xsave = vcpu.get_xsave().map_err(cannot("read the extended state"))?;
@@ -162,6 +157,20 @@ impl FirstState {
         let none = room(&[]).unwrap();
         Self { special: kvm_sregs::default(), registers: none.clone(), found: none, extended: None }
     }
+}
+
+/// Reads those of the registers that this host's KVM can read, which stops at the first that it cannot.
+fn readable(vcpu: &VcpuFd, indices: &[u32]) -> Result<Vec<kvm_msr_entry>, MachineError> {
+    let asked = |&index: &u32| kvm_msr_entry { index, ..Default::default() };
+    let mut entries = Vec::with_capacity(indices.len());
+    let mut rest = indices;
+    while !rest.is_empty() {
+        let mut some = room(&rest.iter().map(asked).collect::<Vec<_>>())?;
+        let number = vcpu.get_msrs(&mut some).map_err(cannot("read registers"))?;
+        entries.extend(some.as_slice().iter().take(number));
+        rest = rest.get(number + 1..).unwrap_or(&[]);
+    }
+    Ok(entries)
 }
 
 fn is_kept(index: &u32) -> bool {
