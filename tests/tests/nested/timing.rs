@@ -40,7 +40,7 @@ fn beside_busy_linux(program: &str, guard: &str, place: u64) -> File {
 }
 
 #[test]
-fn the_first_release_comes_within_twenty_milliseconds() {
+fn the_first_release_comes_within_22_milliseconds() {
     // Until the kernel has loaded Takt, which then takes the time.
     const EXEC_NS: u64 = 1_000_000;
     for name in ["plc-alone", "plc-and-linux", "jitter"] {
@@ -51,7 +51,8 @@ fn the_first_release_comes_within_twenty_milliseconds() {
         let of = |key: &str| starting[key].as_u64().unwrap_or(u64::MAX);
         // Clearing the guests' memory takes as long as they have memory.
         let besides = of("first_release_ns") - of("clearing_ns") + EXEC_NS;
-        assert!(besides <= 20_000_000, "{name}: {besides} ns\n{}", outcome.output);
+        // One of them is for the epoch, which waits for its place to the host's tick.
+        assert!(besides <= 22_000_000, "{name}: {besides} ns\n{}", outcome.output);
     }
 }
 
