@@ -55,6 +55,8 @@ fn keep_the_heap() {
 
 #[cfg(test)]
 mod tests {
+    use std::process::Command;
+
     use super::*;
 
     /// End of the heap.
@@ -63,27 +65,25 @@ mod tests {
         unsafe { libc::sbrk(0) as usize }
     }
 
+    /// The break ends the heap of a process's first thread only, so this is done by a process of its own,
+    /// whose first thread runs its only test.
     #[test]
     fn what_is_freed_stays_with_the_process() {
-        // In a process of its own, which has one thread: this one has the test harness's.
-        // SAFETY: the child only uses the heap, which is in order after a fork, and ends at once.
-        let status = unsafe {
-            match libc::fork() {
-                0 => {
-                    keep_the_heap();
-                    let before = heap_end();
-                    let blocks: Vec<Vec<u8>> = (0..64).map(|_| vec![1; 256 << 10]).collect();
-                    let grown = heap_end();
-                    drop(blocks);
-                    libc::_exit(i32::from(!(grown - before >= 16 << 20 && heap_end() == grown)))
-                }
-                child => {
-                    let mut status = -1;
-                    libc::waitpid(child, &raw mut status, 0);
-                    status
-                }
-            }
-        };
-        assert_eq!(status, 0);
+        const OWN_PROCESS: &str = "TAKT_TEST_HEAP";
+        const NAME: &str = "run::own_process::tests::what_is_freed_stays_with_the_process";
+        if std::env::var_os(OWN_PROCESS).is_none() {
+            let mut own = Command::new(std::env::current_exe().unwrap());
+            own.args(["--exact", NAME, "--test-threads=1"]).env(OWN_PROCESS, "1");
+            let output = own.output().unwrap();
+            assert!(output.status.success(), "{output:?}");
+            return;
+        }
+        keep_the_heap();
+        let before = heap_end();
+        let blocks: Vec<Vec<u8>> = (0..64).map(|_| vec![1; 256 << 10]).collect();
+        let grown = heap_end();
+        drop(blocks);
+        assert!(grown - before >= 16 << 20, "the blocks came from elsewhere");
+        assert_eq!(heap_end(), grown);
     }
 }

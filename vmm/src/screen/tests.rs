@@ -124,6 +124,7 @@ fn bytes_are_bounded_like_lines() {
         }
     }
     assert_eq!(all, 64 << 10);
+    assert!(shown.outlet.settle(LONG, LONG));
     shown.screen.tick(now + Duration::from_millis(500));
     assert_eq!(shown.screen.allowance(OTHER).bytes, (32 << 10) - 64);
     assert_eq!(shown.screen.raw(OTHER, &[b'x'; 1000]), 0);
