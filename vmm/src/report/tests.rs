@@ -1,0 +1,148 @@
+use super::*;
+
+#[test]
+fn a_start_is_told_with_and_without_its_whole_time() {
+    let starting = report().process.starting;
+    let told = "guest memory cleared in 16.1 ms, first release 33.3 ms after the command";
+    assert_eq!(starting.to_string(), told);
+    let partly = Starting { first_release_ns: None, ..starting };
+    assert_eq!(partly.to_string(), "guest memory cleared in 16.1 ms");
+}
+
+fn report() -> Report {
+    let summary = Summary { min: 0, p50: 2, p99: 4, p999: 4, max: 1_500 };
+    Report {
+        schema_version: SCHEMA_VERSION,
+        lane: "lab".into(),
+        emulator: Some("QEMU 7.2.22".into()),
+        host: Host {
+            kernel: "6.1.0-rt".into(),
+            preempt_rt: true,
+            cpu: "QEMU".into(),
+            tsc_khz: 1_000_000,
+        },
+        system: "demo".into(),
+        epoch_tsc: 1,
+        duration_ns: 10_000_000_000,
+        kick: true,
+        tick: Tick {
+            period_ns: 4_000_000,
+            clear: Some(Clear::Windows),
+            margin_ns: 337_500,
+            crept_ns: 3,
+        },
+        schedule: Schedule {
+            current: "normal".into(),
+            next: "normal".into(),
+            last_switch_ns: None,
+        },
+        partitions: vec![
+            Partition {
+                name: "plc".into(),
+                kind: "plc",
+                end: "stopped by takt".into(),
+                failed: false,
+                restarts: 0,
+                cpu_share: 0.031,
+                events: Events { totals: [("numeric-error", 2)].into(), ..Events::default() },
+                illegal_accesses: 0,
+                console_dropped: 0,
+                releases: Some(Releases {
+                    releases: 10_000,
+                    start_up_windows: 1,
+                    lost: 0,
+                    late_releases: 0,
+                    overruns: 0,
+                    unrecorded: 0,
+                    release_latency_ns: Some(summary),
+                    execution_ns: None,
+                    wake_up_latency_ns: Some(summary),
+                    entry_ns: None,
+                    exit_ns: None,
+                    overrun_ns: None,
+                    kick_ns: None,
+                    vm_exits: None,
+                    late_starts: Vec::new(),
+                    longest_scans: Vec::new(),
+                }),
+                wake_ups: Some(WakeUps { early: 7, divided: 2, steered: 3 }),
+                donation: None,
+                deadlines: None,
+                boot_to_init_ns: None,
+                stuck: None,
+            },
+            Partition {
+                name: "linux".into(),
+                kind: "linux",
+                end: "stopped by takt".into(),
+                failed: false,
+                restarts: 0,
+                cpu_share: 0.9,
+                events: Events::default(),
+                illegal_accesses: 3,
+                console_dropped: 0,
+                releases: None,
+                wake_ups: None,
+                donation: Some(Donation {
+                    offered_ns: 9_000_000_000,
+                    received_ns: 8_910_000_000,
+                    minimum_share: 0.65,
+                }),
+                deadlines: Some(Deadlines { programmed: 900, moved: 30, put_back: 20 }),
+                boot_to_init_ns: Some(None),
+                stuck: Some(Some(Stuck { how: How::Spinning, since_ns: 5_120_000_000 })),
+            },
+        ],
+        window_enforcers: vec![WindowEnforcer { cpu: 0, wake_ups: WakeUps::default() }],
+        host_ports: vec![HostPort {
+            channel: "state".into(),
+            port: "levels".into(),
+            messages: 12,
+            dropped: 3,
+            ..HostPort::default()
+        }],
+        process: Process {
+            start: None,
+            end: None,
+            starting: Starting { first_release_ns: Some(33_300_000), clearing_ns: 16_080_000 },
+        },
+        output: Output::default(),
+    }
+}
+
+#[test]
+fn the_json_has_the_keys_that_its_readers_rely_on() {
+    let json = serde_json::to_value(report()).unwrap();
+    assert_eq!(json["schema_version"], 3);
+    let plc = &json["partitions"][0];
+    for key in ["name", "releases", "lost", "late_releases", "overruns", "cpu_share"] {
+        assert!(!plc[key].is_null(), "{key}");
+    }
+    for key in ["min", "p50", "p99", "p999", "max"] {
+        assert!(plc["release_latency_ns"][key].is_u64(), "{key}");
+    }
+    assert!(plc.get("boot_to_init_ns").is_none());
+    assert_eq!(plc["wake_ups"], serde_json::json!({"early": 7, "divided": 2, "steered": 3}));
+    assert_eq!(json["window_enforcers"][0]["cpu"], 0);
+    assert!(json["window_enforcers"][0]["wake_ups"]["early"].is_u64());
+    let linux = json["partitions"][1].as_object().unwrap();
+    assert!(linux["boot_to_init_ns"].is_null());
+    assert_eq!(linux["stuck"]["how"], "spinning");
+    assert!(!linux.contains_key("releases"));
+}
+
+#[test]
+fn the_table_shows_every_partition_and_what_went_wrong() {
+    let table = report().table();
+    assert!(table.contains("demo: 10.000 s, lane lab, kernel 6.1.0-rt, PREEMPT_RT"));
+    assert!(table.contains("\nemulated by QEMU 7.2.22\n"));
+    assert!(table.contains("releases       10000   lost 0   late 0   overruns 0"));
+    assert!(table.contains("release latency         0.000      0.002"), "{table}");
+    assert!(table.contains("donation       9.000 s left by windows, 99.0 % of it used;"));
+    assert!(table.contains("boot to init   not seen"));
+    assert!(table.contains("kernel         spins with interrupts off since 5.120 s"), "{table}");
+    assert!(table.contains("\n  clock steered  7 early wake-ups corrected, "), "{table}");
+    assert!(!table.contains("window enforcer"), "{table}");
+    assert!(table.contains("host:levels (state): 12 messages, 3 clients dropped"), "{table}");
+    assert!(table.contains("  errors         numeric-error 2\n"), "{table}");
+}
