@@ -12,6 +12,7 @@
 //! | --- | --- | --- | --- |
 //! | [`Information`] | writes | reads (a read-only memory slot) | a guest cannot forge its own schedule |
 //! | [`PortTable`] | writes, before the start | reads (a read-only memory slot) | which ports it has is the file's business |
+//! | [`ProgramTable`](program::ProgramTable) | writes, before the start | reads (a read-only memory slot) | so are its programs |
 //! | [`Status`] and text | reads | writes | a claim of the guest, checked before it is believed |
 //!
 //! The host writes the information page only while the vCPU is outside guest mode. A kick can take
@@ -22,6 +23,8 @@
 
 #![no_std]
 #![forbid(unsafe_code)]
+
+pub mod program;
 
 /// Version of this interface. A guest that finds another in [`Information::version`] must stop.
 pub const VERSION: u32 = 4;
@@ -51,8 +54,11 @@ pub mod memory {
     pub const ERROR_TEXT_BYTES: usize = 64;
     /// Guest-physical address of the [`PortTable`](crate::PortTable) page (read-only).
     pub const PORT_TABLE: u64 = 0xc000_2000;
+    /// Guest-physical address of the [`ProgramTable`](crate::program::ProgramTable) page (read-only), if
+    /// the partition has programs.
+    pub const PROGRAM_TABLE: u64 = 0xc000_3000;
     /// Start of the area of channel pages. Each is readable, and writable if it is the guest's own.
-    pub const CHANNELS: u64 = 0xc000_3000;
+    pub const CHANNELS: u64 = 0xc000_8000;
     /// End of that area: it and the pages before it are in one page table.
     pub const CHANNELS_END: u64 = 0xc020_0000;
     /// Start of the area in which the memory of devices lies, at the addresses of the partition
@@ -94,6 +100,14 @@ pub mod port {
     /// one, when the device asks for none any more. The host's kernel takes it within the
     /// instruction.
     pub const ARM: u16 = 0x7a18;
+    /// 32-bit write of a vector, from 32 to 254: from now on until the guest is started anew, a window
+    /// begins with this interrupt if the guest has not said [`DONE`] in the window before. It comes
+    /// before the release, or as soon as the guest's interrupt flag lets it, needs no end of interrupt,
+    /// and may come twice for one release: a handler looks at
+    /// [`Information::release`](crate::Information::release). For a guest that has asked for this the
+    /// end of a window before [`DONE`] is no overrun, if the scan of that window is complete
+    /// ([`Status::done_tsc`](crate::Status::done_tsc)).
+    pub const TICK: u16 = 0x7a1c;
 }
 
 /// The partition information page: what a partition is told about its own time.
@@ -348,4 +362,5 @@ const _: () = {
     assert!(size_of::<Status>() == 24 + 48);
     assert!(memory::STATUS + size_of::<Status>() as u64 <= memory::TEXT);
     assert!(memory::INFORMATION >= memory::RAM_MAX);
+    assert!(memory::PROGRAM_TABLE < memory::CHANNELS);
 };

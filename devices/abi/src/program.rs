@@ -1,0 +1,120 @@
+//! The program table: what a PLC partition that runs program images has of them in its memory.
+//!
+//! Takt reads and validates the images, and places them before the guest's first instruction; how an
+//! image itself is built is the business of the crate `takt-program`. The guest learns from this table
+//! alone where things lie. All addresses are guest-physical and multiples of
+//! [`memory::PAGE`](crate::memory::PAGE), all areas are in RAM and do not overlap, and nothing but the
+//! images has been written to them since the start: the rest of each area is zero.
+//!
+//! The page is there if the partition has programs, and only then.
+
+use crate::{MAGIC, VERSION, memory};
+
+/// Most programs of a partition.
+pub const PROGRAMS_MAX: usize = 16;
+/// Longest name of a program, in bytes.
+pub const NAME_BYTES: usize = 32;
+
+/// What the guest has of its [working area](ProgramTable::work) for each program, apart from the
+/// stacks of its tasks: 64 KiB each for inputs, outputs and markers, and the rest for page tables.
+pub const WORK_BYTES_EACH: u64 = 768 << 10;
+
+/// The programs of a partition. It lies at [`memory::PROGRAM_TABLE`], read-only.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct ProgramTable {
+    /// [`MAGIC`].
+    pub magic: u32,
+    /// [`VERSION`].
+    pub version: u32,
+    /// How many of [`programs`](Self::programs) there are, at least one.
+    pub count: u32,
+    /// Zero.
+    pub reserved: u32,
+    /// Start of the memory behind all programs, which is the guest's to use: page tables, stacks,
+    /// process images. It ends with the guest's RAM.
+    pub work: u64,
+    /// Its length: at least [`WORK_BYTES_EACH`] for each program, and the stacks of all tasks, each of
+    /// them rounded up to pages.
+    pub work_bytes: u64,
+    /// The programs, in the order of the partition file; the rest is zero.
+    pub programs: [Program; PROGRAMS_MAX],
+}
+
+impl ProgramTable {
+    /// No programs.
+    pub const EMPTY: ProgramTable = ProgramTable {
+        magic: MAGIC,
+        version: VERSION,
+        count: 0,
+        reserved: 0,
+        work: 0,
+        work_bytes: 0,
+        programs: [Program::NONE; PROGRAMS_MAX],
+    };
+}
+
+/// One program.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Program {
+    /// Its name in the partition, unique there, filled up with zeros.
+    pub name: [u8; NAME_BYTES],
+    /// Start of bank 0, at which the image begins.
+    pub image: u64,
+    /// Length of the image. It is valid as `takt-program` reads it.
+    pub image_bytes: u64,
+    /// Length of each bank, at least that of the image.
+    pub bank_bytes: u64,
+    /// Start of bank 1, which is empty.
+    pub second_bank: u64,
+    /// Start of the memory for the program's state.
+    pub state: u64,
+    /// Its length, at least what the image asks for.
+    pub state_bytes: u64,
+    /// What follows from a fault of a task (an exception or a trap): [`action::STOP_PROGRAM`] or beyond.
+    pub on_fault: u32,
+    /// What follows when a job uses up its budget: one of [`action`].
+    pub on_overrun: u32,
+    /// What follows when a job is not complete at its deadline: one of [`action`].
+    pub on_deadline: u32,
+    /// Zero.
+    pub reserved: u32,
+}
+
+impl Program {
+    /// No program.
+    pub const NONE: Program = Program {
+        name: [0; NAME_BYTES],
+        image: 0,
+        image_bytes: 0,
+        bank_bytes: 0,
+        second_bank: 0,
+        state: 0,
+        state_bytes: 0,
+        on_fault: 0,
+        on_overrun: 0,
+        on_deadline: 0,
+        reserved: 0,
+    };
+}
+
+/// What follows from an error of a task. A greater number does more.
+pub mod action {
+    /// It is counted and told, and the job goes on.
+    pub const LOG: u32 = 1;
+    /// The job ends; the task goes on with its next release.
+    pub const SKIP: u32 = 2;
+    /// The program stops; its neighbours go on.
+    pub const STOP_PROGRAM: u32 = 3;
+    /// The program starts anew, cold; its neighbours go on.
+    pub const RESTART_PROGRAM: u32 = 4;
+    /// The partition's guest ends itself, and the partition's own health table says what follows.
+    pub const STOP_PARTITION: u32 = 5;
+}
+
+const _: () = {
+    assert!(size_of::<Program>() == 96);
+    assert!(size_of::<ProgramTable>() == 32 + PROGRAMS_MAX * 96);
+    assert!(size_of::<ProgramTable>() as u64 <= memory::PAGE);
+};
