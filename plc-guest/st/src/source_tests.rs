@@ -1,0 +1,33 @@
+use super::*;
+
+#[test]
+fn a_position_counts_characters_and_not_bytes() {
+    let mut sources = Sources::new();
+    let file = sources.add("a.st", "ä := 1;\r\n  öö := x;\n".as_bytes()).expect("it is text");
+    let text = sources.get(file).text();
+    let at = text.find('x').expect("it is there") as u32;
+    assert_eq!(sources.get(file).position(at), Position { line: 2, column: 9 });
+    assert_eq!(sources.get(file).line(1), "ä := 1;");
+    assert_eq!(sources.get(file).line(2), "  öö := x;");
+    assert_eq!(sources.get(file).line(7), "");
+}
+
+#[test]
+fn an_offset_behind_the_end_is_the_end() {
+    let mut sources = Sources::new();
+    let file = sources.add("a.st", b"abc").expect("it is text");
+    assert_eq!(sources.get(file).position(99), Position { line: 1, column: 4 });
+}
+
+#[test]
+fn what_is_no_text_is_refused_with_its_place() {
+    let mut sources = Sources::new();
+    assert_eq!(
+        sources.add("b.st", b"ab\xFFc"),
+        Err(SourceError::NotText { name: "b.st".into(), offset: 2 })
+    );
+    assert_eq!(
+        sources.add("b.st", b"a\0c"),
+        Err(SourceError::NotText { name: "b.st".into(), offset: 1 })
+    );
+}

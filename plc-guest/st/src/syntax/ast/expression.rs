@@ -1,0 +1,172 @@
+//! Expressions.
+
+use super::{Address, Name};
+use crate::source::Span;
+
+/// An expression.
+#[derive(Clone, Debug)]
+pub struct Expression {
+    /// What it is.
+    pub kind: ExpressionKind,
+    /// Where it is.
+    pub span: Span,
+    /// The height of its tree, which the parser keeps within [`crate::limits::DEPTH`].
+    pub height: u32,
+}
+
+/// What an expression is.
+#[derive(Clone, Debug)]
+pub enum ExpressionKind {
+    /// A literal.
+    Literal(Literal),
+    /// A name: of a variable, a constant, a value of an enumeration, the function itself.
+    Name(Name),
+    /// `Colour#Red`
+    EnumerationValue(Name, Name),
+    /// `%IX0.0`
+    Address(Address),
+    /// `base.name`
+    Field(Box<Expression>, Name),
+    /// `base.3`, `base.%X3`, `base.%B1`: a part of a bit string.
+    Part(Box<Expression>, super::Width, u32, Span),
+    /// `base[i, j]`
+    Index(Box<Expression>, Vec<Expression>),
+    /// `base^`
+    Dereference(Box<Expression>),
+    /// `-a`, `NOT a`
+    Unary(UnaryOperator, Box<Expression>),
+    /// `a + b`, with the operator's place.
+    Binary(BinaryOperator, Span, Box<Expression>, Box<Expression>),
+    /// `f(x, y := 1, z => q)`; what is called is a name, a field or an element of an array.
+    Call(Box<Expression>, Vec<Argument>),
+    /// `(a)`
+    Parenthesised(Box<Expression>),
+    /// What was already told.
+    Error,
+}
+
+/// One argument of a call.
+#[derive(Clone, Debug)]
+pub struct Argument {
+    /// The parameter's name in a formal call, and how it is bound.
+    pub name: Option<(Name, Binding)>,
+    /// The value, or where the output goes to. None in `x => ` without a target.
+    pub value: Option<Expression>,
+    /// All of it.
+    pub span: Span,
+}
+
+/// How a parameter is bound in a formal call.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Binding {
+    /// `name := value`
+    Input,
+    /// `name => variable`
+    Output,
+    /// `NOT name => variable`
+    NegatedOutput,
+}
+
+/// A literal as a value. Its range is checked against its type later.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Literal {
+    /// The type before the `#`, if written: `INT#5`.
+    pub prefix: Option<Box<str>>,
+    /// The value.
+    pub value: LiteralValue,
+}
+
+/// The value of a literal.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LiteralValue {
+    /// TRUE or FALSE
+    Bool(bool),
+    /// Decimal or based, without its sign.
+    Integer(u64),
+    /// With a point.
+    Real(f64),
+    /// A duration in nanoseconds; `long` if LTIME is written.
+    Duration {
+        /// Nanoseconds.
+        nanoseconds: i64,
+        /// LTIME
+        long: bool,
+    },
+    /// A date, in nanoseconds since 1970-01-01.
+    Date {
+        /// Nanoseconds.
+        nanoseconds: i64,
+        /// LDATE
+        long: bool,
+    },
+    /// A time of day, in nanoseconds since midnight.
+    TimeOfDay {
+        /// Nanoseconds.
+        nanoseconds: i64,
+        /// LTOD
+        long: bool,
+    },
+    /// A date and time, in nanoseconds since 1970-01-01.
+    DateAndTime {
+        /// Nanoseconds.
+        nanoseconds: i64,
+        /// LDT
+        long: bool,
+    },
+    /// The bytes of a single-byte string.
+    String(Vec<u8>),
+    /// The UTF-16 units of a double-byte string.
+    WideString(Vec<u16>),
+    /// NULL
+    Null,
+}
+
+/// An operator with one operand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum UnaryOperator {
+    /// `-`
+    Negate,
+    /// `+`
+    Plus,
+    /// `NOT`
+    Not,
+}
+
+/// An operator with two operands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum BinaryOperator {
+    /// `**`
+    Power,
+    /// `*`
+    Multiply,
+    /// `/`
+    Divide,
+    /// `MOD`
+    Modulo,
+    /// `+`
+    Add,
+    /// `-`
+    Subtract,
+    /// `<`
+    Less,
+    /// `>`
+    Greater,
+    /// `<=`
+    LessEqual,
+    /// `>=`
+    GreaterEqual,
+    /// `=`
+    Equal,
+    /// `<>`
+    NotEqual,
+    /// `AND`, `&`
+    And,
+    /// `AND_THEN`
+    AndThen,
+    /// `XOR`
+    Xor,
+    /// `OR`
+    Or,
+    /// `OR_ELSE`
+    OrElse,
+}
