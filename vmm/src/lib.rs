@@ -9,8 +9,6 @@ pub mod board;
 pub mod boot;
 pub mod cause;
 pub mod channels;
-pub mod check;
-pub mod config;
 pub mod control;
 pub mod cpuid;
 pub mod cpuset;
@@ -49,3 +47,6 @@ pub mod trace;
 pub mod unix_socket;
 pub mod vcpu;
 pub mod worst;
+
+pub use takt_plan as config;
+pub use takt_plan::check;

@@ -24,11 +24,7 @@ use vm_memory::{
     GuestRegionMmap, MmapRegion,
 };
 
-/// Where the hole for devices begins in the Linux guest's address space: RAM beyond it continues
-/// at 4 GiB.
-pub const HOLE_START: u64 = 0xc000_0000;
-/// Where RAM continues above the hole.
-pub const HOLE_END: u64 = 1 << 32;
+pub use takt_plan::linux_map::{HOLE_END, HOLE_START};
 
 /// Guest memory could not be had.
 #[derive(Debug, Error)]

@@ -15,12 +15,11 @@ use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::{Path, PathBuf};
 
+use takt_plan::SOCKET_PATH_MAX;
 use thiserror::Error;
 
 /// Connections that the kernel keeps until they are accepted.
 const BACKLOG: c_int = 32;
-/// Longest path of a socket in bytes: `sun_path` of unix(7), less its NUL.
-pub const SOCKET_PATH_MAX: usize = 107;
 
 /// What a connection carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

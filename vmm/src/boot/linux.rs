@@ -28,9 +28,9 @@ use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress};
 
 use super::acpi::{self, Fittings};
-use super::kernel::{self, Form, InitrdError, Kernel, KernelError};
 use super::long_mode::Entry;
 use crate::memory::{GuestMemory, HOLE_START};
+use takt_plan::kernel::{self, Form, InitrdError, Kernel, KernelError};
 
 const BOOT_PARAMETERS: u64 = 0x7_0000;
 const COMMAND_LINE: u64 = 0x2_0000;

@@ -14,9 +14,9 @@ use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress, GuestMemoryError};
 
 use super::StartMode;
-use super::elf::{self, ElfError};
 use super::long_mode::Entry;
 use crate::memory::GuestMemory;
+use takt_plan::elf::{self, ElfError};
 
 /// The demonstration guest, for partitions that name no image.
 const BUILT_IN: &[u8] = include_bytes!(env!("TAKT_PLC_GUEST"));

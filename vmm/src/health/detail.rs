@@ -8,7 +8,7 @@ use std::fmt;
 use kvm_ioctls::VcpuExit;
 use takt_abi::memory::ERROR_TEXT_BYTES;
 
-use super::fault::Fault;
+use super::Fault;
 
 /// What is known of an error that a guest survives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

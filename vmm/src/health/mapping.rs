@@ -2,7 +2,7 @@
 
 use takt_abi::{Exception, memory::PAGE};
 
-use super::fault::Fault;
+use super::Fault;
 use crate::vcpu::guest::End;
 
 impl End {

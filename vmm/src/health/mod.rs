@@ -17,16 +17,13 @@
 //! time for it, and only there: [`Monitor`] knows how often that has happened already.
 
 mod detail;
-mod fault;
 mod mapping;
 mod monitor;
 mod reporter;
-mod table;
 mod watch;
 
 pub use detail::{Access, ClockFault, Detail, Target, Text};
-pub use fault::{FAULTS, Fault};
 pub use monitor::{Monitor, Reason, Verdict};
 pub use reporter::{Answer, Counts, Occurrence, Reporter};
-pub use table::{ACTIONS, Action, Limit, Table};
+pub use takt_plan::health::{ACTIONS, Action, FAULTS, Fault, Limit, Table};
 pub use watch::Watch;

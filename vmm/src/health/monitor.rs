@@ -16,8 +16,8 @@ use std::fmt;
 
 use takt_scheduler::time::Nanos;
 
-use super::fault::Fault;
-use super::table::{Action, Limit, Table};
+use super::Fault;
+use super::{Action, Limit, Table};
 
 /// Decides for one partition.
 #[derive(Debug)]
@@ -111,8 +111,8 @@ impl Monitor {
 
 #[cfg(test)]
 mod tests {
-    use super::super::fault::FAULTS;
-    use super::super::table::ACTIONS;
+    use super::super::ACTIONS;
+    use super::super::FAULTS;
     use super::*;
 
     const LIMIT: Limit = Limit { at_most: 2, within: Nanos::from_millis(100) };

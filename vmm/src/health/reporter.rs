@@ -14,8 +14,8 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use takt_scheduler::time::Tsc;
 
 use super::detail::{Access, Detail};
-use super::fault::{FAULTS, Fault};
-use super::table::{Action, Table};
+use super::{Action, Table};
+use super::{FAULTS, Fault};
 use crate::vcpu::guest::{End, Guest, Step};
 
 /// Notes that the event thread may be behind: it looks fifty times a second.
@@ -157,7 +157,7 @@ impl Reporter {
 
 #[cfg(test)]
 mod tests {
-    use super::super::table::ACTIONS;
+    use super::super::ACTIONS;
     use super::*;
 
     const LOST: Detail = Detail::Lost(1, 7);

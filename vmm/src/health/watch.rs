@@ -10,10 +10,10 @@ use rtrb::Consumer;
 use takt_scheduler::time::{Nanos, Timebase};
 
 use super::detail::Detail;
-use super::fault::{FAULTS, Fault};
 use super::monitor::{Monitor, Verdict};
 use super::reporter::{Counts, Occurrence, Reporter};
-use super::table::{Action, Table};
+use super::{Action, Table};
+use super::{FAULTS, Fault};
 use crate::account::Finished;
 use crate::report;
 
@@ -297,8 +297,8 @@ mod tests {
 
     #[test]
     fn an_error_of_the_hosts_is_counted_once_whatever_follows() {
+        use super::super::ACTIONS;
         use super::super::detail::ClockFault;
-        use super::super::table::ACTIONS;
         let detail = Detail::Clock(ClockFault::Rate { clock_ahead_ns: -40_000_000 });
         for action in ACTIONS {
             let (mut watch, mut reporter) = Watch::new(Table::PLC.with(Fault::ClockFault, action));

@@ -7,8 +7,9 @@ use std::path::Path;
 use crate::{Measured, partition};
 
 /// Folders of code that runs on the host while guests do, and what each is.
-const TRUSTED: [(&str, &str); 5] = [
+const TRUSTED: [(&str, &str); 6] = [
     ("vmm/src", "the program `takt`"),
+    ("vmm/plan/src", "the partition file"),
     ("scheduler/src", "the schedule"),
     ("devices/src", "devices for Linux"),
     ("devices/channel/src", "channels"),

@@ -8,7 +8,7 @@ mod guest_images;
 use std::fs;
 use std::path::Path;
 
-use takt::{check, config};
+use takt_plan::{self as config, check};
 
 /// Files that are good, and between them have every key.
 const GOOD: [&[u8]; 6] = [

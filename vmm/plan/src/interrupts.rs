@@ -15,7 +15,7 @@ use takt_scheduler::schedules::Schedules;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::Nanos;
 
-use crate::config::Kind;
+use crate::Kind;
 
 /// What one may take: 1.8 us by SVM and 5.8 us by VMX were the longest in emulated machines, the latter
 /// where KVM flushes a cache in software after each (L1TF).

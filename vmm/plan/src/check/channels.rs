@@ -3,7 +3,7 @@
 use std::os::unix::ffi::OsStrExt;
 
 use super::line;
-use crate::config::{ChannelKind, End, HostPort, Owner, PartitionFile};
+use crate::{ChannelKind, End, HostPort, Owner, PartitionFile};
 
 /// The channels, in the order of the file; nothing if there are none. Each end has a line to
 /// itself: two of them at their longest do not fit one.

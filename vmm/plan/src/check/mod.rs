@@ -17,7 +17,7 @@ mod timeline;
 
 use takt_scheduler::schedules::ScheduleId;
 
-use crate::config::{Kind, Partition, PartitionFile};
+use crate::{Kind, Partition, PartitionFile};
 
 /// Each schedule drawn per CPU, what each partition gets in it and how its tasks fare; then what
 /// holds under all of them, the channels, the host's devices, and the health monitor's own rows. Ends with a newline.

@@ -60,7 +60,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::config::load;
+    use crate::load;
 
     const WITH_LINUX: &str = "good-plc-and-linux.toml";
 

@@ -11,9 +11,9 @@ use toml::Spanned;
 
 use super::channels::{Channel, Owner};
 use super::diagnostic::{Diagnostic, quote};
+use super::images::SOCKET_PATH_MAX;
 use super::images::{self, Image};
 use super::raw::{self, Keys};
-use crate::unix_socket::SOCKET_PATH_MAX;
 
 /// Where an end on the host leads. Paths are absolute.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use takt::health::{Action, FAULTS, Fault, Limit, Table};
-use takt::{check, config};
+use takt_plan::health::{Action, FAULTS, Fault, Limit, Table};
+use takt_plan::{self as config, check};
 use takt_scheduler::time::Nanos;
 
 fn tables(name: &str) -> Vec<(String, Table)> {

@@ -2,7 +2,7 @@
 //! the exact message. Files whose name starts with `good-` have none. The examples in `configs/`
 //! must be good too.
 //!
-//! `UPDATE_EXPECT=1 cargo test -p takt --test partition_files` writes the `.err` files anew; read
+//! `UPDATE_EXPECT=1 cargo test -p takt-plan --test partition_files` writes the `.err` files anew; read
 //! the difference before you keep it.
 
 mod guest_images;
@@ -10,8 +10,8 @@ mod guest_images;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use takt::config::{self, Kind, ScheduleChange};
-use takt::{check, config::PartitionFile};
+use takt_plan::{self as config, Kind, ScheduleChange};
+use takt_plan::{PartitionFile, check};
 use takt_scheduler::schedules::ScheduleId;
 
 /// How a user in the package's folder would name the fixtures.
@@ -162,14 +162,14 @@ fn example(name: &str) -> (PathBuf, PartitionFile) {
     fs::write(plc_images.join("can"), guest_images::plc()).unwrap();
     fs::write(plc_images.join("outputs"), guest_images::plc()).unwrap();
     let path = folder.join("configs").join(name);
-    fs::copy(Path::new("../configs").join(name), &path).unwrap();
+    fs::copy(Path::new("../../configs").join(name), &path).unwrap();
     let file = config::load(&path, None).unwrap_or_else(|error| panic!("{error}"));
     (folder.canonicalize().unwrap(), file)
 }
 
 #[test]
 fn every_example_is_good_and_says_what_it_shows() {
-    for path in toml_files(Path::new("../configs")) {
+    for path in toml_files(Path::new("../../configs")) {
         let name = path.file_name().unwrap().to_str().unwrap();
         let (_, file) = example(name);
         assert_eq!(format!("{}.toml", file.name()), name);
@@ -236,7 +236,7 @@ fn a_schedule_in_which_a_partition_has_no_time_is_not_analysed() {
 
 #[test]
 fn the_report_fits_a_terminal_of_100_columns_and_is_ascii() {
-    for path in toml_files(Path::new("../configs")) {
+    for path in toml_files(Path::new("../../configs")) {
         let (_, file) = example(path.file_name().unwrap().to_str().unwrap());
         for line in check::report(&file).lines() {
             assert!(line.is_ascii() && line.len() <= 100, "{}: {line}", file.name());
@@ -396,7 +396,7 @@ other: no tasks given: not analysed
 
 #[test]
 fn the_documentation_shows_the_report_that_is_really_printed() {
-    let page = fs::read_to_string("../docs/partition-file.md").unwrap();
+    let page = fs::read_to_string("../../docs/partition-file.md").unwrap();
     let (_, file) = example("two-schedules.toml");
     let report = check::report(&file);
     assert!(page.contains(&format!("```text\n{report}```")), "{report}");

@@ -7,7 +7,7 @@ use takt_scheduler::table::{Role, Table};
 use takt_scheduler::time::Nanos;
 
 use super::line;
-use crate::config::{Bytes, Kind, Met, NamedTask, Partition, PartitionFile, percent};
+use crate::{Bytes, Kind, Met, NamedTask, Partition, PartitionFile, percent};
 
 /// What each partition has under one schedule, whatever the others do.
 pub fn shares(out: &mut String, file: &PartitionFile, table: &Table) {

@@ -12,7 +12,7 @@ use std::os::unix::fs::FileExt;
 use thiserror::Error;
 
 use super::elf::{self, ElfError};
-use crate::memory::HOLE_START;
+use crate::linux_map::HOLE_START;
 
 /// Where a kernel may begin: below lie the tables that it is started with.
 pub const LOWEST: u64 = 0x10_0000;

@@ -130,7 +130,7 @@ fn check_area(text: &Spanned<String>, ports: &[Port], owner: &Checked) -> Result
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::WhenFull;
+    use crate::WhenFull;
     use takt_scheduler::time::Nanos;
 
     const SAMPLING: ChannelKind = ChannelKind::Sampling { refresh: Nanos(1) };

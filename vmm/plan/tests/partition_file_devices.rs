@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use takt::check;
-use takt::config::{self, InterruptSource, MemorySource, PartitionFile, SafePlace};
+use takt_plan::check;
+use takt_plan::{self as config, InterruptSource, MemorySource, PartitionFile, SafePlace};
 
 fn file() -> PartitionFile {
     load("good-passthrough.toml")

@@ -7,11 +7,16 @@
 use takt_scheduler::time::Nanos;
 use toml::Spanned;
 
-use super::Kind;
-use super::diagnostic::{Diagnostic, quote};
-use super::partition::{self, Checked};
-use super::raw::{self, Keys};
-use crate::health::{ACTIONS, Action, FAULTS, Fault, Limit, Table};
+use crate::Kind;
+use crate::diagnostic::{Diagnostic, quote};
+use crate::partition::{self, Checked};
+use crate::raw::{self, Keys};
+
+mod fault;
+mod table;
+
+pub use fault::{FAULTS, Fault};
+pub use table::{ACTIONS, Action, Limit, Table};
 
 /// Most restarts of a limit: above, it is none.
 const AT_MOST_MAX: i64 = 100;
@@ -19,7 +24,7 @@ const AT_MOST_MAX: i64 = 100;
 const WITHIN_MAX: Nanos = Nanos::from_millis(86_400_000);
 
 /// Checks all rows, in the order of the file, and enters them into the partitions' tables.
-pub fn check(
+pub(crate) fn check(
     rows: &[Spanned<Keys<raw::Health>>],
     partitions: &mut [Checked],
 ) -> Result<(), Diagnostic> {
@@ -52,7 +57,7 @@ pub fn check(
 }
 
 /// The table of a partition for which there is no row, with its limit.
-pub fn default_table(
+pub(crate) fn default_table(
     kind: &Kind,
     limit: Option<&Spanned<Keys<raw::Restarts>>>,
 ) -> Result<Table, Diagnostic> {

@@ -6,7 +6,7 @@ use takt_scheduler::table::{Cpu, Role, Table, Window};
 use takt_scheduler::time::Nanos;
 
 use super::line;
-use crate::config::{Partition, PartitionFile};
+use crate::{Partition, PartitionFile};
 
 /// Width of the timeline in characters; a multiple of the ticks of its axis.
 const WIDTH: u64 = 64;

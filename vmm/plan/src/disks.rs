@@ -6,7 +6,6 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use takt_devices::disk::SECTOR;
 use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
@@ -16,6 +15,8 @@ use super::raw::{self, Keys};
 /// Most disks of a partition: each has an interrupt of its own, and the guest's controller has
 /// seven that nobody else needs.
 pub const DISKS_MAX: usize = 4;
+/// Unit of all addresses on a disk, in bytes; virtio's own, whatever the file has.
+pub const SECTOR: u64 = 512;
 
 /// A disk of a Linux. The file was there when the partition file was loaded, and its length a whole
 /// number of sectors.

@@ -19,15 +19,19 @@
 
 mod append;
 mod channels;
+pub mod check;
 mod contents;
 mod deadlines;
 mod diagnostic;
 mod disks;
+pub mod elf;
 mod explain;
-mod health;
+pub mod health;
 mod host_ports;
 mod images;
 mod interrupts;
+pub mod kernel;
+pub mod linux_map;
 mod names;
 mod partition;
 mod passthrough;
@@ -57,20 +61,18 @@ use schedules::Draft;
 pub use append::AppendError;
 pub use channels::{CHANNELS_MAX, Channel, ChannelKind, End, Owner, WhenFull};
 pub use deadlines::{Met, WAKE_UP_ALLOWANCE};
-pub use disks::{DISKS_MAX, Disk};
+pub use disks::{DISKS_MAX, Disk, SECTOR};
 pub use host_ports::HostPort;
-pub use images::Unreadable;
-pub(crate) use images::open as open_file;
+pub use images::{SOCKET_PATH_MAX, Unreadable, open as open_file};
 pub use interrupts::INTERRUPT;
 pub use passthrough::{
     Bar, DeviceMemory, Interrupt, InterruptSource, MemorySource, Passthrough, PciFunction, PortIo,
     SafePlace, SafeValue,
 };
 pub use ports::{CHANNEL_AREA_PAGES, region_bytes};
-pub(crate) use schedules::percent;
+pub use schedules::percent;
 pub use tasks::NamedTask;
-pub(crate) use units::Bytes;
-pub use units::{UnitError, parse_duration};
+pub use units::{Bytes, UnitError, parse_duration};
 
 /// Largest partition file, in bytes. Far above any real one; it keeps a wrong path, such as that
 /// of a disk image, from being read into memory.

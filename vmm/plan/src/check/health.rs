@@ -4,8 +4,8 @@
 //! one must not overlook is where it departs from them, and whether anybody looks for a sign of life.
 
 use super::line;
-use crate::config::{Kind, Partition, PartitionFile};
 use crate::health::{FAULTS, Fault, Table};
+use crate::{Kind, Partition, PartitionFile};
 
 /// Rows and limits that differ from the default of their partition's kind; nothing if none does.
 pub fn list(out: &mut String, file: &PartitionFile) {

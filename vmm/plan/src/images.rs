@@ -14,10 +14,11 @@ use thiserror::Error;
 use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
-use crate::unix_socket::SOCKET_PATH_MAX;
 
 /// Longest path that Linux takes, with its final NUL (`PATH_MAX` in `uapi/linux/limits.h`).
 const PATH_MAX: usize = 4096;
+/// Longest path of a socket in bytes: `sun_path` of unix(7), less its NUL.
+pub const SOCKET_PATH_MAX: usize = 107;
 /// Where the guest images of the examples are built.
 const GUEST_IMAGES: &str = "target/guest";
 

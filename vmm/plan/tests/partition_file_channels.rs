@@ -5,11 +5,10 @@ use std::fmt::Write;
 use std::fs;
 use std::path::Path;
 
-use takt::check;
-use takt::config::{
-    self, CHANNELS_MAX, Channel, ChannelKind, HostPort, Owner, PartitionFile, WhenFull,
-};
 use takt_abi::PORTS_MAX;
+use takt_plan as config;
+use takt_plan::check;
+use takt_plan::{CHANNELS_MAX, Channel, ChannelKind, HostPort, Owner, PartitionFile, WhenFull};
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::Nanos;
 
@@ -104,7 +103,7 @@ fn ends_on_the_host_say_where_they_lead() {
 
 #[test]
 fn the_documentation_shows_two_of_these_channels_as_they_are_written_and_reported() {
-    let page = fs::read_to_string("../docs/partition-file.md").unwrap();
+    let page = fs::read_to_string("../../docs/partition-file.md").unwrap();
     let written = fs::read_to_string("tests/partition_files/good-channels.toml").unwrap();
     let tables = written.split("\n\n").filter(|table| table.starts_with("[[channel]]"));
     let tables: Vec<&str> = tables.take(2).collect();

@@ -12,8 +12,8 @@ use super::diagnostic::Diagnostic;
 use super::images::{self, Image};
 use super::partition::Checked;
 use super::{Kind, Partition};
-use crate::boot::elf::{self, ElfError};
-use crate::boot::kernel::Kernel;
+use crate::elf::{self, ElfError};
+use crate::kernel::Kernel;
 
 /// Checks the images of a partition.
 pub fn check(checked: &Checked) -> Result<(), Diagnostic> {

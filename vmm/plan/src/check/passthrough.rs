@@ -2,7 +2,7 @@
 //! once.
 
 use super::line;
-use crate::config::{Bar, InterruptSource, MemorySource, Partition, PartitionFile, SafePlace};
+use crate::{Bar, InterruptSource, MemorySource, Partition, PartitionFile, SafePlace};
 
 /// Said of what the host itself runs on, where the file says that it is meant.
 const SHARED: &str = ", shared with the host";
