@@ -9,6 +9,7 @@
 //! Every source is hostile: what a file can make the compiler spend is bounded (see [`limits`]).
 
 pub mod diagnostic;
+pub mod hir;
 pub mod limits;
 pub mod source;
 pub mod syntax;

@@ -1,0 +1,121 @@
+//! Functions that the compiler knows, because ST cannot express them or because they are one machine instruction.
+
+/// A function of the compiler. "Same type" means the type of the expression.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Intrinsic {
+    /// Absolute value of a signed integer, which wraps, or a real. Same type.
+    Abs,
+    /// Square root of a real. Same type.
+    Sqrt,
+    /// Natural logarithm of a real. Same type.
+    Ln,
+    /// Logarithm to base 10 of a real. Same type.
+    Log,
+    /// e to the power of a real. Same type.
+    Exp,
+    /// Sine of a real in radians. Same type.
+    Sin,
+    /// Cosine of a real in radians. Same type.
+    Cos,
+    /// Tangent of a real in radians. Same type.
+    Tan,
+    /// Principal arc sine of a real. Same type.
+    Asin,
+    /// Principal arc cosine of a real. Same type.
+    Acos,
+    /// Principal arc tangent of a real. Same type.
+    Atan,
+    /// Angle of the point (x, y): `ATAN2(y, x)`. Same type.
+    Atan2,
+    /// `EXPT(base, exponent)`, both LREAL or both REAL. Same type.
+    Power,
+    /// The lesser of two scalars of the same type. If one real is NaN, the second operand.
+    Min,
+    /// The greater of two scalars of the same type. If one real is NaN, the second operand.
+    Max,
+    /// `SEL(g, in0, in1)`: in0 if the BOOL is FALSE, else in1. Both are evaluated. Same type, scalar or string.
+    Select,
+    /// `SHL(in, n)`: bits shifted left; n is LINT. All bits gone from the width of the type on; n below 0 shifts nothing.
+    ShiftLeft,
+    /// `SHR(in, n)`: like [`Intrinsic::ShiftLeft`] to the right, zeros from the left.
+    ShiftRight,
+    /// `ROL(in, n)`: n is LINT, taken modulo the width.
+    RotateLeft,
+    /// `ROR(in, n)`: n is LINT, taken modulo the width.
+    RotateRight,
+    /// Length of a string in units. LINT.
+    Length,
+    /// `LEFT(string, n)`: the first n units; n is LINT, taken between 0 and the length.
+    Left,
+    /// `RIGHT(string, n)`: the last n units, likewise.
+    Right,
+    /// `MID(string, n, p)`: n units from position p, counted from 1. Both LINT. What lies outside of the string is left out.
+    Mid,
+    /// Two strings, one after the other. What exceeds the type's capacity is cut.
+    Concat,
+    /// `FIND(string, sought)`: the position, from 1, of the first occurrence; 0 if there is none or `sought` is empty. LINT.
+    Find,
+    /// `CHAR_AT(string, p)`: the unit at position p (LINT), from 1, as BYTE or WORD; 0 if there is none.
+    UnitAt,
+    /// A string of one unit, which is a BYTE or CHAR for STRING, a WORD or WCHAR for WSTRING.
+    FromUnit,
+    /// The scheduled time of this release since the start of the partition. TIME.
+    Now,
+    /// The time since the task's last release, 0 at the first. TIME.
+    Elapsed,
+    /// How often the task ran before. ULINT.
+    Cycle,
+}
+
+impl Intrinsic {
+    /// All of them.
+    pub const ALL: [Intrinsic; 31] = {
+        use Intrinsic::*;
+        [
+            Abs,
+            Sqrt,
+            Ln,
+            Log,
+            Exp,
+            Sin,
+            Cos,
+            Tan,
+            Asin,
+            Acos,
+            Atan,
+            Atan2,
+            Power,
+            Min,
+            Max,
+            Select,
+            ShiftLeft,
+            ShiftRight,
+            RotateLeft,
+            RotateRight,
+            Length,
+            Left,
+            Right,
+            Mid,
+            Concat,
+            Find,
+            UnitAt,
+            FromUnit,
+            Now,
+            Elapsed,
+            Cycle,
+        ]
+    };
+
+    /// How many arguments it takes.
+    pub fn arity(self) -> usize {
+        use Intrinsic::*;
+        match self {
+            Now | Elapsed | Cycle => 0,
+            Abs | Sqrt | Ln | Log | Exp | Sin | Cos | Tan | Asin | Acos | Atan | Length
+            | FromUnit => 1,
+            Atan2 | Power | Min | Max | ShiftLeft | ShiftRight | RotateLeft | RotateRight
+            | Left | Right | Concat | Find | UnitAt => 2,
+            Select | Mid => 3,
+        }
+    }
+}

@@ -1,0 +1,33 @@
+//! The typed tree: a program after semantic analysis.
+//!
+//! Everything that ST leaves implicit is explicit here: each expression has its type, each conversion is a node, each
+//! name is an index, each variable has its storage. The front end builds the tree; the code generator and the
+//! interpreter of the tests read it. Both rely on the rules that are written at each item.
+//!
+//! What has no node of its own is written with the nodes that exist:
+//! - A call of a function block is assignments to its input fields, an [`StatementKind::Invoke`], and assignments from
+//!   its output fields. A `VAR_IN_OUT` of a function block is a field of a reference type that the caller sets.
+//! - EN and ENO are an `IF` around the call.
+//! - A task is a routine without parameters that invokes its program instances.
+//! - `LIMIT` and `MUX` are made of [`Intrinsic::Min`], [`Intrinsic::Max`] and [`Intrinsic::Select`].
+
+mod constant;
+mod expr;
+mod intrinsic;
+mod place;
+mod print;
+mod program;
+mod statement;
+mod types;
+
+pub use constant::Constant;
+pub use expr::{Argument, Arithmetic, Comparison, Conversion, Expr, ExprKind, UnaryOperator};
+pub use intrinsic::Intrinsic;
+pub use place::{Place, Root, Step};
+pub use print::print;
+pub use program::{
+    Area, DEFAULT_LOOP_BUDGET, Global, GlobalId, Local, LocalId, LocalKind, Location, Object,
+    ObjectKind, Program, Retention, Routine, RoutineId, Storage, Task, TaskKind,
+};
+pub use statement::{Block, CaseArm, Statement, StatementKind};
+pub use types::{Class, Elementary, Field, Section, Structure, StructureKind, Type, TypeId, Types};

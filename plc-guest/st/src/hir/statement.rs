@@ -1,0 +1,68 @@
+//! Statements.
+
+use super::{Argument, Expr, Location, Place, RoutineId};
+
+/// Statements one after the other.
+pub type Block = Vec<Statement>;
+
+/// A statement.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Statement {
+    /// What it does.
+    pub kind: StatementKind,
+    /// Where it begins; what a trap of the loop budget is reported with.
+    pub location: Location,
+}
+
+/// What a statement does.
+#[derive(Clone, Debug, PartialEq)]
+pub enum StatementKind {
+    /// The value is evaluated before the place. Types are equal; strings may differ in capacity, and what exceeds the place's is
+    /// cut. Structures and arrays are copied whole.
+    Assign(Place, Expr),
+    /// A function whose result is dropped, or that has none.
+    Call(RoutineId, Vec<Argument>),
+    /// Runs the body of the function block or program at a place.
+    Invoke(Place, RoutineId),
+    /// The first arm whose condition is TRUE, else the last block.
+    If(Vec<(Expr, Block)>, Block),
+    /// The arm that holds the selector's value, else the last block. The selector is of an integer class. Arms do not
+    /// overlap; if they do, the first counts.
+    Case(Expr, Vec<CaseArm>, Block),
+    /// `FOR variable := from TO to BY by`. The variable is of an integer type and is a place without an index or reference in its path.
+    /// All are evaluated once, in the order from, to, by, and have the variable's type. After the body the variable is
+    /// increased by `by`, and wraps; the loop ends if the variable had already passed `to` or if the increase passes it, also
+    /// by wrapping. A `by` of 0 traps as a loop without end. Where `by` is not constant and the type is signed, its sign decides
+    /// the direction.
+    For {
+        /// What is counted.
+        variable: Place,
+        /// The first value.
+        from: Expr,
+        /// The last value.
+        to: Expr,
+        /// The step.
+        by: Expr,
+        /// What is repeated.
+        body: Block,
+    },
+    /// As long as the condition is TRUE.
+    While(Expr, Block),
+    /// Until the condition, evaluated after the body, is TRUE.
+    Repeat(Block, Expr),
+    /// Leaves the innermost loop.
+    Exit,
+    /// Goes on with the next round of the innermost loop: to FOR's increase, WHILE's or REPEAT's condition.
+    Continue,
+    /// Ends the routine.
+    Return,
+}
+
+/// An arm of CASE.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CaseArm {
+    /// Ranges of values, both ends included.
+    pub ranges: Vec<(i128, i128)>,
+    /// What is done.
+    pub body: Block,
+}

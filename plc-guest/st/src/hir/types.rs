@@ -1,0 +1,482 @@
+//! Types and their layout in memory.
+//!
+//! A type is an index into [`Types`]. Types that are equal by structure (arrays, strings, references) are stored once, so
+//! that equal indices mean equal types. Structures and enumerations are equal only to themselves.
+
+use std::collections::HashMap;
+
+use super::Constant;
+
+/// The elementary types of IEC 61131-3:2013, table 10, without the strings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[allow(missing_docs)] // The names are the standard's.
+pub enum Elementary {
+    Bool,
+    Sint,
+    Int,
+    Dint,
+    Lint,
+    Usint,
+    Uint,
+    Udint,
+    Ulint,
+    Byte,
+    Word,
+    Dword,
+    Lword,
+    Real,
+    Lreal,
+    Time,
+    Ltime,
+    Date,
+    Ldate,
+    Tod,
+    Ltod,
+    Dt,
+    Ldt,
+    Char,
+    Wchar,
+}
+
+/// How the values of an elementary type are represented and computed with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Class {
+    /// One byte, 0 or 1.
+    Bool,
+    /// Two's complement. Times and dates are of this class: 64 bits, in nanoseconds, dates since 1970-01-01.
+    Signed,
+    /// Unsigned. Bit strings and characters are of this class.
+    Unsigned,
+    /// IEEE 754 binary32 or binary64.
+    Float,
+}
+
+impl Elementary {
+    /// All elementary types, in the order of their declaration.
+    pub const ALL: [Elementary; 25] = {
+        use Elementary::*;
+        [
+            Bool, Sint, Int, Dint, Lint, Usint, Uint, Udint, Ulint, Byte, Word, Dword, Lword, Real,
+            Lreal, Time, Ltime, Date, Ldate, Tod, Ltod, Dt, Ldt, Char, Wchar,
+        ]
+    };
+
+    /// The size of a value in bytes, which is its alignment too.
+    pub fn size(self) -> u32 {
+        use Elementary::*;
+        match self {
+            Bool | Sint | Usint | Byte | Char => 1,
+            Int | Uint | Word | Wchar => 2,
+            Dint | Udint | Dword | Real => 4,
+            Lint | Ulint | Lword | Lreal | Time | Ltime | Date | Ldate | Tod | Ltod | Dt | Ldt => 8,
+        }
+    }
+
+    /// How values are represented.
+    pub fn class(self) -> Class {
+        use Elementary::*;
+        match self {
+            Bool => Class::Bool,
+            Sint | Int | Dint | Lint | Time | Ltime | Date | Ldate | Tod | Ltod | Dt | Ldt => {
+                Class::Signed
+            }
+            Usint | Uint | Udint | Ulint | Byte | Word | Dword | Lword | Char | Wchar => {
+                Class::Unsigned
+            }
+            Real | Lreal => Class::Float,
+        }
+    }
+
+    /// The type's name in the standard.
+    pub fn name(self) -> &'static str {
+        use Elementary::*;
+        match self {
+            Bool => "BOOL",
+            Sint => "SINT",
+            Int => "INT",
+            Dint => "DINT",
+            Lint => "LINT",
+            Usint => "USINT",
+            Uint => "UINT",
+            Udint => "UDINT",
+            Ulint => "ULINT",
+            Byte => "BYTE",
+            Word => "WORD",
+            Dword => "DWORD",
+            Lword => "LWORD",
+            Real => "REAL",
+            Lreal => "LREAL",
+            Time => "TIME",
+            Ltime => "LTIME",
+            Date => "DATE",
+            Ldate => "LDATE",
+            Tod => "TOD",
+            Ltod => "LTOD",
+            Dt => "DT",
+            Ldt => "LDT",
+            Char => "CHAR",
+            Wchar => "WCHAR",
+        }
+    }
+
+    /// The least and the greatest value of an integer class or of BOOL; `None` for REAL and LREAL.
+    pub fn range(self) -> Option<(i128, i128)> {
+        let bits = self.size() * 8;
+        match self.class() {
+            Class::Bool => Some((0, 1)),
+            Class::Signed => Some((-(1 << (bits - 1)), (1 << (bits - 1)) - 1)),
+            Class::Unsigned => Some((0, (1 << bits) - 1)),
+            Class::Float => None,
+        }
+    }
+
+    /// `value` modulo the type's width: what an integer operation that overflows leaves. Unchanged for REAL and LREAL.
+    pub fn wrap(self, value: i128) -> i128 {
+        let bits = self.size() * 8;
+        match self.class() {
+            Class::Bool => i128::from(value != 0),
+            Class::Signed => (value << (128 - bits)) >> (128 - bits),
+            Class::Unsigned => value & ((1 << bits) - 1),
+            Class::Float => value,
+        }
+    }
+}
+
+/// A type of a [`Types`] table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct TypeId(pub u32);
+
+/// What a type is.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Type {
+    /// A type of one value.
+    Elementary(Elementary),
+    /// `STRING[capacity]`: the current length in bytes (u16), then `capacity` bytes.
+    String {
+        /// The greatest length in bytes.
+        capacity: u16,
+    },
+    /// `WSTRING[capacity]`: the current length in UTF-16 units (u16), then `capacity` units.
+    WString {
+        /// The greatest length in units.
+        capacity: u16,
+    },
+    /// Named values of an integer type.
+    Enumeration {
+        /// The type's name.
+        name: String,
+        /// The type of its values.
+        base: Elementary,
+        /// Names and values, as declared.
+        values: Vec<(String, i128)>,
+    },
+    /// An integer type with a narrower range. A value is checked where it is converted to the subrange.
+    Subrange {
+        /// The type's name.
+        name: String,
+        /// The type of its values.
+        base: Elementary,
+        /// The least value.
+        lower: i128,
+        /// The greatest value.
+        upper: i128,
+    },
+    /// One dimension; an array of several dimensions is an array of arrays, the first index outermost.
+    Array {
+        /// The type of an element.
+        element: TypeId,
+        /// The least index.
+        lower: i64,
+        /// The greatest index, at least `lower`.
+        upper: i64,
+    },
+    /// `ARRAY[*, *] OF element` as the type of a parameter that is passed by reference.
+    OpenArray {
+        /// The type of an element.
+        element: TypeId,
+        /// How many dimensions.
+        dimensions: u8,
+    },
+    /// A structure, a function block or a program.
+    Structure(Structure),
+    /// `REF_TO target`: an address; 0 is NULL.
+    Reference {
+        /// The type of what is referred to.
+        target: TypeId,
+    },
+}
+
+/// Fields at fixed offsets.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Structure {
+    /// The type's name.
+    pub name: String,
+    /// What declared it.
+    pub kind: StructureKind,
+    /// The fields in the order of their declaration.
+    pub fields: Vec<Field>,
+    /// The size in bytes, a multiple of the alignment.
+    pub size: u32,
+    /// The alignment in bytes.
+    pub align: u32,
+}
+
+/// What declared a structure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StructureKind {
+    /// `STRUCT`.
+    Struct,
+    /// `FUNCTION_BLOCK`: the fields are its variables.
+    FunctionBlock,
+    /// `PROGRAM`: the fields are its variables.
+    Program,
+}
+
+/// A field of a structure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Field {
+    /// The name as declared.
+    pub name: String,
+    /// The type.
+    pub ty: TypeId,
+    /// The offset in bytes from the structure's start.
+    pub offset: u32,
+    /// The initial value.
+    pub initial: Constant,
+    /// In which section of a function block or program it was declared.
+    pub section: Section,
+    /// RETAIN or PERSISTENT.
+    pub retention: super::Retention,
+}
+
+/// The section of a declaration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Section {
+    /// `VAR`, or a field of a structure.
+    Variable,
+    /// `VAR_INPUT`.
+    Input,
+    /// `VAR_OUTPUT`.
+    Output,
+    /// `VAR_IN_OUT`; the field is a reference.
+    InOut,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Key {
+    Elementary(Elementary),
+    String(u16),
+    WString(u16),
+    Array(TypeId, i64, i64),
+    OpenArray(TypeId, u8),
+    Reference(TypeId),
+}
+
+/// All types of a program.
+#[derive(Clone, Debug, Default)]
+pub struct Types {
+    list: Vec<Type>,
+    known: HashMap<Key, TypeId>,
+}
+
+impl Types {
+    /// A table without types.
+    pub fn new() -> Types {
+        Types::default()
+    }
+
+    fn known(&mut self, key: Key, ty: Type) -> TypeId {
+        if let Some(&id) = self.known.get(&key) {
+            return id;
+        }
+        let id = self.add(ty);
+        self.known.insert(key, id);
+        id
+    }
+
+    fn add(&mut self, ty: Type) -> TypeId {
+        self.list.push(ty);
+        TypeId(self.list.len() as u32 - 1)
+    }
+
+    /// The elementary type.
+    pub fn elementary(&mut self, elementary: Elementary) -> TypeId {
+        self.known(Key::Elementary(elementary), Type::Elementary(elementary))
+    }
+
+    /// `STRING[capacity]`.
+    pub fn string(&mut self, capacity: u16) -> TypeId {
+        self.known(Key::String(capacity), Type::String { capacity })
+    }
+
+    /// `WSTRING[capacity]`.
+    pub fn wstring(&mut self, capacity: u16) -> TypeId {
+        self.known(Key::WString(capacity), Type::WString { capacity })
+    }
+
+    /// `ARRAY[lower..upper] OF element`. The caller has verified `lower <= upper` and that the size fits in the state.
+    pub fn array(&mut self, element: TypeId, lower: i64, upper: i64) -> TypeId {
+        self.known(Key::Array(element, lower, upper), Type::Array { element, lower, upper })
+    }
+
+    /// `ARRAY[*, ...] OF element`.
+    pub fn open_array(&mut self, element: TypeId, dimensions: u8) -> TypeId {
+        self.known(Key::OpenArray(element, dimensions), Type::OpenArray { element, dimensions })
+    }
+
+    /// `REF_TO target`.
+    pub fn reference(&mut self, target: TypeId) -> TypeId {
+        self.known(Key::Reference(target), Type::Reference { target })
+    }
+
+    /// A new enumeration.
+    pub fn enumeration(
+        &mut self,
+        name: &str,
+        base: Elementary,
+        values: Vec<(String, i128)>,
+    ) -> TypeId {
+        self.add(Type::Enumeration { name: name.to_owned(), base, values })
+    }
+
+    /// A new subrange.
+    pub fn subrange(&mut self, name: &str, base: Elementary, lower: i128, upper: i128) -> TypeId {
+        self.add(Type::Subrange { name: name.to_owned(), base, lower, upper })
+    }
+
+    /// A structure whose fields follow with [`Types::define`], so that a field may refer to the structure.
+    pub fn declare(&mut self, name: &str, kind: StructureKind) -> TypeId {
+        self.add(Type::Structure(Structure {
+            name: name.to_owned(),
+            kind,
+            fields: Vec::new(),
+            size: 0,
+            align: 1,
+        }))
+    }
+
+    /// Gives the structure `id` one more field behind the others, at the next offset that its type's alignment allows.
+    /// Returns its index. The field's type must be complete.
+    ///
+    /// # Panics
+    /// If `id` is no structure: an error of the compiler.
+    pub fn define(
+        &mut self,
+        id: TypeId,
+        name: &str,
+        ty: TypeId,
+        initial: Constant,
+        section: Section,
+        retention: super::Retention,
+    ) -> u32 {
+        let (size, align) = (self.size(ty), self.align(ty));
+        let Type::Structure(structure) = &mut self.list[id.0 as usize] else {
+            panic!("fields of a type that is no structure");
+        };
+        let offset = structure.size.next_multiple_of(align);
+        structure.align = structure.align.max(align);
+        structure.size = offset + size;
+        structure.fields.push(Field {
+            name: name.to_owned(),
+            ty,
+            offset,
+            initial,
+            section,
+            retention,
+        });
+        structure.fields.len() as u32 - 1
+    }
+
+    /// Ends the definition of structure `id`: rounds its size up to its alignment. A structure without fields has size 1,
+    /// so that two variables never share an address.
+    pub fn complete(&mut self, id: TypeId) {
+        if let Type::Structure(structure) = &mut self.list[id.0 as usize] {
+            structure.size = structure.size.max(1).next_multiple_of(structure.align);
+        }
+    }
+
+    /// What `id` is.
+    pub fn get(&self, id: TypeId) -> &Type {
+        &self.list[id.0 as usize]
+    }
+
+    /// The structure that `id` is.
+    pub fn structure(&self, id: TypeId) -> Option<&Structure> {
+        match self.get(id) {
+            Type::Structure(structure) => Some(structure),
+            _ => None,
+        }
+    }
+
+    /// All types with their indices.
+    pub fn iter(&self) -> impl Iterator<Item = (TypeId, &Type)> {
+        self.list.iter().enumerate().map(|(index, ty)| (TypeId(index as u32), ty))
+    }
+
+    /// The elementary type that values of `id` are represented by: the base of an enumeration or subrange, ULINT for a
+    /// reference, `None` for strings and whatever has parts.
+    pub fn scalar(&self, id: TypeId) -> Option<Elementary> {
+        match self.get(id) {
+            Type::Elementary(elementary) => Some(*elementary),
+            Type::Enumeration { base, .. } | Type::Subrange { base, .. } => Some(*base),
+            Type::Reference { .. } => Some(Elementary::Ulint),
+            _ => None,
+        }
+    }
+
+    /// Whether `id` is a STRING or a WSTRING.
+    pub fn is_string(&self, id: TypeId) -> bool {
+        matches!(self.get(id), Type::String { .. } | Type::WString { .. })
+    }
+
+    /// The size of a value in bytes; a multiple of its alignment except for strings. 0 for an open array.
+    pub fn size(&self, id: TypeId) -> u32 {
+        match self.get(id) {
+            Type::Elementary(elementary) => elementary.size(),
+            Type::Enumeration { base, .. } | Type::Subrange { base, .. } => base.size(),
+            Type::String { capacity } => (2 + u32::from(*capacity)).next_multiple_of(2),
+            Type::WString { capacity } => 2 + 2 * u32::from(*capacity),
+            Type::Array { element, lower, upper } => {
+                self.size(*element) * (upper - lower + 1) as u32
+            }
+            Type::OpenArray { .. } => 0,
+            Type::Structure(structure) => structure.size,
+            Type::Reference { .. } => 8,
+        }
+    }
+
+    /// The alignment of a value in bytes.
+    pub fn align(&self, id: TypeId) -> u32 {
+        match self.get(id) {
+            Type::Elementary(elementary) => elementary.size(),
+            Type::Enumeration { base, .. } | Type::Subrange { base, .. } => base.size(),
+            Type::String { .. } | Type::WString { .. } => 2,
+            Type::Array { element, .. } | Type::OpenArray { element, .. } => self.align(*element),
+            Type::Structure(structure) => structure.align,
+            Type::Reference { .. } => 8,
+        }
+    }
+
+    /// The type as one writes it.
+    pub fn name(&self, id: TypeId) -> String {
+        match self.get(id) {
+            Type::Elementary(elementary) => elementary.name().to_owned(),
+            Type::String { capacity } => format!("STRING[{capacity}]"),
+            Type::WString { capacity } => format!("WSTRING[{capacity}]"),
+            Type::Enumeration { name, .. } | Type::Subrange { name, .. } => name.clone(),
+            Type::Array { element, lower, upper } => {
+                format!("ARRAY[{lower}..{upper}] OF {}", self.name(*element))
+            }
+            Type::OpenArray { element, dimensions } => {
+                let stars = vec!["*"; usize::from(*dimensions)].join(", ");
+                format!("ARRAY[{stars}] OF {}", self.name(*element))
+            }
+            Type::Structure(structure) => structure.name.clone(),
+            Type::Reference { target } => format!("REF_TO {}", self.name(*target)),
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "types_tests.rs"]
+mod tests;
