@@ -1,0 +1,31 @@
+//! The specification names a test for each promise. A promise whose test is gone would be held by nothing.
+
+use std::fs;
+use std::path::Path;
+
+/// The tests that a page names, as `module` and `test`: code spans of two identifiers with `::` between.
+fn named(page: &str) -> Vec<(&str, &str)> {
+    let spans = page.split('`').skip(1).step_by(2);
+    spans
+        .filter_map(|span| span.split_once("::"))
+        .filter(|(module, _)| *module != "module")
+        .collect()
+}
+
+#[test]
+fn each_test_that_the_specification_names_exists() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("tests/ is in the project");
+    let page = fs::read_to_string(root.join("docs/specification.md")).expect("the page is there");
+    let named = named(&page);
+    assert!(named.len() > 20, "only {} tests are named", named.len());
+    let missing: Vec<String> = named
+        .into_iter()
+        .filter(|(module, test)| {
+            let file = root.join(format!("tests/tests/nested/{module}.rs"));
+            let source = fs::read_to_string(file).unwrap_or_default();
+            !source.contains(&format!("#[test]\nfn {test}() {{"))
+        })
+        .map(|(module, test)| format!("{module}::{test}"))
+        .collect();
+    assert!(missing.is_empty(), "docs/specification.md names tests that do not exist: {missing:?}");
+}
