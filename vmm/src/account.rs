@@ -11,6 +11,7 @@ use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 use crate::boot::StartMode;
 use crate::control::Orders;
 use crate::gather::Gather;
+use crate::handoff::Taker;
 use crate::health::{Detail, Watch};
 use crate::kernel_watch::{KernelWatch, News};
 use crate::load;
@@ -77,6 +78,8 @@ pub struct Account {
     pub deadlines: Option<Arc<Deadlines>>,
     /// For starting its guest anew; `None` if it cannot be.
     pub restart: Option<Restart>,
+    /// What its thread tells of its ends.
+    pub ends: Taker<Finished>,
     /// How often its guest was started anew.
     pub restarts: u64,
     /// Set once its guest has ended and is not started again.

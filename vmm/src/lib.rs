@@ -17,6 +17,7 @@ pub mod doorbell;
 pub mod event;
 pub mod footprint;
 pub mod gather;
+pub mod handoff;
 pub mod health;
 pub mod host_clock;
 pub mod host_ports;

@@ -6,13 +6,12 @@ use std::io::{self, Read, Write};
 use std::mem::MaybeUninit;
 use std::os::fd::FromRawFd;
 use std::sync::Arc;
-use std::sync::mpsc::channel;
 
 use takt::outlet::{Outlet, StandardOutput};
 use takt::sandbox::Mode;
 use takt::schedule_desk::ScheduleDesk;
 use takt::screen::{self, Screen};
-use takt::supervisor::{Endings, Sources, Supervisor, take_signals};
+use takt::supervisor::{Sources, Supervisor, take_signals};
 use takt::terminal;
 use takt_scheduler::switch::SwitchBoard;
 use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
@@ -57,7 +56,6 @@ fn a_signal_and_the_escape_end_a_run_and_the_terminal_is_put_back() {
     assert_eq!(local_flags() & (libc::ICANON | libc::ECHO | libc::ISIG), 0);
 
     let supervisor = || {
-        let (_sender, ends) = channel();
         let output = StandardOutput::new();
         let outlet = Outlet::start("console", Mode::Enforce, &screen::quotas(0), output).unwrap();
         let screen = Screen::new(Arc::new(outlet), true, 0);
@@ -67,8 +65,7 @@ fn a_signal_and_the_escape_end_a_run_and_the_terminal_is_put_back() {
         let base = Timebase { epoch: Tsc::now(), frequency };
         let board = Arc::new(SwitchBoard::new(Nanos::from_millis(1), 1));
         let desk = ScheduleDesk::new(board, &["only".to_owned()], base);
-        let endings = Endings { bell, ends };
-        let sources = Sources::new(signals, endings).unwrap();
+        let sources = Sources::new(signals, bell).unwrap();
         Supervisor::new(Vec::new(), desk, None, screen, None, sources)
     };
     // With neither a duration nor a partition, only the signal can end this.

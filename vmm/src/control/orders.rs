@@ -18,7 +18,6 @@ use takt_scheduler::time::Nanos;
 use super::protocol::{ErrorKind, EventKind, Refusal, State};
 use crate::account::{Account, Finished};
 use crate::boot::{Start, StartMode, StartReason};
-use crate::restart::Restart;
 use crate::vcpu::guest::End;
 
 /// An order whose partition has not stopped yet.
@@ -161,7 +160,10 @@ impl Account {
     }
 
     fn start_anew(&mut self, mode: StartMode) -> Result<Outcome, Refusal> {
-        self.may_start(mode)?.start(Start { mode, reason: StartReason::Operator });
+        self.may_start(mode)?;
+        if let Some(restart) = &mut self.restart {
+            restart.start(Start { mode, reason: StartReason::Operator });
+        }
         self.finished = None;
         self.restarted(mode);
         let mode = match mode {
@@ -172,8 +174,8 @@ impl Account {
         Ok(Outcome { kind: EventKind::Restarted, text })
     }
 
-    /// What starts it, if that can be.
-    fn may_start(&self, mode: StartMode) -> Result<&Restart, Refusal> {
+    /// Whether it can be started.
+    fn may_start(&self, mode: StartMode) -> Result<(), Refusal> {
         let refused = |error, why| Err(Refusal::new(error, format!("{}: {why}", self.name)));
         let gone = matches!(self.finished, Some(Finished { end: End::NotLoaded, .. }));
         match &self.restart {
@@ -181,7 +183,7 @@ impl Account {
                 let why = "a Linux retains nothing, so it has no warm start";
                 refused(ErrorKind::Unsupported, why)
             }
-            Some(restart) if !gone => Ok(restart),
+            Some(_) if !gone => Ok(()),
             _ => refused(ErrorKind::Refused, "its thread is gone"),
         }
     }

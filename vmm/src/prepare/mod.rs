@@ -9,7 +9,6 @@ mod spawn;
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
 use kvm_ioctls::Kvm;
@@ -19,7 +18,7 @@ use takt_scheduler::table::{Cpu, PartitionId};
 use takt_scheduler::time::{Timebase, TscFrequency};
 use vmm_sys_util::eventfd::EventFd;
 
-use crate::account::{Account, Finished};
+use crate::account::Account;
 use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile};
 use crate::cpuset::Domains;
@@ -67,9 +66,7 @@ pub struct Preparation<'a> {
     pub devices: &'a Devices,
     /// CPUs that got a scheduling domain of their own.
     pub domains: &'a Domains,
-    /// Where threads tell of their ends.
-    pub sender: Sender<(PartitionId, Finished)>,
-    /// What they ring then.
+    /// What threads ring when they have told of their ends.
     pub bell: EventFd,
     /// Set when the run is over: nobody takes console output any more.
     pub closing: Arc<AtomicBool>,

@@ -1,14 +1,13 @@
 //! The thread of a partition, and what it does from the epoch to its end.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError};
 use std::time::Duration;
 
 use kvm_ioctls::VcpuFd;
 use rtrb::{Consumer, RingBuffer};
 use takt_devices::output;
 use takt_scheduler::reservation::CpuReservations;
-use takt_scheduler::table::{PartitionId, Role};
+use takt_scheduler::table::Role;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use vmm_sys_util::eventfd::EventFd;
 
@@ -20,9 +19,10 @@ use crate::config::{Kind, Partition, ScheduleChange};
 use crate::control::Orders;
 use crate::event;
 use crate::gather::Gather;
+use crate::handoff::{Giver, Gone, handoff};
 use crate::health::{Reporter, Watch};
 use crate::memory::GuestMemory;
-use crate::restart::Revival;
+use crate::restart::{Revival, Revivals};
 use crate::run_error::RunError;
 use crate::terminal::Lines;
 use crate::vcpu::guest::{End, Guest};
@@ -35,20 +35,22 @@ use crate::vcpu::{Control, background};
 
 /// Window records that the event thread may be behind.
 const RECORDS: usize = 4096;
+/// Ends that a thread may tell of before the event thread has taken the first: its guest's, and that it
+/// could not be loaded anew.
+const ENDS: usize = 2;
 /// How often a thread without a guest looks whether the run is over.
 const LOOK: Duration = Duration::from_millis(20);
 
 /// How a vCPU thread tells of its end.
 struct Ending {
-    partition: PartitionId,
-    sender: Sender<(PartitionId, Finished)>,
+    ends: Giver<Finished>,
     bell: EventFd,
 }
 
 impl Ending {
-    fn tell(&self, finished: Finished) {
-        // The event thread takes part until all threads are joined.
-        let _ = self.sender.send((self.partition, finished));
+    fn tell(&mut self, finished: Finished) {
+        // There is room, since a thread has its word to go on only after the event thread has taken this.
+        let _ = self.ends.give(finished);
         let _ = self.bell.write(1);
     }
 }
@@ -77,24 +79,21 @@ impl Preparation<'_> {
         memory: GuestMemory,
         guest: G,
         output: output::OutputEnd,
-        revivals: Receiver<Revival<G>>,
+        mut revivals: Revivals<G>,
     ) -> Result<Prepared, RunError>
     where
         G: Guest + Send + 'static,
         R: FnOnce(&mut VcpuFd) -> Result<(), TouchError> + Send + 'static,
     {
         let (id, cpu, name) = (partition.id(), partition.cpu(), partition.name().to_owned());
+        let (giver, ends) = handoff(ENDS);
         let control: Arc<Control> = Arc::default();
         let (health, reporter) = Watch::new(partition.health());
         let body = Body {
             _memory: memory,
             own: control.clone(),
             health: reporter,
-            ending: Ending {
-                partition: id,
-                sender: self.sender.clone(),
-                bell: event::clone(&self.bell)?,
-            },
+            ending: Ending { ends: giver, bell: event::clone(&self.bell)? },
         };
         let schedules = self.file.schedules();
         let says_done = guest.says_done();
@@ -124,13 +123,13 @@ impl Preparation<'_> {
                 let (producer, consumer) = RingBuffer::new(RECORDS);
                 let run = move |kickable: &mut Kickable, base: Timebase| {
                     let windowed = Windowed::new(plan, base, producer);
-                    body.run_windowed(windowed, kickable, guest, &revivals);
+                    body.run_windowed(windowed, kickable, guest, &mut revivals);
                 };
                 (thread::vcpu(&name, place, control.clone(), vcpu, ready, run)?, Some(consumer))
             }
             None => {
                 let run = move |kickable: &mut Kickable, base: Timebase| {
-                    body.run_background(kickable, guest, &revivals, &base);
+                    body.run_background(kickable, guest, &mut revivals, &base);
                 };
                 (thread::vcpu(&name, place, control.clone(), vcpu, ready, run)?, None)
             }
@@ -155,6 +154,7 @@ impl Preparation<'_> {
             restart: None,
             restarts: 0,
             finished: None,
+            ends,
             ended_run: false,
             start_mode: StartMode::Cold,
             orders: Orders::default(),
@@ -182,7 +182,7 @@ impl Body {
         mut windowed: Windowed,
         kickable: &mut Kickable,
         mut guest: G,
-        revivals: &Receiver<Revival<G>>,
+        revivals: &mut Revivals<G>,
     ) {
         loop {
             self.own.enter_guest();
@@ -195,10 +195,10 @@ impl Body {
                 if !windowed.next_window(&self.own) {
                     return;
                 }
-                match revivals.try_recv() {
-                    Ok(revival) => break revival,
-                    Err(TryRecvError::Empty) => {}
-                    Err(TryRecvError::Disconnected) => return,
+                match revivals.take() {
+                    Ok(Some(revival)) => break revival,
+                    Ok(None) => {}
+                    Err(Gone) => return,
                 }
             };
             if !self.revive(kickable, &mut guest, revival) {
@@ -212,7 +212,7 @@ impl Body {
         mut self,
         kickable: &mut Kickable,
         mut guest: G,
-        revivals: &Receiver<Revival<G>>,
+        revivals: &mut Revivals<G>,
         base: &Timebase,
     ) {
         loop {
@@ -230,11 +230,11 @@ impl Body {
 
     /// Waits for the word to go on; `None` if there will be none, or the run is over. What loads a guest may
     /// take longer than the end of a run, so this looks for that.
-    fn wait<G>(&self, revivals: &Receiver<Revival<G>>) -> Option<Revival<G>> {
+    fn wait<G>(&self, revivals: &mut Revivals<G>) -> Option<Revival<G>> {
         loop {
-            match revivals.recv_timeout(LOOK) {
-                Err(RecvTimeoutError::Timeout) if !self.own.ending() => {}
-                other => return other.ok(),
+            match revivals.wait(Some(LOOK)) {
+                Ok(None) if !self.own.ending() => {}
+                other => return other.ok().flatten(),
             }
         }
     }

@@ -12,10 +12,10 @@
 mod linux;
 mod plc;
 
-use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::boot::Start;
+use crate::handoff::{Giver, Taker, handoff};
 use crate::run_error::RunError;
 use crate::sandbox::Kind;
 use crate::vcpu::kick::Kickable;
@@ -28,8 +28,8 @@ pub use plc::PlcLoader;
 /// is false if it failed.
 pub type Revival<G> = Box<dyn FnOnce(&mut Kickable, &mut G) -> bool + Send>;
 
-/// Where a partition's thread waits for the word.
-pub type Revivals<G> = Receiver<Revival<G>>;
+/// Where a partition's thread gets the word. It may be a deadline thread, so it never waits here.
+pub type Revivals<G> = Taker<Revival<G>>;
 
 type Failure = Arc<Mutex<Option<RunError>>>;
 
@@ -46,13 +46,16 @@ pub trait Loader: Send + 'static {
     ///
     /// # Errors
     /// See [`RunError`]. Then there was no word.
-    fn load(&mut self, start: Start, thread: &Sender<Revival<Self::Guest>>)
-    -> Result<(), RunError>;
+    fn load(
+        &mut self,
+        start: Start,
+        thread: &mut Giver<Revival<Self::Guest>>,
+    ) -> Result<(), RunError>;
 }
 
 /// What is needed to start a guest anew. When it is dropped, the thread that loads comes to its end.
 pub struct Restart {
-    orders: Sender<Start>,
+    orders: Giver<Start>,
     failure: Failure,
     retains: bool,
 }
@@ -66,15 +69,15 @@ impl Restart {
         mut loader: L,
         spawn: Spawn<'_>,
     ) -> Result<(Self, Revivals<L::Guest>), ThreadError> {
-        let (orders, ordered) = channel();
-        let (thread, revivals) = channel();
+        let (orders, mut ordered) = handoff(1);
+        let (mut thread, revivals) = handoff(1);
         let failure = Failure::default();
         let own = failure.clone();
         let work = move || {
-            for start in ordered {
-                if let Err(error) = loader.load(start, &thread) {
+            while let Ok(Some(start)) = ordered.wait(None) {
+                if let Err(error) = loader.load(start, &mut thread) {
                     *lock(&own) = Some(error);
-                    let _ = thread.send(Box::new(|_, _| false));
+                    let _ = thread.give(Box::new(|_, _| false));
                 }
             }
         };
@@ -85,9 +88,9 @@ impl Restart {
 
     /// Orders the guest to be loaded and its thread to go on. The thread must have told of its end. If it
     /// cannot be loaded the thread tells so, and [`failure`](Self::failure) says why.
-    pub fn start(&self, start: Start) {
-        // The thread takes orders for as long as this exists.
-        let _ = self.orders.send(start);
+    pub fn start(&mut self, start: Start) {
+        // There is room: a thread that has told of its end has taken all earlier words.
+        let _ = self.orders.give(start);
     }
 
     /// Why the guest could not be loaded, if its thread has told so.

@@ -1,13 +1,13 @@
 //! A PLC, in its own machine.
 
 use std::sync::Arc;
-use std::sync::mpsc::Sender;
 
 use super::{Loader, Revival};
 use crate::boot::Start;
 use crate::boot::long_mode::{self, StartError};
 use crate::boot::plc::PlcImage;
 use crate::channels::OwnRegion;
+use crate::handoff::Giver;
 use crate::interrupts::apic;
 use crate::memory::GuestMemory;
 use crate::passthrough::vfio::Space;
@@ -36,7 +36,11 @@ impl Loader for PlcLoader {
     const THREAD: (&str, Kind) = ("plc-loader", Kind::PlcLoader);
     const RETAINS: bool = true;
 
-    fn load(&mut self, start: Start, thread: &Sender<Revival<PlcGuest>>) -> Result<(), RunError> {
+    fn load(
+        &mut self,
+        start: Start,
+        thread: &mut Giver<Revival<PlcGuest>>,
+    ) -> Result<(), RunError> {
         if let Some(space) = &self.space {
             space.stop()?;
         }
@@ -58,7 +62,7 @@ impl Loader for PlcLoader {
                 && (!guest.has_interrupts() || apic::reset(kickable.vcpu()).is_ok())
         };
         // A thread that is gone has told of that too.
-        let _ = thread.send(Box::new(revival));
+        let _ = thread.give(Box::new(revival));
         Ok(())
     }
 }

@@ -17,7 +17,6 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use takt_scheduler::switch::SwitchBoard;
@@ -48,7 +47,7 @@ use crate::run_error::RunError;
 use crate::samples::{self, Samples};
 use crate::sandbox::{self, Allowed};
 use crate::screen::{self, Screen};
-use crate::supervisor::{Endings, Sources, Supervisor, take_signals};
+use crate::supervisor::{Sources, Supervisor, take_signals};
 use crate::terminal;
 use crate::trace::Trace;
 use crate::unix_socket::{Listener, SocketKind};
@@ -94,7 +93,6 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     // Dropped after all threads have been let go.
     let domains = Domains::set_up(file.schedules())?;
     steps.pass()?;
-    let (sender, ends) = channel();
     let bell = eventfd()?;
     let schedules = file.schedules();
     let spawn = |name: &str, kind, work: Box<dyn FnOnce() + Send>| {
@@ -107,7 +105,6 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         channels: &channels,
         devices: &devices,
         domains: &domains,
-        sender,
         bell: event::clone(&bell)?,
         closing: Arc::default(),
         board: board.clone(),
@@ -145,7 +142,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let output = StandardOutput::new();
     let console_outlet =
         Outlet::start("console", options.seccomp, &quotas, output).map(Arc::new)?;
-    let sources = Sources::new(signals, Endings { bell, ends })?;
+    let sources = Sources::new(signals, bell)?;
     steps.pass()?;
     let raw = terminal::make_raw()
         .map_err(|source| RunError::Host { what: "put the terminal into raw mode", source })?;

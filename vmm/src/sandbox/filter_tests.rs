@@ -124,6 +124,15 @@ fn nobody_but_the_guardian_takes_ports() {
     }
 }
 
+/// On a deadline thread it would give the rest of a window away, so nothing that these threads use may
+/// make this call: see `crate::handoff`.
+#[test]
+fn no_thread_with_windows_gives_its_processor_away_nor_does_what_loads_its_guest() {
+    for kind in [Kind::Plc, Kind::Linux, Kind::Kicker, Kind::Disk, Kind::Loader, Kind::PlcLoader] {
+        assert!(!allows(kind, libc::SYS_sched_yield, [0; 6]), "{kind:?}");
+    }
+}
+
 #[test]
 fn a_plc_with_interrupts_may_be_started_anew() {
     const KVM_SET_LAPIC: u64 = 0x4400_ae8f;

@@ -22,7 +22,7 @@ impl MutEventSubscriber for Supervisor {
             self.sources.signals.as_raw_fd(),
             self.sources.tick.as_raw_fd(),
             self.sources.deadline.as_raw_fd(),
-            self.sources.endings.bell.as_raw_fd(),
+            self.sources.endings.as_raw_fd(),
         ];
         let host_ports = self.host_ports.as_ref().map(AsRawFd::as_raw_fd);
         let interrupts = self.interrupts.as_ref().map(AsRawFd::as_raw_fd);
@@ -80,8 +80,8 @@ impl MutEventSubscriber for Supervisor {
             self.serve_host_ports(HostPorts::on_ready);
         } else if self.interrupts.as_ref().is_some_and(|i| fd == i.as_raw_fd()) {
             self.serve_interrupts(Interrupts::on_ready);
-        } else if fd == self.sources.endings.bell.as_raw_fd() {
-            let _ = self.sources.endings.bell.read();
+        } else if fd == self.sources.endings.as_raw_fd() {
+            let _ = self.sources.endings.read();
             self.note_endings();
             // What an operator has stopped he may start again.
             let goes_on = |a: &Account| a.finished.is_none() || a.orders.stopped();

@@ -42,7 +42,7 @@ use crate::vcpu::guest::End;
 use error::{SupervisorError, cannot};
 use own_timers::OwnTimers;
 pub use signals::take_signals;
-pub use sources::{Endings, Sources};
+pub use sources::Sources;
 use typing::Typing;
 
 /// The state of the event thread.
@@ -224,13 +224,22 @@ impl Supervisor {
 
     /// Takes note of the partitions whose threads have ended.
     pub fn note_endings(&mut self) {
-        while let Ok((id, finished)) = self.sources.endings.ends.try_recv() {
-            // What it said last comes before the news of its end.
+        loop {
+            let told = self.accounts.iter_mut().enumerate().filter_map(|(id, account)| {
+                let finished = account.ends.take().ok()??;
+                Some((PartitionId(id), account.with_reason(finished)))
+            });
+            let mut told: Vec<_> = told.collect();
+            if told.is_empty() {
+                return;
+            }
+            told.sort_by_key(|(_, finished)| finished.at);
+            // What they said last comes before the news of their ends.
             self.drain();
-            let Some(account) = self.accounts.get_mut(id.0) else { continue };
-            let finished = account.with_reason(finished);
-            let start = self.judge(id, &finished);
-            self.follow(id, finished, start);
+            for (id, finished) in told {
+                let start = self.judge(id, &finished);
+                self.follow(id, finished, start);
+            }
         }
     }
 
@@ -267,7 +276,7 @@ impl Supervisor {
         }
         let failure = account.restart.as_ref().and_then(Restart::failure);
         let started = start.filter(|start| {
-            account.restart.as_ref().map(|restart| restart.start(*start)).is_some()
+            account.restart.as_mut().map(|restart| restart.start(*start)).is_some()
         });
         if let Some(error) = failure {
             self.screen.line("takt", &format!("{}: {error}", account.name));

@@ -9,9 +9,9 @@
 
 use std::convert::Infallible;
 use std::io;
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::{Arc, OnceLock};
 use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
@@ -170,8 +170,12 @@ pub struct Ready<T> {
     waiting: Option<Waiting<T>>,
 }
 
+/// What a thread waits for: the epoch, or `None` if there will be none. It takes this when it has been shut
+/// in already, so no channel: see [`crate::handoff`].
+type Word = OnceLock<Option<Timebase>>;
+
 struct Waiting<T> {
-    start: Sender<Timebase>,
+    start: Arc<Word>,
     handle: JoinHandle<Option<T>>,
     /// Its other end goes with the thread.
     gone: Receiver<Infallible>,
@@ -181,8 +185,8 @@ impl<T> Ready<T> {
     /// Lets it run.
     pub fn start(mut self, base: Timebase) -> Running<T> {
         let thread = self.waiting.take().map(|Waiting { start, handle, gone }| {
-            // If the thread is gone, joining it tells.
-            let _ = start.send(base);
+            // It is told once.
+            let _ = start.set(Some(base));
             (handle, gone)
         });
         Running { thread }
@@ -192,7 +196,7 @@ impl<T> Ready<T> {
 impl<T> Drop for Ready<T> {
     fn drop(&mut self) {
         if let Some(Waiting { start, handle, .. }) = self.waiting.take() {
-            drop(start);
+            let _ = start.set(None);
             let _ = handle.join();
         }
     }
@@ -299,7 +303,8 @@ fn spawn<P, T: Send + 'static>(
     body: impl FnOnce(P, Timebase) -> T + Send + 'static,
 ) -> Result<Ready<T>, ThreadError> {
     let (report, reported) = channel();
-    let (start, started): (Sender<Timebase>, Receiver<Timebase>) = channel();
+    let start = Arc::<Word>::default();
+    let started = start.clone();
     let thread_name = name.to_owned();
     let own = control.clone();
     let (alive, gone) = channel();
@@ -318,7 +323,7 @@ fn spawn<P, T: Send + 'static>(
             }
             Ok(prepared) => {
                 report.send(Ok(())).ok()?;
-                let base = started.recv().ok()?;
+                let base = (*started.wait())?;
                 Some(body(prepared, base))
             }
         }
@@ -441,9 +446,10 @@ mod tests {
     fn what_a_thread_has_is_free_when_it_has_not_got_to_run() {
         let devices = Arc::new(());
         let own = devices.clone();
-        let (start, started) = channel::<Timebase>();
+        let start = Arc::<Word>::default();
+        let started = start.clone();
         let handle = std::thread::spawn(move || {
-            let base = started.recv().ok()?;
+            let base = (*started.wait())?;
             drop(own);
             Some(base)
         });

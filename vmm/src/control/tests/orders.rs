@@ -1,7 +1,5 @@
 //! Orders to a partition whose thread is this one.
 
-use std::sync::mpsc::Receiver;
-
 use takt_devices::output;
 use takt_scheduler::time::{Nanos, Tsc};
 
@@ -11,9 +9,10 @@ use crate::account::{Account, Finished};
 use crate::boot::StartMode;
 use crate::boot::plc::PlcImage;
 use crate::gather::Gather;
+use crate::handoff::handoff;
 use crate::health::{Table, Watch};
 use crate::memory::GuestMemory;
-use crate::restart::{PlcLoader, Restart, Revival};
+use crate::restart::{PlcLoader, Restart, Revivals};
 use crate::terminal::Lines;
 use crate::vcpu::first_state::FirstState;
 use crate::vcpu::guest::End;
@@ -21,7 +20,7 @@ use crate::vcpu::plc::PlcGuest;
 
 const RAM: u64 = 4 << 20;
 
-fn account() -> (Account, Receiver<Revival<PlcGuest>>) {
+fn account() -> (Account, Revivals<PlcGuest>) {
     let memory = GuestMemory::for_plc(RAM, &[]).unwrap();
     let image = PlcImage::read(None, RAM).unwrap();
     let processor = FirstState::none();
@@ -52,6 +51,7 @@ fn account() -> (Account, Receiver<Revival<PlcGuest>>) {
         restart: Some(restart),
         restarts: 0,
         finished: None,
+        ends: handoff(1).1,
         ended_run: false,
         start_mode: StartMode::Cold,
         orders: Orders::default(),
@@ -68,7 +68,7 @@ fn finished(end: End) -> Finished {
 
 #[test]
 fn a_partition_stops_when_its_thread_says_so_and_can_be_started() {
-    let (mut plc, revivals) = account();
+    let (mut plc, mut revivals) = account();
     assert_eq!(plc.order_start(StartMode::Cold).unwrap_err().error, ErrorKind::Refused);
     plc.order_stop().unwrap();
     assert!(plc.control.stopping());
@@ -84,11 +84,11 @@ fn a_partition_stops_when_its_thread_says_so_and_can_be_started() {
     assert_eq!((plc.state(), plc.orders.stopped()), (State::Stopped, true));
     assert_eq!(plc.end().unwrap(), "stopped by an operator");
     assert_eq!(plc.cpu_time(), Nanos(5));
-    assert!(revivals.try_recv().is_err());
+    assert!(revivals.take().unwrap().is_none());
 
     let outcome = plc.order_start(StartMode::Warm).unwrap();
     assert_eq!(outcome.text, "warm start by an operator");
-    assert!(revivals.recv().is_ok());
+    assert!(revivals.wait(None).is_ok());
     assert!(!plc.control.stopping(), "its thread would stop at once");
     assert_eq!((plc.state(), plc.restarts, plc.end()), (State::Running, 1, None));
     assert_eq!(plc.start_mode, StartMode::Warm);
@@ -97,16 +97,16 @@ fn a_partition_stops_when_its_thread_says_so_and_can_be_started() {
 
 #[test]
 fn a_restart_comes_after_the_stop() {
-    let (mut plc, revivals) = account();
+    let (mut plc, mut revivals) = account();
     assert_eq!(plc.order_restart(StartMode::Cold), Ok(None));
     assert_eq!(plc.state(), State::Restarting);
-    assert!(revivals.try_recv().is_err());
+    assert!(revivals.take().unwrap().is_none());
     let outcome = plc.obey(finished(End::Stopped)).unwrap();
     assert_eq!(
         (outcome.kind, outcome.text.as_str()),
         (EventKind::Restarted, "cold start by an operator")
     );
-    assert!(revivals.recv().is_ok());
+    assert!(revivals.wait(None).is_ok());
     assert!(!plc.control.stopping(), "its thread would stop at once");
     assert_eq!(plc.state(), State::Running);
     assert_eq!(plc.obey(finished(End::Stopped)), None, "an order is carried out once");
@@ -123,11 +123,11 @@ fn an_end_of_its_own_is_told_though_an_order_came_at_the_same_time() {
 
 #[test]
 fn what_has_ended_by_itself_can_be_started() {
-    let (mut plc, revivals) = account();
+    let (mut plc, mut revivals) = account();
     plc.finished = Some(finished(End::Exited(3)));
     assert_eq!(plc.state(), State::Ended);
     assert!(plc.order_restart(StartMode::Cold).unwrap().is_some());
-    assert!(revivals.recv().is_ok());
+    assert!(revivals.wait(None).is_ok());
     assert_eq!(plc.state(), State::Running);
 }
 
@@ -146,4 +146,16 @@ fn at_the_end_of_the_run_orders_are_forgotten() {
     plc.order_restart(StartMode::Cold).unwrap();
     plc.orders.forget();
     assert_eq!(plc.obey(finished(End::Stopped)), None);
+}
+
+/// More starts than any block of a channel holds, each with a word of its own.
+#[test]
+fn a_partition_is_started_again_and_again() {
+    let (mut plc, mut revivals) = account();
+    for _ in 0..100 {
+        plc.order_restart(StartMode::Cold).unwrap();
+        assert!(plc.obey(finished(End::Stopped)).is_some());
+        assert!(matches!(revivals.wait(None), Ok(Some(_))));
+    }
+    assert_eq!(plc.restarts, 100);
 }
