@@ -10,7 +10,6 @@ use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 
 use crate::boot::StartMode;
 use crate::control::Orders;
-use crate::gather::Gather;
 use crate::handoff::Taker;
 use crate::health::{Detail, Watch};
 use crate::kernel_watch::{KernelWatch, News};
@@ -24,6 +23,7 @@ use crate::vcpu::Control;
 use crate::vcpu::guest::End;
 use crate::vcpu::guest_timer::Deadlines;
 use crate::vcpu::record::{Detour, Record, WindowRecord};
+use takt_record::Gather;
 
 /// What a vCPU's thread leaves behind.
 #[derive(Clone, Copy, Debug)]

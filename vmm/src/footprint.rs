@@ -6,29 +6,15 @@
 
 use std::fs;
 
-use serde::Serialize;
+use takt_figures::report::Footprint;
 
-/// What is held at one moment.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Footprint {
-    /// Resident anonymous memory, which the guests' is not (`RssAnon`, proc_pid_status(5)).
-    pub anonymous_bytes: u64,
-    /// Open descriptors.
-    pub descriptors: u64,
-}
-
-impl Footprint {
-    /// At this moment; `None` if the host has no `/proc` to tell it.
-    #[must_use]
-    pub fn now() -> Option<Footprint> {
-        let status = fs::read_to_string("/proc/self/status").ok()?;
-        // One more is open while the folder is read, each time.
-        let descriptors = fs::read_dir("/proc/self/fd").ok()?.count().saturating_sub(1);
-        Some(Footprint {
-            anonymous_bytes: anonymous_bytes(&status)?,
-            descriptors: descriptors as u64,
-        })
-    }
+/// What is held at this moment; `None` if the host has no `/proc` to tell it.
+#[must_use]
+pub fn now() -> Option<Footprint> {
+    let status = fs::read_to_string("/proc/self/status").ok()?;
+    // One more is open while the folder is read, each time.
+    let descriptors = fs::read_dir("/proc/self/fd").ok()?.count().saturating_sub(1);
+    Some(Footprint { anonymous_bytes: anonymous_bytes(&status)?, descriptors: descriptors as u64 })
 }
 
 /// The value of `RssAnon`, which the kernel gives in units of 1024 bytes.
@@ -44,10 +30,10 @@ mod tests {
 
     #[test]
     fn what_is_opened_and_allocated_is_counted() {
-        let before = Footprint::now().unwrap();
+        let before = now().unwrap();
         let files: Vec<_> = (0..100).map(|_| fs::File::open("/dev/null").unwrap()).collect();
         let memory = std::hint::black_box(vec![1u8; 16 << 20]);
-        let after = Footprint::now().unwrap();
+        let after = now().unwrap();
         // Other tests open and allocate at the same time.
         assert!(after.descriptors >= before.descriptors + 50, "{before:?} {after:?}");
         assert!(

@@ -240,6 +240,9 @@ impl Shared {
     }
 }
 
+/// The trace of a run, which goes through an outlet.
+pub type Trace = takt_figures::trace::Trace<LaneWriter>;
+
 /// A lane of an outlet as something to write to: each write is a piece, all of it or, as `WouldBlock`,
 /// nothing.
 pub struct LaneWriter {

@@ -1,6 +1,6 @@
 //! Channels as rows of a table.
 
-use takt::control::protocol::{ChannelStatus, Contents};
+use takt_protocol::{ChannelStatus, Contents};
 
 use crate::text::plain;
 

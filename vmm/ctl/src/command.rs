@@ -4,8 +4,8 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 
 use clap::{Parser, Subcommand};
-use takt::config;
-use takt::control::protocol::{Answer, Mode, Request};
+use takt_plan as config;
+use takt_protocol::{Answer, Mode, Request};
 use takt_scheduler::time::Nanos;
 
 use crate::connection::Connection;

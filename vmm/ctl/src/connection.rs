@@ -5,7 +5,7 @@ use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::Duration;
 
-use takt::control::protocol::{Answer, Message, Request, VERSION};
+use takt_protocol::{Answer, Message, Request, VERSION};
 
 use crate::error::CtlError;
 

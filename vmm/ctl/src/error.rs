@@ -3,8 +3,8 @@
 use std::io;
 use std::path::PathBuf;
 
-use takt::config::FileError;
-use takt::control::protocol::Refusal;
+use takt_plan::FileError;
+use takt_protocol::Refusal;
 use thiserror::Error;
 
 /// Exit status of Takt's refusal.

@@ -4,7 +4,7 @@ use std::fs;
 use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
-use takt::config;
+use takt_plan as config;
 
 use crate::error::CtlError;
 

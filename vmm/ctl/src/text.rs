@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use takt::control::protocol::{Answer, Event, Mode, PartitionStatus, State, Status};
+use takt_protocol::{Answer, Event, Mode, PartitionStatus, State, Status};
 
 use crate::channels;
 use crate::trace::Extent;

@@ -7,8 +7,8 @@
 use std::io::{BufWriter, Write};
 use std::time::Duration;
 
-use takt::control::protocol::{Answer, Request, TraceStart, TracedWindow};
-use takt::trace::Trace;
+use takt_figures::trace::Trace;
+use takt_protocol::{Answer, Request, TraceStart, TracedWindow};
 use takt_scheduler::table::Cpu;
 use takt_scheduler::time::{Nanos, Tsc};
 

@@ -10,13 +10,13 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use serde_json::Value;
-use takt::control::protocol::{
+use takt::control::{Operator, Server};
+use takt::unix_socket::{Listener, SocketKind};
+use takt_protocol::{
     ChannelStatus, ErrorKind, EventKind, Mode, PartitionStatus, Refusal, ScheduleStatus, State,
     Status, TraceStart, TracedPartition, TracedWindow,
 };
-use takt::control::{Operator, Server};
-use takt::unix_socket::{Listener, SocketKind};
-use takt::vcpu::record::WindowRecord;
+use takt_record::WindowRecord;
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::time::{Nanos, Ticks, Tsc};
 

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use takt::config::{Kind, MemorySource, PartitionFile};
+use takt_plan::{Kind, MemorySource, PartitionFile};
 use takt_scheduler::reservation::{CpuReservations, Reservation};
 use takt_scheduler::schedules::Schedules;
 use takt_scheduler::table::{Cpu, PartitionId, Placement, Role, Window};
@@ -166,7 +166,7 @@ fn trusted(file: &PartitionFile) -> Vec<String> {
 mod tests {
     use std::path::Path;
 
-    use takt::config;
+    use takt_plan as config;
 
     use super::*;
     use crate::recorded::Recorded;

@@ -25,7 +25,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Parser;
-use takt::config;
+use takt_plan as config;
 
 use demand::Demand;
 use finding::Severity;

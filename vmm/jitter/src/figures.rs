@@ -10,9 +10,9 @@ use std::path::Path;
 
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use takt::load;
-use takt::report::{self, Stuck, Summary};
-use takt::samples::{self, Course, POINTS_MAX, Samples};
+use takt_figures::load;
+use takt_figures::report::{self, Stuck, Summary};
+use takt_figures::samples::{self, Course, POINTS_MAX, Samples};
 
 use crate::error::{JitterError, reading};
 
@@ -99,7 +99,7 @@ pub struct Partition {
     pub stuck: Option<Stuck>,
 }
 
-/// How a partition kept its time; `takt::report::Releases` tells what each figure is.
+/// How a partition kept its time; `takt_figures::report::Releases` tells what each figure is.
 #[derive(Debug, Default, Deserialize)]
 pub struct Releases {
     pub releases: u64,
@@ -117,7 +117,7 @@ pub struct Releases {
     pub longest_scans: Vec<LongScan>,
 }
 
-/// A release that started late; as `takt::worst::LateStart`.
+/// A release that started late; as `takt_figures::worst::LateStart`.
 #[derive(Debug, Deserialize)]
 pub struct LateStart {
     pub release: u64,
@@ -126,7 +126,7 @@ pub struct LateStart {
     pub parts: Vec<Part>,
 }
 
-/// A scan that took long; as `takt::worst::LongScan`.
+/// A scan that took long; as `takt_figures::worst::LongScan`.
 #[derive(Debug, Deserialize)]
 pub struct LongScan {
     pub release: u64,

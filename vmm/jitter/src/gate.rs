@@ -94,7 +94,7 @@ impl Limits {
 
 #[cfg(test)]
 mod tests {
-    use takt::report::Summary;
+    use takt_figures::report::Summary;
 
     use super::*;
     use crate::figures::Releases;

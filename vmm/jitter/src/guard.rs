@@ -37,7 +37,7 @@ pub fn proposal(partition: &Partition) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use takt::report::Summary;
+    use takt_figures::report::Summary;
 
     use super::*;
 

@@ -29,7 +29,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
-use takt::config;
+use takt_plan as config;
 use takt_scheduler::time::Nanos;
 
 use error::JitterError;

@@ -14,7 +14,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use takt::load::{Lines, Word};
+use takt_figures::load::{Lines, Word};
 use takt_scheduler::time::Nanos;
 use vmm_sys_util::signal::register_signal_handler;
 

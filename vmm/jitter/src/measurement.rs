@@ -1,6 +1,6 @@
 //! What there is to tell when a run is over, in the terminal and in the folder.
 
-use takt::load::Course;
+use takt_figures::load::Course;
 
 use crate::figures::Figures;
 use crate::gate::{Breach, Limits};

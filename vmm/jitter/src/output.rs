@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::Serialize;
 use serde_json::Value;
-use takt::load::Course;
+use takt_figures::load::Course;
 
 use crate::error::{JitterError, writing};
 use crate::gate::Breach;

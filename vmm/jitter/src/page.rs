@@ -6,8 +6,8 @@
 
 use std::fmt::{self, Write};
 
-use takt::load::Course;
-use takt::report::Summary;
+use takt_figures::load::Course;
+use takt_figures::report::Summary;
 
 use crate::cause;
 use crate::distribution::Distribution;

@@ -7,7 +7,7 @@ use plotters::coord::Shift;
 use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
-use takt::samples::{Point, Range};
+use takt_figures::samples::{Point, Range};
 
 use crate::axis::{Axis, digits};
 use crate::distribution::{Bin, Distribution};

@@ -6,7 +6,7 @@
 //! for those who want to know, against a machine that fails, not against a guest that cheats.
 
 use serde::Serialize;
-use takt::load::Course;
+use takt_figures::load::Course;
 
 use crate::figures::Figures;
 use crate::load::Load;
@@ -104,8 +104,8 @@ fn seconds(ns: u64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use takt::load::{Recorder, Standstill};
-    use takt::report::{How, Stuck};
+    use takt_figures::load::{Recorder, Standstill};
+    use takt_figures::report::{How, Stuck};
     use takt_scheduler::time::Nanos;
 
     use super::*;

@@ -22,11 +22,11 @@
 mod channels;
 mod client;
 mod facts;
+mod mode;
 mod operated;
 mod operator;
 mod operators;
 mod orders;
-pub mod protocol;
 mod server;
 #[cfg(test)]
 mod tests;
@@ -37,3 +37,4 @@ pub use operator::Operator;
 pub use operators::Operators;
 pub use orders::{Order, Orders, Outcome};
 pub use server::Server;
+pub use takt_protocol as protocol;

@@ -32,8 +32,8 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::Duration;
 
-use serde::Serialize;
 use takt_channel::Counters;
+pub use takt_figures::report::HostPort as Account;
 use takt_scheduler::time::{Timebase, Tsc, TscFrequency};
 use thiserror::Error;
 use vmm_sys_util::epoll::{Epoll, EpollEvent};
@@ -95,25 +95,6 @@ pub enum HostPortError {
     /// The host refuses to watch sockets.
     #[error("cannot watch sockets: {0}")]
     Watch(io::Error),
-}
-
-/// What became of the messages of an end on the host; the keys of the report.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Account {
-    /// Name of the channel.
-    pub channel: String,
-    /// Name of the port.
-    pub port: String,
-    /// Messages that went through: packets to and from clients, or records.
-    pub messages: u64,
-    /// Messages that were overwritten before Takt took them.
-    pub lost: u64,
-    /// Claims of the channel's other end that cannot be true.
-    pub hostile: u64,
-    /// Connections that were closed at once, because there were too many.
-    pub refused: u64,
-    /// Clients that were let go of, because of what they sent.
-    pub dropped: u64,
 }
 
 /// All ends on the host.

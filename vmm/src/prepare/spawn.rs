@@ -18,7 +18,6 @@ use crate::boot::touch::TouchError;
 use crate::config::{Kind, Partition, ScheduleChange};
 use crate::control::Orders;
 use crate::event;
-use crate::gather::Gather;
 use crate::handoff::{Giver, Gone, handoff};
 use crate::health::{Reporter, Watch};
 use crate::memory::GuestMemory;
@@ -32,6 +31,7 @@ use crate::vcpu::record::Record;
 use crate::vcpu::thread::{self, Place};
 use crate::vcpu::windowed::{Plan, Windowed};
 use crate::vcpu::{Control, background};
+use takt_record::Gather;
 
 /// Window records that the event thread may be behind.
 const RECORDS: usize = 4096;

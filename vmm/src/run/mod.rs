@@ -11,6 +11,7 @@ mod output;
 mod own_process;
 mod result;
 mod start;
+mod this_host;
 
 use std::fs;
 use std::io;
@@ -35,10 +36,11 @@ use crate::config::{HostPort, PartitionFile};
 use crate::control::Operators;
 use crate::cpuset::Domains;
 use crate::event::{self, eventfd};
-use crate::footprint::Footprint;
+use crate::footprint;
 use crate::host_ports::HostPorts;
 use crate::interrupts::Interrupts;
 use crate::machine::{self, MachineError};
+use crate::outlet::Trace;
 use crate::outlet::{Outlet, StandardOutput};
 use crate::passthrough::{Devices, last_work};
 use crate::prepare::{Finish, Preparation};
@@ -49,7 +51,6 @@ use crate::sandbox::{self, Allowed};
 use crate::screen::{self, Screen};
 use crate::supervisor::{Sources, Supervisor, take_signals};
 use crate::terminal;
-use crate::trace::Trace;
 use crate::unix_socket::{Listener, SocketKind};
 use crate::vcpu::{Control, kick, thread};
 
@@ -148,7 +149,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         .map_err(|source| RunError::Host { what: "put the terminal into raw mode", source })?;
     let Finish { closing, board, console, interrupts, clearing } = preparation.finish();
     let given_back = given_back(file, options, &devices, &domains);
-    let host = Host::current(frequency.khz());
+    let host = this_host::look(frequency.khz());
     let mut run = Run {
         file,
         options,
@@ -250,10 +251,10 @@ impl Run<'_> {
         let Started { supervisor, running, disks, controls, bells, inits, epoch, starting } =
             started;
         let base = epoch.base;
-        let start = Footprint::now();
+        let start = footprint::now();
         // The time that was asked for is that of the schedule.
         let supervised = supervisor.supervise(self.options.duration.map(|time| Nanos(nanos(time))));
-        let process = report::Process { start, end: Footprint::now(), starting };
+        let process = report::Process { start, end: footprint::now(), starting };
         let duration = base.offset(Tsc::now());
         self.closing.store(true, Ordering::Relaxed);
         Control::stop_all(&controls);

@@ -16,6 +16,7 @@ use crate::disk::DiskThread;
 use crate::host_clock::HostClock;
 use crate::host_watchdog::HostWatchdog;
 use crate::init_watch::{Console, InitSeen};
+use crate::outlet::Trace;
 use crate::outlet::{LaneWriter, Outlet};
 use crate::prepare::{Kicker, Prepared};
 use crate::report;
@@ -24,7 +25,6 @@ use crate::sandbox;
 use crate::schedule_desk::ScheduleDesk;
 use crate::screen::Screen;
 use crate::supervisor::{Sources, Supervisor};
-use crate::trace::Trace;
 use crate::vcpu::Control;
 use crate::vcpu::thread::{Ready, Running};
 

@@ -31,9 +31,10 @@ pub mod linux;
 pub mod plc;
 pub mod port_access;
 pub mod probe;
-pub mod record;
 pub mod thread;
 pub mod windowed;
+
+pub use takt_record as record;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};

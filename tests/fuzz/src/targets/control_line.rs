@@ -1,6 +1,6 @@
 //! A line from whoever may open the control socket.
 
-use takt::control::protocol::Request;
+use takt_protocol::Request;
 
 /// Reads the line.
 ///

@@ -1,7 +1,7 @@
 //! The partition file. It is the administrator's, but a mistake in it must be told, with its place,
 //! and never be a panic.
 
-use takt::{check, config};
+use takt_plan::{self as config, check};
 
 use super::scratch;
 

@@ -7,9 +7,12 @@ use std::path::Path;
 use crate::{Measured, partition};
 
 /// Folders of code that runs on the host while guests do, and what each is.
-const TRUSTED: [(&str, &str); 6] = [
+const TRUSTED: [(&str, &str); 9] = [
     ("vmm/src", "the program `takt`"),
     ("vmm/plan/src", "the partition file"),
+    ("vmm/record/src", "records of windows"),
+    ("vmm/figures/src", "report, statistics, trace"),
+    ("vmm/protocol/src", "the control socket's messages"),
     ("scheduler/src", "the schedule"),
     ("devices/src", "devices for Linux"),
     ("devices/channel/src", "channels"),

@@ -6,7 +6,7 @@ use ratatui::style::{Style, Stylize};
 use ratatui::symbols::bar::Set;
 use ratatui::text::Line;
 use ratatui::widgets::{Paragraph, Row, Sparkline, Table};
-use takt::control::protocol::{PartitionStatus, State, Status};
+use takt_protocol::{PartitionStatus, State, Status};
 
 use super::view::View;
 use crate::{channels, text};

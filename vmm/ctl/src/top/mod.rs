@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 use clap::Parser;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
-use takt::control::protocol::{Answer, Request};
+use takt_protocol::{Answer, Request};
 
 use crate::command;
 use crate::connection::Connection;

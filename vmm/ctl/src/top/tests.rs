@@ -1,10 +1,10 @@
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
-use takt::control::protocol::{
+use takt_figures::report::Summary;
+use takt_protocol::{
     ChannelStatus, Contents, Event, EventKind, Mode, PartitionStatus, ReleaseStatus,
     ScheduleStatus, State, Status, WindowStatus,
 };
-use takt::report::Summary;
 
 use super::draw;
 use super::view::View;

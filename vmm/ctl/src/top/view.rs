@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use takt::control::protocol::{Event, Status};
+use takt_protocol::{Event, Status};
 
 /// Half seconds that are kept: more than a screen is wide.
 const SAMPLES: usize = 256;

@@ -8,7 +8,6 @@ use super::super::protocol::{ErrorKind, EventKind, State};
 use crate::account::{Account, Finished};
 use crate::boot::StartMode;
 use crate::boot::plc::PlcImage;
-use crate::gather::Gather;
 use crate::handoff::handoff;
 use crate::health::{Table, Watch};
 use crate::memory::GuestMemory;
@@ -17,6 +16,7 @@ use crate::terminal::Lines;
 use crate::vcpu::first_state::FirstState;
 use crate::vcpu::guest::End;
 use crate::vcpu::plc::PlcGuest;
+use takt_record::Gather;
 
 const RAM: u64 = 4 << 20;
 

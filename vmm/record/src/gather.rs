@@ -4,7 +4,7 @@
 //! the window, wants both at once. A full ring drops what does not fit, so detours may arrive whose
 //! window never does: those must not be taken for detours of the next one.
 
-use crate::vcpu::record::{DETOURS_MAX, Detour, Record, WindowRecord};
+use crate::{DETOURS_MAX, Detour, Record, WindowRecord};
 
 /// Gathers the detours of one partition's next window. Its memory is fixed.
 #[derive(Debug)]
@@ -58,7 +58,7 @@ impl Gather {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vcpu::record::Exit;
+    use crate::Exit;
     use takt_scheduler::schedules::ScheduleId;
     use takt_scheduler::time::Tsc;
 

@@ -7,7 +7,7 @@ use serde::Serialize;
 use takt_scheduler::time::{Nanos, Timebase};
 
 use crate::cause::{Explanation, ScanTime, of_start};
-use crate::vcpu::record::{Detour, WindowRecord};
+use takt_record::{Detour, WindowRecord};
 
 /// A release that started late. Times are nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -132,8 +132,8 @@ impl<T: Copy> Ranking<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vcpu::record::Scan;
-    use crate::vcpu::record::tests::example as record;
+    use takt_record::Scan;
+    use takt_record::example as record;
     use takt_scheduler::time::{Tsc, TscFrequency};
 
     /// One tick is one nanosecond.

@@ -2,7 +2,7 @@
 //!
 //! `takt run --trace` writes all of a run, `takt ctl FILE trace` a part of it elsewhere.
 //!
-//! A run writes it through an [`Outlet`](crate::outlet::Outlet): a disk that does not keep up costs windows
+//! A run writes it through a queue that its own thread empties: a disk that does not keep up costs windows
 //! in the picture, which are counted and marked, and nothing else.
 //!
 //! The file is in the Chrome trace-event format (JSON, the form that is one array), which
@@ -50,8 +50,7 @@ use takt_scheduler::table::{Cpu, PartitionId};
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 
 use self::events::{Events, LATEST_NS, NOTHING, Name, Phase, Track};
-use crate::outlet::LaneWriter;
-use crate::vcpu::record::{Detour, Exit, WindowRecord};
+use takt_record::{Detour, Exit, WindowRecord};
 
 /// How far before the epoch the trace begins.
 const LEAD: Nanos = Nanos::from_millis(1);
@@ -60,7 +59,7 @@ const LEAD: Nanos = Nanos::from_millis(1);
 ///
 /// Writing never fails where it would be in the way: the first error ends the trace, and
 /// [`finish`](Trace::finish) tells it.
-pub struct Trace<W: Write = LaneWriter> {
+pub struct Trace<W: Write> {
     events: Events<W>,
     base: Timebase,
     partitions: Box<[Tracks]>,

@@ -5,8 +5,14 @@
 //! a record of its own, up to [`DETOURS_MAX`] in a window: a guest that exits without end fills
 //! neither the ring nor anybody's memory.
 
+mod gather;
+mod wire;
+
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::time::Tsc;
+
+pub use gather::Gather;
+pub use wire::{ClaimedScan, ExitKind, TraceStart, TracedDetour, TracedPartition, TracedWindow};
 
 /// Most detours of one window that are recorded; the others are only counted.
 pub const DETOURS_MAX: u32 = 16;
@@ -107,6 +113,10 @@ impl WindowRecord {
     }
 }
 
+#[cfg(any(test, feature = "example"))]
+mod example;
+#[cfg(any(test, feature = "example"))]
+pub use example::example;
+
 #[cfg(test)]
-#[path = "record_tests.rs"]
-pub(crate) mod tests;
+mod tests;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::vcpu::record::{DETOURS_MAX, Exit};
+use takt_record::{DETOURS_MAX, Exit};
 use takt_scheduler::schedules::ScheduleId;
 
 /// One tick is one nanosecond.

@@ -7,8 +7,8 @@ use hdrhistogram::Histogram;
 use takt_scheduler::time::{Nanos, Timebase};
 
 use crate::report::{self, Summary};
-use crate::vcpu::record::{Detour, WindowRecord};
 use crate::worst::Worst;
+use takt_record::{Detour, WindowRecord};
 
 /// Longer than a guest that waits for its release takes to see it: a start that is later has a cause
 /// that is told.
@@ -230,7 +230,7 @@ impl Releases {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vcpu::record::Scan;
+    use takt_record::Scan;
     use takt_scheduler::schedules::ScheduleId;
     use takt_scheduler::time::{Tsc, TscFrequency};
 

@@ -3,8 +3,8 @@ use std::collections::BTreeMap;
 
 use super::events::micros;
 use super::*;
-use crate::vcpu::record::Scan;
 use serde_json::Value;
+use takt_record::Scan;
 use takt_scheduler::time::TscFrequency;
 
 const PLC: PartitionId = PartitionId(0);

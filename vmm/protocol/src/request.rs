@@ -8,7 +8,6 @@ use serde_json::Value;
 use takt_scheduler::time::Nanos;
 
 use super::{ErrorKind, Refusal, TRACE_MAX, VERSION, line};
-use crate::boot::StartMode;
 
 /// What a client asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -40,24 +39,6 @@ pub enum Mode {
     Cold,
     /// What the partition retains is kept.
     Warm,
-}
-
-impl From<Mode> for StartMode {
-    fn from(mode: Mode) -> StartMode {
-        match mode {
-            Mode::Cold => StartMode::Cold,
-            Mode::Warm => StartMode::Warm,
-        }
-    }
-}
-
-impl From<StartMode> for Mode {
-    fn from(mode: StartMode) -> Mode {
-        match mode {
-            StartMode::Cold => Mode::Cold,
-            StartMode::Warm => Mode::Warm,
-        }
-    }
 }
 
 /// A request as it is written.

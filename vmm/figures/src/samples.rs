@@ -21,7 +21,7 @@ use takt_scheduler::time::{Nanos, Timebase, Tsc};
 
 use crate::load;
 use crate::statistics::{Distribution, Releases};
-use crate::vcpu::record::WindowRecord;
+use takt_record::WindowRecord;
 
 /// Version of the file: grows with every change that a reader could stumble over.
 pub const SCHEMA_VERSION: u32 = 2;

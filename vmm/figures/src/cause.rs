@@ -28,7 +28,7 @@ use std::fmt;
 use serde::{Serialize, Serializer};
 use takt_scheduler::time::{Nanos, Ticks, Tsc, TscFrequency};
 
-use crate::vcpu::record::{Detour, Scan, WindowRecord};
+use takt_record::{Detour, Scan, WindowRecord};
 
 /// What took time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

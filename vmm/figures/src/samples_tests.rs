@@ -1,6 +1,6 @@
 use super::*;
-use crate::vcpu::record::Scan;
-use crate::vcpu::record::tests::example as record;
+use takt_record::Scan;
+use takt_record::example as record;
 use takt_scheduler::time::TscFrequency;
 
 /// One tick is one nanosecond.

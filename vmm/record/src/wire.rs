@@ -9,7 +9,7 @@ use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Timebase, Tsc, TscFrequency};
 
-use crate::vcpu::record::{DETOURS_MAX, Detour, Exit, Scan, WindowRecord};
+use crate::{DETOURS_MAX, Detour, Exit, Scan, WindowRecord};
 
 /// What is needed to understand the windows.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -4,13 +4,10 @@ mod wake_ups;
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
-use std::fs;
 
 use serde::{Deserialize, Serialize};
 use takt_scheduler::quiet;
 
-use crate::footprint::Footprint;
-use crate::host_ports::Account as HostPort;
 use crate::worst::{LateStart, LongScan};
 pub use wake_ups::{WakeUps, WindowEnforcer};
 
@@ -133,6 +130,15 @@ pub struct Process {
     pub end: Option<Footprint>,
     /// How long it took to start them.
     pub starting: Starting,
+}
+
+/// What is held at one moment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Footprint {
+    /// Resident anonymous memory, which the guests' is not (`RssAnon`, proc_pid_status(5)).
+    pub anonymous_bytes: u64,
+    /// Open descriptors.
+    pub descriptors: u64,
 }
 
 /// How long a run took to start.
@@ -323,6 +329,25 @@ pub struct Releases {
     pub longest_scans: Vec<LongScan>,
 }
 
+/// What became of the messages of an end on the host.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct HostPort {
+    /// Name of the channel.
+    pub channel: String,
+    /// Name of the port.
+    pub port: String,
+    /// Messages that went through: packets to and from clients, or records.
+    pub messages: u64,
+    /// Messages that were overwritten before Takt took them.
+    pub lost: u64,
+    /// Claims of the channel's other end that cannot be true.
+    pub hostile: u64,
+    /// Connections that were closed at once, because there were too many.
+    pub refused: u64,
+    /// Clients that were let go of, because of what they sent.
+    pub dropped: u64,
+}
+
 /// A distribution, in nanoseconds if it is one of times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Summary {
@@ -348,23 +373,6 @@ pub struct Donation {
     pub received_ns: u64,
     /// The share of the CPU that is its own whatever the others do, by analysis.
     pub minimum_share: f64,
-}
-
-impl Host {
-    /// Looks at the machine that this process runs on.
-    #[must_use]
-    pub fn current(tsc_khz: u32) -> Self {
-        let read = |path| fs::read_to_string(path).unwrap_or_default();
-        let cpuinfo = read("/proc/cpuinfo");
-        let model =
-            cpuinfo.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
-        Self {
-            kernel: read("/proc/sys/kernel/osrelease").trim().to_owned(),
-            preempt_rt: read("/proc/sys/kernel/version").contains("PREEMPT_RT"),
-            cpu: model.map_or("unknown", |(_, name)| name.trim()).to_owned(),
-            tsc_khz,
-        }
-    }
 }
 
 impl Report {

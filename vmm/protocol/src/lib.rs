@@ -5,7 +5,6 @@
 mod answer;
 mod request;
 mod status;
-mod trace;
 
 use serde::Serialize;
 use takt_scheduler::time::Nanos;
@@ -16,7 +15,9 @@ pub use status::{
     ChannelStatus, Contents, PartitionStatus, ReleaseStatus, ScheduleStatus, State, Status,
     WindowStatus,
 };
-pub use trace::{ClaimedScan, ExitKind, TraceStart, TracedDetour, TracedPartition, TracedWindow};
+pub use takt_record::{
+    ClaimedScan, ExitKind, TraceStart, TracedDetour, TracedPartition, TracedWindow,
+};
 
 /// Version of the protocol: the only value of `version` that is understood.
 pub const VERSION: u32 = 2;
