@@ -4,10 +4,12 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
+/// Where the partition files for tests are, which messages name from there.
+const PLAN: &str = "plan";
 const FOLDER: &str = "tests/partition_files";
 
 fn takt(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_takt")).args(arguments).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_takt")).args(arguments).current_dir(PLAN).output().unwrap()
 }
 
 fn text(bytes: &[u8]) -> String {
@@ -17,7 +19,8 @@ fn text(bytes: &[u8]) -> String {
 #[test]
 fn a_bad_file_gives_status_2_one_message_and_starts_nothing() {
     let mut count = 0;
-    for entry in fs::read_dir(FOLDER).unwrap() {
+    let folder = Path::new(PLAN).join(FOLDER);
+    for entry in fs::read_dir(&folder).unwrap() {
         let path = entry.unwrap().path();
         let name = path.file_name().unwrap().to_str().unwrap();
         // One fixture is about a machine of two CPUs, which this one need not be.
@@ -26,11 +29,11 @@ fn a_bad_file_gives_status_2_one_message_and_starts_nothing() {
             continue;
         }
         count += 1;
-        let absolute = Path::new(FOLDER).canonicalize().unwrap();
+        let absolute = folder.canonicalize().unwrap();
         let expected = fs::read_to_string(path.with_extension("err")).unwrap();
         let expected = expected.replace("$FOLDER", absolute.to_str().unwrap());
         for command in ["run", "check"] {
-            let output = takt(&[command, path.to_str().unwrap()]);
+            let output = takt(&[command, &format!("{FOLDER}/{name}")]);
             assert_eq!(output.status.code(), Some(2), "{name}");
             assert_eq!(text(&output.stdout), "", "{name}");
             assert_eq!(text(&output.stderr), expected, "{name}");
