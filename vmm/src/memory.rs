@@ -16,7 +16,8 @@ use std::sync::Arc;
 
 use kvm_bindings::{KVM_MEM_READONLY, kvm_userspace_memory_region};
 use kvm_ioctls::VmFd;
-use takt_abi::memory::{INFORMATION, PAGE, PORT_TABLE, STATUS};
+use takt_abi::memory::{INFORMATION, PAGE, PORT_TABLE, PROGRAM_TABLE, STATUS};
+use takt_abi::program::ProgramTable;
 use thiserror::Error;
 use vm_memory::mmap::MmapRegionBuilder;
 use vm_memory::{
@@ -135,12 +136,27 @@ impl GuestMemory {
     /// # Errors
     /// See [`MemoryError`].
     pub fn for_plc(bytes: u64, channels: &[View<'_>]) -> Result<Self, MemoryError> {
-        let pages = [INFORMATION, STATUS, PORT_TABLE];
+        Self::for_plc_with(bytes, &[INFORMATION, PORT_TABLE], channels)
+    }
+
+    /// As [`for_plc`](Self::for_plc), with the page that tells the guest of its programs.
+    ///
+    /// # Errors
+    /// See [`MemoryError`].
+    pub fn for_plc_with_programs(bytes: u64, channels: &[View<'_>]) -> Result<Self, MemoryError> {
+        Self::for_plc_with(bytes, &[INFORMATION, PORT_TABLE, PROGRAM_TABLE], channels)
+    }
+
+    fn for_plc_with(
+        bytes: u64,
+        read_only: &[u64],
+        channels: &[View<'_>],
+    ) -> Result<Self, MemoryError> {
         let mut regions = vec![region(0, bytes)?];
-        for start in pages {
-            regions.push(region(start, PAGE)?);
+        for start in read_only.iter().chain([&STATUS]) {
+            regions.push(region(*start, PAGE)?);
         }
-        Self::from_regions(regions, &[INFORMATION, PORT_TABLE], channels, bytes)
+        Self::from_regions(regions, read_only, channels, bytes)
     }
 
     /// Adds the channels to the guest's own regions, of which it may only read some.
@@ -234,6 +250,12 @@ impl GuestMemory {
         self.page(address)
     }
 
+    /// The program table of a PLC guest; `None` for guests without programs.
+    #[must_use]
+    pub fn program_table(&self) -> Option<Page<ProgramTable>> {
+        self.page(PROGRAM_TABLE)
+    }
+
     fn page<T: PageContent>(&self, address: u64) -> Option<Page<T>> {
         let region = self.regions.find_region(GuestAddress(address))?;
         let fits = region.start_addr().0 == address && region.len() >= size_of::<T>() as u64;
@@ -316,6 +338,8 @@ unsafe impl PageContent for takt_abi::Information {}
 unsafe impl PageContent for takt_abi::Status {}
 // SAFETY: as above.
 unsafe impl PageContent for takt_abi::PortTable {}
+// SAFETY: as above.
+unsafe impl PageContent for ProgramTable {}
 
 /// One page that host and guest both see, as a value that is copied whole.
 ///
@@ -377,7 +401,10 @@ mod tests {
         information.release = 7;
         page.write(information);
         assert_eq!(memory.information().unwrap().read().release, 7);
-        assert!(memory.status().is_some());
+        assert!(memory.status().is_some() && memory.program_table().is_none());
+        let with_programs = GuestMemory::for_plc_with_programs(2 << 20, &[]).unwrap();
+        assert!(with_programs.program_table().is_some());
+        assert!(with_programs.read_only.contains(&PROGRAM_TABLE));
         assert!(GuestMemory::for_linux(1 << 20, &[]).unwrap().information().is_none());
     }
 

@@ -114,10 +114,14 @@ pub fn row(partition: &PartitionStatus) -> [String; 10] {
 pub fn latency(partition: &PartitionStatus) -> Option<String> {
     let releases = partition.releases.as_ref()?;
     let name = plain(&partition.name);
+    let tasks = match releases.unfinished_windows {
+        0 => String::new(),
+        count => format!("; in {count} windows tasks went on in the next"),
+    };
     Some(match releases.release_latency_ns {
         None => format!("{name}: no release yet"),
         Some(s) => format!(
-            "{name}: release latency p50 {}, p99 {}, p99.9 {}, max {} ns",
+            "{name}: release latency p50 {}, p99 {}, p99.9 {}, max {} ns{tasks}",
             s.p50, s.p99, s.p999, s.max
         ),
     })

@@ -149,6 +149,8 @@ fn window(sequence: u64) -> TracedWindow {
         exits: 1,
         kernel_exits: 1,
         overrun: false,
+        unfinished: false,
+        has_tasks: false,
         ended: false,
     };
     TracedWindow::new("plc", "normal", &record, &[])

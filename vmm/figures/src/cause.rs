@@ -192,7 +192,7 @@ impl ScanTime {
         frequency: TscFrequency,
     ) -> Option<ScanTime> {
         let scan = record.scan()?;
-        let finished = (scan.start..=record.left).contains(&scan.done);
+        let finished = record.finished_scan().is_some();
         if !finished && !record.overrun {
             return None;
         }

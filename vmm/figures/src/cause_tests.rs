@@ -25,6 +25,8 @@ fn good() -> WindowRecord {
         exits: 1,
         kernel_exits: 1,
         overrun: false,
+        unfinished: false,
+        has_tasks: false,
         ended: false,
     }
 }

@@ -301,8 +301,10 @@ pub struct Releases {
     pub lost: u64,
     /// Releases that came later than the guard can absorb.
     pub late_releases: u64,
-    /// Windows that ended by a kick.
+    /// Windows that ended by a kick before the guest's scan was complete.
     pub overruns: u64,
+    /// Windows that ended by a kick after the scan, while lesser tasks of the guest went on.
+    pub unfinished_windows: u64,
     /// Windows that are in none of these figures because the event thread could not keep up.
     pub unrecorded: u64,
     /// From the release to the guest's start.
@@ -313,12 +315,13 @@ pub struct Releases {
     pub wake_up_latency_ns: Option<Summary>,
     /// From the wake-up to the last look at the clock before the guest.
     pub entry_ns: Option<Summary>,
-    /// From the end of the scan to the thread's being out of the guest.
+    /// From the end of the scan to the thread's being out of the guest; not for a guest with tasks that
+    /// may run in between.
     pub exit_ns: Option<Summary>,
     /// In overruns, from the window's end to the guest's last time stamp: its own claim of when
     /// it last ran.
     pub overrun_ns: Option<Summary>,
-    /// In overruns, from the window's end to the thread's being out of the guest.
+    /// Where a kick ended a window, from that end to the thread's being out of the guest.
     pub kick_ns: Option<Summary>,
     /// Exits from the guest in a window, as KVM counts them: those of the guest's own doing, and
     /// those of the host's interrupts. Not a time. `None` if KVM does not tell.
@@ -432,6 +435,13 @@ impl Partition {
                 "  releases       {}   lost {}   late {}   overruns {}   (start-up: {} windows)",
                 r.releases, r.lost, r.late_releases, r.overruns, r.start_up_windows
             );
+            if r.unfinished_windows > 0 {
+                let _ = writeln!(
+                    text,
+                    "  unfinished     {} windows, whose tasks went on in the next",
+                    r.unfinished_windows
+                );
+            }
             if r.unrecorded > 0 {
                 let _ = writeln!(text, "  unrecorded     {} (not in these figures)", r.unrecorded);
             }
@@ -445,8 +455,10 @@ impl Partition {
             describe_summary(text, "wake-up latency", r.wake_up_latency_ns);
             describe_summary(text, "entry", r.entry_ns);
             describe_summary(text, "exit", r.exit_ns);
-            if r.overruns > 0 {
+            if r.overruns + r.unfinished_windows > 0 {
                 describe_summary(text, "kick", r.kick_ns);
+            }
+            if r.overruns > 0 {
                 describe_summary(text, "ran past its end", r.overrun_ns);
             }
             // What would read "0.0 us" is for those who read the JSON.

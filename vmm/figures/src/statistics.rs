@@ -93,8 +93,10 @@ pub struct Releases {
     lost: u64,
     /// Releases for which the wake-up was later than the guard.
     late: u64,
-    /// Windows that ended before the guest was done.
+    /// Windows that ended before the guest was done, and before its scan was.
     overruns: u64,
+    /// Windows that ended after the scan, while tasks went on.
+    unfinished: u64,
     /// From the release to the guest's start.
     latency: Distribution,
     /// From the guest's start to its end, of scans that ended in their window.
@@ -107,7 +109,7 @@ pub struct Releases {
     exit: Distribution,
     /// From a window's end to the guest's last stamp, in overruns.
     last_stamp: Distribution,
-    /// From a window's end to the thread's being out of the guest, in overruns.
+    /// From a window's end to the thread's being out of the guest, where the guest was not done.
     kick: Distribution,
     /// Exits in a window, as KVM counts them.
     vm_exits: Distribution,
@@ -126,6 +128,7 @@ impl Releases {
             lost: 0,
             late: 0,
             overruns: 0,
+            unfinished: 0,
             latency: Distribution::new()?,
             execution: Distribution::new()?,
             wake_up: Distribution::new()?,
@@ -183,6 +186,9 @@ impl Releases {
             if (record.release..=record.left).contains(&record.last_stamp) {
                 self.last_stamp.record(nanos(record.last_stamp.since(record.end)));
             }
+        }
+        self.unfinished += u64::from(record.unfinished);
+        if record.overrun || record.unfinished {
             self.kick.record(nanos(record.left.since(record.end)));
         }
         let Some(scan) = scan else {
@@ -195,9 +201,10 @@ impl Releases {
         }
         self.worst.add(record, detours);
         self.latency.record(nanos(scan.start.since(record.release)));
-        if (scan.start..=record.left).contains(&scan.done) {
+        if record.finished_scan().is_some() {
             self.execution.record(nanos(scan.done.since(scan.start)));
-            if !record.overrun && !record.ended {
+            // Where tasks may follow the scan, its end is not the guest's.
+            if !record.overrun && !record.ended && !record.has_tasks {
                 self.exit.record(nanos(record.left.since(scan.done)));
             }
         }
@@ -212,6 +219,7 @@ impl Releases {
             lost: self.lost,
             late_releases: self.late,
             overruns: self.overruns,
+            unfinished_windows: self.unfinished,
             unrecorded,
             release_latency_ns: self.latency.summary(),
             execution_ns: self.execution.summary(),
@@ -251,6 +259,8 @@ mod tests {
             exits: 1,
             kernel_exits: 1,
             overrun: false,
+            unfinished: false,
+            has_tasks: false,
             ended: false,
         }
     }
@@ -321,6 +331,17 @@ mod tests {
         assert_eq!(r.overruns, 3);
         let (stamp, kick) = (r.overrun_ns.unwrap(), r.kick_ns.unwrap());
         assert_eq!((stamp.min, stamp.max, kick.max), (5, 5, 10));
+    }
+
+    #[test]
+    fn a_window_in_which_tasks_go_on_is_no_overrun_and_has_a_kick() {
+        let mut account = account();
+        let with_tasks = WindowRecord { has_tasks: true, ..record(Some((1000, 1100))) };
+        account.add(&with_tasks, &[]);
+        account.add(&WindowRecord { unfinished: true, ..with_tasks }, &[]);
+        let r = account.report(0);
+        assert_eq!((r.releases, r.overruns, r.unfinished_windows), (2, 0, 1));
+        assert_eq!((r.kick_ns.map(|s| s.max), r.exit_ns), (Some(10), None));
     }
 
     #[test]

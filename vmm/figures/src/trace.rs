@@ -24,6 +24,7 @@
 //! | | *`lost releases`* | so many before this one were skipped |
 //! | | *`done`*, *`end of the guest`* | left before the window's end, and not to return in it, or ever |
 //! | | *`kick`*, *`overrun`* | the window's end enforced; its end, if the scan was not done |
+//! | | *`unfinished`* | the window's end, if tasks go on in the next one |
 //! | `NAME: claims` | `scan`, `unfinished scan` | what the guest says of its scan |
 //!
 //! A mark *`dropped`* of the schedule's process says how many events are missing before it.
@@ -268,11 +269,14 @@ impl<W: Write> Trace<W> {
         if w.overrun {
             self.mark(track, "overrun", w.end, NOTHING);
         }
+        if w.unfinished {
+            self.mark(track, "unfinished", w.end, NOTHING);
+        }
     }
 
     fn scan(&mut self, track: &mut Track, w: &WindowRecord) {
         let Some(scan) = w.scan() else { return };
-        let (name, end) = if (scan.start..=w.left).contains(&scan.done) {
+        let (name, end) = if w.finished_scan().is_some() {
             ("scan", scan.done)
         } else {
             ("unfinished scan", w.left)

@@ -114,8 +114,10 @@ pub struct ReleaseStatus {
     pub lost: u64,
     /// Releases that came later than the guard can absorb.
     pub late: u64,
-    /// Windows that ended by a kick.
+    /// Windows that ended by a kick before the scan was complete.
     pub overruns: u64,
+    /// Windows that ended by a kick after it, while tasks went on.
+    pub unfinished_windows: u64,
     /// Sum of the latencies of all releases: from the difference of two answers follows the mean
     /// of the time between them.
     pub latency_sum_ns: u64,

@@ -27,6 +27,8 @@ pub fn example(sequence: u64, latency: u64, execution: u64) -> WindowRecord {
         exits: 1,
         kernel_exits: 1,
         overrun: false,
+        unfinished: false,
+        has_tasks: false,
         ended: false,
     }
 }

@@ -83,6 +83,8 @@ mod tests {
             exits: 1,
             kernel_exits: 0,
             overrun: false,
+            unfinished: false,
+            has_tasks: false,
             ended: false,
         })
     }

@@ -92,8 +92,13 @@ pub struct WindowRecord {
     /// Exits from the guest as KVM counts them, those that the host's kernel answered by itself
     /// (its own interrupts) included; 0 if KVM does not tell.
     pub kernel_exits: u64,
-    /// True if the window ended before the guest said that it was done.
+    /// True if the window ended before the guest said that it was done, and its scan is not complete.
     pub overrun: bool,
+    /// True if the window ended before the guest said that it was done, but after its scan: tasks go on
+    /// in the next one.
+    pub unfinished: bool,
+    /// True if the guest may do something else after its scan, before it says that it is done.
+    pub has_tasks: bool,
     /// True if the guest ended in this window, and does not go on.
     pub ended: bool,
 }
@@ -110,6 +115,12 @@ impl WindowRecord {
     #[must_use]
     pub fn scan(&self) -> Option<Scan> {
         self.claim.filter(|scan| (self.release..=self.left).contains(&scan.start))
+    }
+
+    /// The same, if the scan ended before the guest was left.
+    #[must_use]
+    pub fn finished_scan(&self) -> Option<Scan> {
+        self.scan().filter(|scan| (scan.start..=self.left).contains(&scan.done))
     }
 }
 

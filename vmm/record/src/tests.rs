@@ -20,6 +20,16 @@ fn a_wake_up_later_than_the_guard_makes_a_late_release() {
 }
 
 #[test]
+fn a_scan_is_finished_if_it_ended_after_its_start_and_in_its_window() {
+    let until = |done| {
+        let claim = Some(Scan { start: Tsc(100), done: Tsc(done) });
+        WindowRecord { claim, ..record(100, 95, 200, 100) }.finished_scan().is_some()
+    };
+    assert!(until(100) && until(200));
+    assert!(!until(99) && !until(201) && !until(0));
+}
+
+#[test]
 fn a_claim_outside_the_window_is_not_believed() {
     assert!(record(100, 95, 200, 100).scan().is_some());
     for impossible in [0, 99, 201, u64::MAX] {

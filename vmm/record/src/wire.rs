@@ -90,6 +90,10 @@ pub struct TracedWindow {
     pub kernel_exits: u64,
     /// True if the window ended before the scan did.
     pub overrun: bool,
+    /// True if it ended after the scan, while tasks of the guest went on.
+    pub unfinished: bool,
+    /// True if the guest may do something else between its scan and the window's end.
+    pub has_tasks: bool,
     /// True if the guest ended in it.
     pub ended: bool,
     /// The first exits after which the guest was entered again, in the order of time.
@@ -156,6 +160,8 @@ impl TracedWindow {
             exits: w.exits,
             kernel_exits: w.kernel_exits,
             overrun: w.overrun,
+            unfinished: w.unfinished,
+            has_tasks: w.has_tasks,
             ended: w.ended,
             detours: detours.iter().map(TracedDetour::new).collect(),
         }
@@ -187,6 +193,8 @@ impl TracedWindow {
             exits: self.exits,
             kernel_exits: self.kernel_exits,
             overrun: self.overrun,
+            unfinished: self.unfinished,
+            has_tasks: self.has_tasks,
             ended: self.ended,
         };
         Some((PartitionId(partition), window, detours))

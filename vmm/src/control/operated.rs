@@ -99,6 +99,7 @@ impl Operator for Operated<'_> {
                         lost: all.lost,
                         late: all.late_releases,
                         overruns: all.overruns,
+                        unfinished_windows: all.unfinished_windows,
                         latency_sum_ns,
                         release_latency_ns: all.release_latency_ns,
                         execution_ns: all.execution_ns,

@@ -162,6 +162,12 @@ pub trait Guest {
     /// all of its windows, and their ends are no overruns.
     fn says_done(&self) -> bool;
 
+    /// The vector with which the guest wants its windows to begin, after those in which it was not done.
+    /// What it has not done then may wait: see [`WindowRecord::unfinished`](super::record::WindowRecord).
+    fn tick(&self) -> Option<u8> {
+        None
+    }
+
     /// Accesses to ports and memory that nothing answers.
     fn illegal_accesses(&self) -> u64;
 }

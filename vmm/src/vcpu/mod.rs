@@ -32,6 +32,7 @@ pub mod plc;
 pub mod port_access;
 pub mod probe;
 pub mod thread;
+pub mod tick;
 pub mod windowed;
 
 pub use takt_record as record;

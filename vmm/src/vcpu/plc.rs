@@ -1,6 +1,7 @@
 //! The PLC guest's side of the loop: its pages, its doorbells, its console.
 
 use kvm_ioctls::VcpuExit;
+use takt_abi::interrupt_controller::VECTORS;
 use takt_abi::memory::{ERROR_TEXT_BYTES, TEXT, TEXT_BYTES};
 use takt_abi::{Information, MAGIC, Status, VERSION, interrupt_controller, port, start};
 use takt_devices::output::DroppingOutput;
@@ -26,6 +27,7 @@ pub struct PlcGuest {
     announced: Information,
     console: DroppingOutput,
     illegal: u64,
+    tick: Option<u8>,
     /// Also what keeps the devices' memory mapped.
     devices: Option<Granted>,
 }
@@ -59,7 +61,16 @@ impl PlcGuest {
         };
         let (information, status) = (memory.information()?, memory.status()?);
         let memory = memory.clone();
-        Some(Self { memory, information, status, announced, console, illegal: 0, devices: None })
+        Some(Self {
+            memory,
+            information,
+            status,
+            announced,
+            console,
+            illegal: 0,
+            tick: None,
+            devices: None,
+        })
     }
 
     /// With these devices of the host's.
@@ -79,6 +90,7 @@ impl PlcGuest {
 
     /// The guest has been loaded anew and is about to start.
     pub fn start_anew(&mut self, Start { mode, reason }: Start) {
+        self.tick = None;
         self.announced.start_mode = match mode {
             StartMode::Cold => start::COLD,
             StartMode::Warm => start::WARM,
@@ -98,6 +110,10 @@ impl PlcGuest {
             }
             (port::EXIT, &[a, b, c, d]) => {
                 Step::Ended(End::Exited(u32::from_le_bytes([a, b, c, d])))
+            }
+            (port::TICK, &[vector, 0, 0, 0]) if VECTORS.contains(&vector) => {
+                self.tick = Some(vector);
+                Step::Resume
             }
             (port::ERROR, &[a, b, c, d]) => self.raise(u32::from_le_bytes([a, b, c, d])),
             _ => self.illegal(),
@@ -204,6 +220,10 @@ impl Guest for PlcGuest {
         true
     }
 
+    fn tick(&self) -> Option<u8> {
+        self.tick
+    }
+
     fn illegal_accesses(&self) -> u64 {
         self.illegal
     }
@@ -282,6 +302,22 @@ mod tests {
             assert_eq!(guest.handle(VcpuExit::IoOut(port::DONE, data)), Step::Resume);
         }
         assert_eq!(guest.illegal_accesses(), 4);
+    }
+
+    #[test]
+    fn a_tick_has_a_vector_of_an_interrupt_and_lasts_until_the_next_start() {
+        let (mut guest, _memory, _end) = guest();
+        let mut ask = |vector: u32| {
+            guest.handle(VcpuExit::IoOut(port::TICK, &vector.to_le_bytes()));
+            (guest.tick(), guest.illegal_accesses())
+        };
+        assert_eq!(
+            (ask(0), ask(31), ask(255), ask(256 + 32)),
+            ((None, 1), (None, 2), (None, 3), (None, 4))
+        );
+        assert_eq!((ask(32), ask(254), ask(8)), ((Some(32), 4), (Some(254), 4), (Some(254), 5)));
+        guest.start_anew(Start { mode: StartMode::Warm, reason: StartReason::Operator });
+        assert_eq!(guest.tick(), None);
     }
 
     #[test]

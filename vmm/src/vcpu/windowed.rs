@@ -20,6 +20,7 @@ use super::guest_timer::{self, Deadlines};
 use super::kick::Kickable;
 use super::port_access::PortAccess;
 use super::record::{DETOURS_MAX, Detour, Exit, Record, WindowRecord};
+use super::tick::Tick;
 use crate::boot::StartMode;
 use crate::health::{Access, Answer, Detail, Reporter};
 
@@ -56,6 +57,7 @@ pub struct Windowed {
     log: Log,
     /// True until the guest's first scan since its start.
     starting: bool,
+    tick: Tick,
 }
 
 /// The ring, and what did not fit into it.
@@ -96,7 +98,17 @@ impl Windowed {
         let log = Log { records, unrecorded: 0 };
         let acted = switch.frame;
         let sleeper = Sleeper::new(base.frequency);
-        Self { plan, base, sleeper, slot, switch, acted, log, starting: true }
+        Self {
+            plan,
+            base,
+            sleeper,
+            slot,
+            switch,
+            acted,
+            log,
+            starting: true,
+            tick: Tick::default(),
+        }
     }
 
     /// Records that did not fit into the ring.
@@ -159,6 +171,8 @@ impl Windowed {
             guest.announce(&release, &next, &self.base);
             let ran = self.window(kickable, guest, control, end, health);
             let kicked = control.leave_window(end);
+            let expired = matches!(ran.outcome, Outcome::Expired);
+            self.tick.window_over(kickable.vcpu(), expired);
             let ended = match ran.outcome {
                 // Nobody wants to know of a window that the end of the run has cut.
                 Outcome::Ended(End::Stopped) => return End::Stopped,
@@ -181,9 +195,14 @@ impl Windowed {
                 last_stamp: guest.last_stamp(),
                 exits: ran.exits,
                 kernel_exits: counted.saturating_sub(kernel_exits),
-                overrun: matches!(ran.outcome, Outcome::Expired) && guest.says_done(),
+                overrun: expired && guest.says_done(),
+                unfinished: false,
+                has_tasks: guest.tick().is_some(),
                 ended: false,
             };
+            if record.has_tasks && record.overrun && record.finished_scan().is_some() {
+                (record.overrun, record.unfinished) = (false, true);
+            }
             let ended = ended.or_else(|| {
                 let missed = self.missed(&record, guest.says_done())?;
                 health.raise(missed, 1)
@@ -267,6 +286,7 @@ impl Windowed {
     /// first scan.
     pub fn restarted(&mut self) {
         self.starting = true;
+        self.tick.restarted();
         self.catch_up();
     }
 
@@ -287,6 +307,7 @@ impl Windowed {
         health: &mut Reporter,
     ) -> Ran {
         control.enter_window(end);
+        self.tick.window(guest.tick());
         let mut exits = 0u32;
         let mut entered = None;
         let mut last: Option<(Exit, Tsc)> = None;
@@ -311,6 +332,9 @@ impl Windowed {
             if let Some((exit, left)) = last.filter(|_| exits <= DETOURS_MAX) {
                 self.log.push(Record::Detour(Detour { exit, left, entered: now }));
             }
+            if let Err(errno) = self.tick.before_entry(kickable.vcpu()) {
+                return ran(Outcome::Ended(End::Kvm(KvmFailure::Errno(errno))));
+            }
             let result = kickable.vcpu().run();
             let left = Tsc::now();
             exits = exits.saturating_add(1);
@@ -324,6 +348,8 @@ impl Windowed {
                         return ran(Outcome::Ended(end));
                     }
                 }
+                // The guest can take its tick now.
+                Ok(VcpuExit::IrqWindowOpen) => last = Some((Exit::Other, left)),
                 Ok(exit) => {
                     last = Some((reason(&exit), left));
                     let access = Access::of(&exit);

@@ -37,6 +37,7 @@ fn status(uptime_ns: u64, happened: u64, latency_sum_ns: u64) -> Status {
         lost: 0,
         late: 2,
         overruns: 0,
+        unfinished_windows: 0,
         latency_sum_ns,
         release_latency_ns: Some(Summary { min: 0, p50: 2, p99: 4, p999: 5, max: 9 }),
         execution_ns: None,

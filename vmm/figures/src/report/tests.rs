@@ -53,6 +53,7 @@ fn report() -> Report {
                     lost: 0,
                     late_releases: 0,
                     overruns: 0,
+                    unfinished_windows: 0,
                     unrecorded: 0,
                     release_latency_ns: Some(summary),
                     execution_ns: None,

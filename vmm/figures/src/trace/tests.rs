@@ -37,6 +37,8 @@ fn window(sequence: u64) -> WindowRecord {
         exits: 2,
         kernel_exits: 3,
         overrun: false,
+        unfinished: false,
+        has_tasks: false,
         ended: false,
     }
 }
@@ -124,7 +126,6 @@ fn what_went_wrong_is_marked() {
             claim: Some(Scan { start: at(1_002_004), done: Tsc(0) }),
             kernel_exits: 0,
             overrun: true,
-            ended: false,
             ..window(1)
         };
         trace.add(PLC, &record, &[]);
@@ -136,6 +137,14 @@ fn what_went_wrong_is_marked() {
     assert_eq!(slices(&events, "unfinished scan"), [(1_002_004, 1_300_900)]);
     assert!(named(&events, "release")[0]["args"]["kernel_exits"].is_null());
     assert!(named(&events, "done").is_empty() && named(&events, "scan").is_empty());
+}
+
+#[test]
+fn tasks_that_go_on_are_no_overrun_in_the_picture() {
+    let record = WindowRecord { unfinished: true, has_tasks: true, ..window(0) };
+    let events = trace(|trace| trace.add(PLC, &record, &[]));
+    assert_eq!(named(&events, "unfinished").len(), 1);
+    assert!(named(&events, "overrun").is_empty());
 }
 
 #[test]

@@ -197,6 +197,7 @@ fn status() -> Status {
                     lost: 0,
                     late: 0,
                     overruns: 0,
+                    unfinished_windows: 0,
                     latency_sum_ns: 19_980,
                     release_latency_ns: Some(Summary { min: 0, p50: 2, p99: 4, p999: 4, max: 4 }),
                     execution_ns: None,

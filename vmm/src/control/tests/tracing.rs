@@ -27,6 +27,8 @@ fn window(sequence: u64) -> (WindowRecord, Vec<Detour>) {
         exits: 10,
         kernel_exits: 11,
         overrun: true,
+        unfinished: false,
+        has_tasks: false,
         ended: false,
     };
     let exits = [Exit::Port(0x7a10), Exit::Memory(1 << 40), Exit::Signal, Exit::Other];
