@@ -56,7 +56,11 @@ enum Command {
         needs: bool,
     },
     /// Tell whether this host's KVM runs guest kernels at hardware speed.
-    Probe,
+    Probe {
+        /// Print one JSON object on one line instead, with all that machines can tell of KVM.
+        #[arg(long)]
+        json: bool,
+    },
     #[command(external_subcommand)]
     Beside(Vec<OsString>),
 }
@@ -184,7 +188,17 @@ fn command_line(arguments: &[OsString]) -> u8 {
             print!("{}", check::report(&file));
             status::GOOD
         }),
-        Command::Probe => match probe::probe() {
+        Command::Probe { json: true } => match serde_json::to_string(&probe::examine()) {
+            Ok(text) => {
+                println!("{text}");
+                status::GOOD
+            }
+            Err(error) => {
+                eprintln!("takt: cannot print what was found: {error}");
+                status::HOST_CANNOT
+            }
+        },
+        Command::Probe { json: false } => match probe::probe() {
             Ok(speed) => {
                 println!("{speed}");
                 if speed.is_hardware() { status::GOOD } else { status::HOST_CANNOT }

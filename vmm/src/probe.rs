@@ -8,6 +8,7 @@ use std::fmt;
 use std::time::{Duration, Instant};
 
 use kvm_ioctls::{Kvm, VcpuExit};
+use takt_host::kvm::{self, Examination, Found, Machines};
 use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress};
 
@@ -75,7 +76,7 @@ pub enum ProbeError {
 ///
 /// # Errors
 /// See [`ProbeError`].
-pub fn hands_deadlines_over(kvm: &Kvm) -> Result<bool, ProbeError> {
+fn hands_deadlines_over(kvm: &Kvm) -> Result<bool, ProbeError> {
     let memory = GuestMemory::for_linux(MEMORY, &[])?;
     let mut machine = machine::for_linux(kvm, &memory, TimerOwner::Takt)?;
     // mov ecx, TSC_DEADLINE; xor eax, eax; xor edx, edx; wrmsr; out 0x80, al
@@ -92,6 +93,41 @@ pub fn hands_deadlines_over(kvm: &Kvm) -> Result<bool, ProbeError> {
             Err(e) if e.errno() == libc::EINTR => {}
             Err(e) => return Err(ProbeError::Strayed(e.to_string())),
         }
+    }
+}
+
+/// Finds out all that machines can tell of this host's KVM. They are dropped again.
+#[must_use]
+pub fn examine() -> Examination {
+    let found = match Kvm::new() {
+        Err(error) => Found::Closed { errno: error.errno() },
+        Ok(kvm) => match &machine::missing(&kvm)[..] {
+            [] => Found::Complete(machines(&kvm)),
+            missing => {
+                Found::Lacking { missing: missing.iter().map(|name| (*name).into()).collect() }
+            }
+        },
+    };
+    Examination { schema_version: kvm::SCHEMA_VERSION, kvm: found }
+}
+
+fn machines(kvm: &Kvm) -> Machines {
+    let plc = GuestMemory::for_plc(MEMORY, &[])
+        .map_err(MachineError::from)
+        .and_then(|memory| machine::for_plc(kvm, &memory, false));
+    let linux = GuestMemory::for_linux(MEMORY, &[])
+        .map_err(MachineError::from)
+        .and_then(|memory| machine::for_linux(kvm, &memory, TimerOwner::Takt));
+    Machines {
+        tsc_khz: plc.as_ref().ok().map(|plc| plc.tsc.khz()),
+        plc_error: plc.err().map(|error| error.to_string()),
+        linux_error: linux.err().map(|error| error.to_string()),
+        speed: match probe() {
+            Ok(speed) if speed.is_hardware() => kvm::Speed::Hardware { text: speed.to_string() },
+            Ok(speed) => kvm::Speed::Emulated { text: speed.to_string() },
+            Err(error) => kvm::Speed::Failed { error: error.to_string() },
+        },
+        hands_deadlines_over: hands_deadlines_over(kvm).ok(),
     }
 }
 

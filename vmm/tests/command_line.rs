@@ -82,3 +82,13 @@ fn the_probe_says_what_it_found_in_one_line() {
     assert!(matches!(output.status.code(), Some(0 | 3)), "{output:?}");
     assert_eq!(text(&output.stdout).lines().count(), 1, "{output:?}");
 }
+
+#[test]
+fn the_probe_tells_programs_what_takt_doctor_reads() {
+    let output = takt(&["probe", "--json"]);
+    assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
+    let told: takt_host::kvm::Examination = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(told.schema_version, takt_host::kvm::SCHEMA_VERSION);
+    let opens = fs::File::options().read(true).write(true).open("/dev/kvm").is_ok();
+    assert_eq!(opens, !matches!(told.kvm, takt_host::kvm::Found::Closed { .. }));
+}

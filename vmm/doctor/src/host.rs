@@ -9,7 +9,7 @@ use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use takt::cpuset::list;
+use takt_host::cpu_list;
 use takt_scheduler::table::Cpu;
 
 use crate::steering::Steering;
@@ -93,7 +93,7 @@ impl Host {
     /// A file's list of CPUs.
     #[must_use]
     pub fn cpus(&self, path: &str) -> Option<Vec<Cpu>> {
-        list::parse(&self.text(path)?)
+        cpu_list::parse(&self.text(path)?)
     }
 
     /// Names in a folder, in order; numbers by their value.
@@ -212,7 +212,7 @@ mod tests {
         for (cpus, text) in cases {
             let cpus: Vec<Cpu> = cpus.iter().copied().map(Cpu).collect();
             assert_eq!(written(&cpus), text);
-            assert_eq!(list::parse(text).unwrap().len(), {
+            assert_eq!(cpu_list::parse(text).unwrap().len(), {
                 let mut unique = cpus.clone();
                 unique.sort_unstable();
                 unique.dedup();

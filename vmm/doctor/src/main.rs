@@ -10,6 +10,7 @@
 
 mod checks;
 mod demand;
+mod examination;
 mod finding;
 mod host;
 mod measure;

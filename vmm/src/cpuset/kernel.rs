@@ -14,7 +14,7 @@ use takt_scheduler::reservation::Reservation;
 use takt_scheduler::table::Cpu;
 use takt_scheduler::time::Nanos;
 
-use super::mounts::{self, HierarchyError};
+use takt_host::mounts::{self, HierarchyError};
 
 /// A share of one per cent: small enough to be free on any CPU that is worth running on. What the
 /// thread has used of it stays reserved for up to a period after its end.

@@ -36,8 +36,6 @@
 //! other processes have set for themselves (`taskset`).
 
 mod kernel;
-pub mod list;
-pub mod mounts;
 mod setup;
 
 use std::io::{self, Write};
@@ -49,8 +47,8 @@ use thiserror::Error;
 
 pub use kernel::Entry;
 use kernel::{Cgroup2, refusal};
-pub use mounts::HierarchyError;
 use setup::Setup;
+pub use takt_host::mounts::HierarchyError;
 
 /// CPUs could not be given scheduling domains of their own.
 #[derive(Debug, Error)]

@@ -7,10 +7,11 @@
 use std::io;
 use std::path::PathBuf;
 
+use takt_host::cpu_list;
 use takt_scheduler::table::Cpu;
 
+use super::CpusetError;
 use super::kernel::{Entry, Kernel};
-use super::{CpusetError, list};
 
 /// How often to look whether the last thread of a cgroup is gone: a thread that was joined still
 /// counts for a moment, and one of a start-up that failed still has its guest's memory to release.
@@ -111,7 +112,7 @@ impl<K: Kernel> Setup<K> {
         const FILE: &str = "cpuset.cpus.effective";
         let text = self.kernel.read(FILE).map_err(self.cannot("read", FILE))?;
         let no_list = || io::Error::other(format!("{text:?} is no list of CPUs"));
-        let cpus = list::parse(&text).ok_or_else(no_list).map_err(self.cannot("read", FILE))?;
+        let cpus = cpu_list::parse(&text).ok_or_else(no_list).map_err(self.cannot("read", FILE))?;
         Ok((cpus, text.trim_end().to_owned()))
     }
 

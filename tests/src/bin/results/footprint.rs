@@ -7,9 +7,10 @@ use std::path::Path;
 use crate::{Measured, partition};
 
 /// Folders of code that runs on the host while guests do, and what each is.
-const TRUSTED: [(&str, &str); 9] = [
+const TRUSTED: [(&str, &str); 10] = [
     ("vmm/src", "the program `takt`"),
     ("vmm/plan/src", "the partition file"),
+    ("vmm/host/src", "what the host tells"),
     ("vmm/record/src", "records of windows"),
     ("vmm/figures/src", "report, statistics, trace"),
     ("vmm/protocol/src", "the control socket's messages"),

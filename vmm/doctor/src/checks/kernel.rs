@@ -1,6 +1,6 @@
 //! How the host's kernel schedules.
 
-use takt::cpuset::mounts;
+use takt_host::mounts;
 use takt_scheduler::table::Cpu;
 
 use crate::finding::Finding;

@@ -16,12 +16,14 @@ use std::time::{Duration, Instant};
 
 use crate::checks;
 use crate::demand::Demand;
+use crate::examination;
 use crate::finding::Finding;
 use crate::host::Host;
 use crate::progress::Progress;
 
 use interrupts::Counts;
 use rate::Rate;
+use takt_host::kvm::Found;
 
 /// Time between two looks at the clocks, and between two signs of life.
 const STEP: Duration = Duration::from_millis(100);
@@ -30,7 +32,8 @@ const STEP: Duration = Duration::from_millis(100);
 #[must_use]
 pub fn all(host: &Host, demand: &Demand, duration: Duration, progress: &Progress) -> Vec<Finding> {
     progress.say("running kernel-mode code in a guest");
-    let mut findings = virtualisation::findings(host, demand.linux);
+    let examined = examination::ask();
+    let mut findings = virtualisation::findings(host, demand.linux, &examined);
     progress.say("asking for reservations");
     for cpu in &demand.windowed {
         let admission = admission::try_on(cpu);
@@ -41,7 +44,11 @@ pub fn all(host: &Host, demand: &Demand, duration: Duration, progress: &Progress
     }
     progress.say("comparing the counters of the CPUs");
     findings.push(warp::finding(&host.online()));
-    findings.extend(while_windows_run(host, demand, duration, progress));
+    let kvm_khz = match examined {
+        Ok(Found::Complete(machines)) => machines.tsc_khz,
+        _ => None,
+    };
+    findings.extend(while_windows_run(host, demand, kvm_khz, duration, progress));
     findings
 }
 
@@ -50,6 +57,7 @@ pub fn all(host: &Host, demand: &Demand, duration: Duration, progress: &Progress
 fn while_windows_run(
     host: &Host,
     demand: &Demand,
+    kvm_khz: Option<u32>,
     duration: Duration,
     progress: &Progress,
 ) -> Vec<Finding> {
@@ -77,7 +85,7 @@ fn while_windows_run(
         rate.look();
     }
     progress.done();
-    let mut findings = vec![rate.finding(host), rate.clock(host, rate::kvm_khz())];
+    let mut findings = vec![rate.finding(host), rate.clock(host, kvm_khz)];
     let measured: Vec<_> =
         threads.into_iter().map(|(cpu, it)| (cpu, it.and_then(|it| it.join().ok()))).collect();
     let after = Counts::read(host);

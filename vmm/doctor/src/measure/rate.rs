@@ -4,7 +4,6 @@
 //! source is the counter, this shows the steering of that clock (NTP) and no more: the two have
 //! then no way to differ in rate otherwise, and `tsc` has the kernel's word for it.
 
-use kvm_ioctls::Kvm;
 use takt_scheduler::time::{Tsc, TscFrequency};
 
 use crate::finding::Finding;
@@ -160,13 +159,6 @@ impl Rate {
         }
         Finding::good(CHECK, found)
     }
-}
-
-/// The counter's rate as KVM has it; `None` if it does not tell.
-#[must_use]
-pub fn kvm_khz() -> Option<u32> {
-    let vm = Kvm::new().ok()?.create_vm().ok()?;
-    vm.create_vcpu(0).ok()?.get_tsc_khz().ok().filter(|khz| *khz > 0)
 }
 
 #[cfg(test)]

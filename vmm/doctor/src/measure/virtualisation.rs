@@ -2,74 +2,70 @@
 
 use std::io;
 
-use kvm_ioctls::Kvm;
-use takt::machine::{self, MachineError, TimerOwner};
-use takt::memory::GuestMemory;
-use takt::probe;
+use takt_host::kvm::{Found, Machines, Speed};
 
+use crate::examination::ExaminationError;
 use crate::finding::Finding;
 use crate::host::Host;
 
-/// Memory of the machines that are only made and dropped again, in bytes.
-const MEMORY: u64 = 2 << 20;
+const CHECK: &str = "kvm";
+const NO_START: &str = "takt run does not start";
 
 /// Of KVM: what it offers, whether the machines of a PLC and of a Linux can be made, how fast their
 /// kernel-mode code runs.
-pub fn findings(host: &Host, linux: bool) -> Vec<Finding> {
-    const CHECK: &str = "kvm";
-    let kvm = match Kvm::new() {
-        Ok(kvm) => kvm,
-        Err(error) => return vec![closed(host, error.errno())],
-    };
-    let missing = machine::missing(&kvm);
-    if !missing.is_empty() {
-        return vec![Finding::cannot(
-            CHECK,
-            format!("KVM lacks {}", missing.join(", ")),
-            "takt run does not start",
-            "start a newer kernel on the host",
-        )];
-    }
-    match made(&kvm, linux) {
-        Err(error) => vec![Finding::cannot(
+pub fn findings(
+    host: &Host,
+    linux: bool,
+    examined: &Result<Found, ExaminationError>,
+) -> Vec<Finding> {
+    match examined {
+        Err(error) => vec![Finding::unseen(
             CHECK,
             error.to_string(),
-            "takt run does not start",
-            "start a newer kernel on the host; under a hypervisor, look for its KVM",
+            "nothing is known of KVM, without which takt run does not start",
+            "install takt and takt-doctor of one version in one folder",
         )],
-        Ok(()) => {
-            let mut findings = vec![Finding::good(CHECK, "has what takt needs"), speed()];
-            if linux {
-                findings.push(deadlines(host, probe::hands_deadlines_over(&kvm).ok()));
-            }
-            findings
-        }
+        Ok(Found::Closed { errno }) => vec![closed(host, *errno)],
+        Ok(Found::Lacking { missing }) => vec![Finding::cannot(
+            CHECK,
+            format!("KVM lacks {}", missing.join(", ")),
+            NO_START,
+            "start a newer kernel on the host",
+        )],
+        Ok(Found::Complete(machines)) => of_machines(host, linux, machines),
     }
+}
+
+fn of_machines(host: &Host, linux: bool, machines: &Machines) -> Vec<Finding> {
+    let of_linux = machines.linux_error.as_ref().filter(|_| linux);
+    if let Some(error) = machines.plc_error.as_ref().or(of_linux) {
+        return vec![Finding::cannot(
+            CHECK,
+            error.clone(),
+            NO_START,
+            "start a newer kernel on the host; under a hypervisor, look for its KVM",
+        )];
+    }
+    let mut findings = vec![Finding::good(CHECK, "has what takt needs"), speed(&machines.speed)];
+    if linux {
+        findings.push(deadlines(host, machines.hands_deadlines_over));
+    }
+    findings
 }
 
 /// Why `/dev/kvm` cannot be opened.
 fn closed(host: &Host, errno: i32) -> Finding {
-    const CHECK: &str = "kvm";
-    const COST: &str = "takt run does not start";
     let error = io::Error::from_raw_os_error(errno);
     let found = format!("/dev/kvm: {error}");
     if error.kind() == io::ErrorKind::PermissionDenied {
-        return Finding::unseen(CHECK, found, COST, "sudo takt doctor");
+        return Finding::unseen(CHECK, found, NO_START, "sudo takt doctor");
     }
     let module = [("vmx", "kvm-intel"), ("svm", "kvm-amd")];
     let remedy = match module.iter().find(|(feature, _)| host.has_feature(feature)) {
         Some((_, name)) => format!("modprobe {name}"),
         None => "switch hardware virtualisation (VT-x, AMD-V) on in the firmware; in a virtual machine, nesting in its hypervisor".into(),
     };
-    Finding::cannot(CHECK, found, COST, remedy)
-}
-
-fn made(kvm: &Kvm, linux: bool) -> Result<(), MachineError> {
-    machine::for_plc(kvm, &GuestMemory::for_plc(MEMORY, &[])?, false)?;
-    if linux {
-        machine::for_linux(kvm, &GuestMemory::for_linux(MEMORY, &[])?, TimerOwner::Takt)?;
-    }
-    Ok(())
+    Finding::cannot(CHECK, found, NO_START, remedy)
 }
 
 /// Whether a Linux's timers can be kept out of windows. `None`: it could not be found out.
@@ -110,18 +106,18 @@ fn interrupt_cost(host: &Host) -> String {
     )
 }
 
-fn speed() -> Finding {
+fn speed(measured: &Speed) -> Finding {
     const CHECK: &str = "virtualisation";
     const REMEDY: &str = "run takt on a machine with VT-x or AMD-V; in a virtual machine, switch nesting on in its hypervisor; to try takt without it: scripts/lab";
-    match probe::probe() {
-        Ok(speed) if speed.is_hardware() => Finding::good(CHECK, speed.to_string()),
-        Ok(speed) => Finding::cannot(
+    match measured {
+        Speed::Hardware { text } => Finding::good(CHECK, text.clone()),
+        Speed::Emulated { text } => Finding::cannot(
             CHECK,
-            speed.to_string(),
+            text.clone(),
             "a scan takes a multiple of its time, and no window is long enough",
             REMEDY,
         ),
-        Err(error) => {
+        Speed::Failed { error } => {
             Finding::cannot(CHECK, format!("no guest could run: {error}"), "takt run fails", REMEDY)
         }
     }
@@ -132,6 +128,42 @@ mod tests {
     use super::*;
     use crate::finding::Severity;
     use crate::recorded::Recorded;
+
+    fn machines() -> Machines {
+        Machines {
+            plc_error: None,
+            linux_error: None,
+            speed: Speed::Hardware { text: "fast".into() },
+            hands_deadlines_over: Some(true),
+            tsc_khz: Some(1_000_000),
+        }
+    }
+
+    #[test]
+    fn each_answer_of_takt_is_judged() {
+        let host = Recorded::named("workstation").unpack();
+        let worst = |linux, found: Found| {
+            let findings = findings(&host.host, linux, &Ok(found));
+            findings.into_iter().map(|finding| finding.severity).max().unwrap()
+        };
+        let of = |linux, machines| worst(linux, Found::Complete(machines));
+        assert_eq!(of(true, machines()), Severity::Good);
+        let no_linux = || Machines { linux_error: Some("no".into()), ..machines() };
+        assert_eq!(of(true, no_linux()), Severity::Cannot);
+        assert_eq!(of(false, no_linux()), Severity::Good);
+        let no_plc = Machines { plc_error: Some("no".into()), ..machines() };
+        assert_eq!(of(false, no_plc), Severity::Cannot);
+        let slow = Machines { speed: Speed::Emulated { text: "slow".into() }, ..machines() };
+        assert_eq!(of(false, slow), Severity::Cannot);
+        let none = Machines { speed: Speed::Failed { error: "no".into() }, ..machines() };
+        assert_eq!(of(false, none), Severity::Cannot);
+        assert_eq!(worst(false, Found::Lacking { missing: vec!["x".into()] }), Severity::Cannot);
+        assert_eq!(worst(false, Found::Closed { errno: libc::ENOENT }), Severity::Cannot);
+        assert_eq!(worst(false, Found::Closed { errno: libc::EACCES }), Severity::Unseen);
+        let path = std::path::PathBuf::from("/no/takt");
+        let unknown = Err(ExaminationError::Answer { path });
+        assert_eq!(findings(&host.host, false, &unknown)[0].severity, Severity::Unseen);
+    }
 
     #[test]
     fn timers_that_takt_cannot_place_are_told_with_cost_and_remedy() {
