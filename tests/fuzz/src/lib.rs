@@ -20,6 +20,7 @@ pub struct Target {
 pub const TARGETS: &[Target] = &[
     Target { name: "partition_file", run: targets::partition_file::run },
     Target { name: "plc_image", run: targets::images::plc },
+    Target { name: "program_image", run: targets::program_image::run },
     Target { name: "linux_image", run: targets::images::linux },
     Target { name: "plc_exits", run: targets::plc_exits::run },
     Target { name: "linux_ports", run: targets::linux_ports::run },

@@ -7,4 +7,5 @@ pub mod images;
 pub mod linux_ports;
 pub mod partition_file;
 pub mod plc_exits;
+pub mod program_image;
 mod scratch;
