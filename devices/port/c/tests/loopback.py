@@ -1,0 +1,74 @@
+"""Uses the Python package on the folder of a partition whose channels end in itself."""
+
+import struct
+import sys
+import unittest
+
+import takt_port
+from takt_port import Code, PortError, Ports
+
+FOLDER = sys.argv.pop()
+
+
+class Loopback(unittest.TestCase):
+    def assert_fails(self, code, call, *arguments, **named):
+        with self.assertRaises(PortError) as caught:
+            call(*arguments, **named)
+        self.assertEqual(caught.exception.code, code)
+        self.assertTrue(str(caught.exception))
+
+    def test_ports_are_described(self):
+        with Ports(FOLDER) as ports:
+            described = {port.name: port for port in ports}
+        self.assertEqual(list(described), ["out", "in", "send", "receive", "log", "trail"])
+        self.assertEqual(described["in"], ("in", False, True, 512, 1, True, 1.0))
+        self.assertEqual(described["send"], ("send", True, False, 512, 4, True, 0.0))
+
+    def test_a_sample_arrives_and_a_newer_one_is_waited_for(self):
+        with Ports(FOLDER) as ports, ports.output("out", anew=True) as out, ports.input("in", anew=True) as level:
+            self.assert_fails(Code.NO_ACTION, level.read)
+            out.write(struct.pack("<d", 1.25))
+            sample = level.read()
+            self.assertEqual(struct.unpack("<d", sample.bytes), (1.25,))
+            self.assertGreaterEqual(sample.age, 0)
+            self.assert_fails(Code.TIMED_OUT, level.read, newer_than=sample.stamp, timeout=0.001)
+            out.write(b"next")
+            self.assertEqual(level.read(newer_than=sample.stamp, timeout=None).bytes, b"next")
+            self.assert_fails(Code.INVALID_PARAM, out.write, b"")
+            self.assert_fails(Code.INVALID_CONFIG, out.write, bytes(513))
+
+    def test_a_queue_keeps_the_order_and_is_full_at_its_depth(self):
+        with Ports(FOLDER) as ports, ports.sender("send") as sender, ports.receiver("receive", anew=True) as receiver:
+            for n in range(4):
+                sender.send(bytes([n]))
+            self.assert_fails(Code.NOT_AVAILABLE, sender.send, b"x")
+            self.assertEqual([receiver.receive().bytes for _ in range(4)], [b"\0", b"\1", b"\2", b"\3"])
+            self.assert_fails(Code.NOT_AVAILABLE, receiver.receive)
+
+    def test_an_overwritten_message_is_told(self):
+        with Ports(FOLDER) as ports, ports.sender("log") as log, ports.receiver("trail", anew=True) as trail:
+            for n in range(6):
+                log.send(bytes([n]))
+            first = trail.receive()
+            self.assertEqual((first.bytes, first.overflowed), (b"\2", True))
+            self.assertFalse(trail.receive().overflowed)
+
+    def test_a_port_that_is_not_there_in_use_or_of_another_kind_is_refused(self):
+        with Ports(FOLDER) as ports, ports.output("out"):
+            self.assert_fails(Code.INVALID_CONFIG, ports.output, "other")
+            self.assert_fails(Code.INVALID_MODE, ports.input, "out")
+            self.assert_fails(Code.INVALID_MODE, ports.sender, "out")
+            self.assert_fails(Code.NO_ACTION, ports.output, "out")
+
+    def test_a_closed_port_fails_and_does_not_crash(self):
+        with Ports(FOLDER) as ports:
+            out = ports.output("out")
+            out.close()
+            out.close()
+            self.assert_fails(Code.BAD_ARGUMENT, out.write, b"x")
+        self.assertEqual(list(ports), [])
+        self.assert_fails(Code.SYSTEM, Ports, "/nowhere")
+
+
+if __name__ == "__main__":
+    unittest.main()

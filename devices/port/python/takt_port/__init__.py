@@ -1,0 +1,245 @@
+"""The ports of a Linux partition of Takt.
+
+    import struct, takt_port
+
+    with takt_port.Ports() as ports:
+        level = ports.input("level")
+        sample = level.read()
+        print(struct.unpack("<d", sample.bytes[:8])[0], sample.age, sample.valid)
+
+`Ports` finds the ports. `output`, `input`, `sender` and `receiver` take one by its name in the partition file; a port has
+one owner at a time. Messages are bytes. Times are in seconds; a `timeout` of None waits as long as it takes. A
+`PortError` has the return code in `code` (a `Code`) and says what was wrong.
+
+The package needs the shared library `libtakt_port.so`: beside this file, where the environment variable
+TAKT_PORT_LIBRARY says, or where the system looks for libraries.
+"""
+
+import collections
+import ctypes
+import enum
+import os
+import pathlib
+
+__all__ = ["Code", "Description", "Input", "Output", "PortError", "Ports", "Receiver", "Sample", "Received", "Sender"]
+
+
+class Code(enum.IntEnum):
+    """Why a call brought nothing. 1 to 6 are return codes of ARINC 653."""
+
+    NO_ACTION = 1
+    NOT_AVAILABLE = 2
+    INVALID_PARAM = 3
+    INVALID_CONFIG = 4
+    INVALID_MODE = 5
+    TIMED_OUT = 6
+    BAD_ARGUMENT = -1
+    SYSTEM = -2
+
+
+class PortError(Exception):
+    """A call that failed."""
+
+    def __init__(self, code, text):
+        super().__init__(text)
+        self.code = Code(code)
+
+
+Description = collections.namedtuple("Description", "name source sampling maximum depth doorbell refresh")
+Sample = collections.namedtuple("Sample", "bytes stamp age valid")
+Received = collections.namedtuple("Received", "bytes stamp overflowed")
+
+
+class _Description(ctypes.Structure):
+    _fields_ = [
+        ("name", ctypes.c_char * 32),
+        ("direction", ctypes.c_uint32),
+        ("kind", ctypes.c_uint32),
+        ("maximum", ctypes.c_size_t),
+        ("depth", ctypes.c_uint32),
+        ("doorbell", ctypes.c_uint32),
+        ("refresh_ns", ctypes.c_uint64),
+    ]
+
+
+class _Message(ctypes.Structure):
+    _fields_ = [
+        ("length", ctypes.c_size_t),
+        ("stamp", ctypes.c_uint64),
+        ("age_ns", ctypes.c_uint64),
+        ("valid", ctypes.c_int32),
+        ("overflowed", ctypes.c_int32),
+    ]
+
+
+def _load():
+    beside = pathlib.Path(__file__).with_name("libtakt_port.so")
+    name = os.environ.get("TAKT_PORT_LIBRARY") or (str(beside) if beside.exists() else "libtakt_port.so")
+    library = ctypes.CDLL(name)
+    handle, out = ctypes.c_void_p, ctypes.POINTER(ctypes.c_void_p)
+    size, timeout, message = ctypes.c_size_t, ctypes.c_int64, ctypes.POINTER(_Message)
+    known = ctypes.POINTER(ctypes.c_uint64)
+    signatures = {
+        "takt_ports_discover": [out],
+        "takt_ports_open": [ctypes.c_char_p, out],
+        "takt_ports_describe": [handle, size, ctypes.POINTER(_Description)],
+        "takt_port_open": [handle, ctypes.c_char_p, ctypes.c_int32, out],
+        "takt_port_write": [handle, ctypes.c_char_p, size],
+        "takt_port_send": [handle, ctypes.c_char_p, size, timeout],
+        "takt_port_read": [handle, ctypes.c_char_p, size, known, timeout, message],
+        "takt_port_receive": [handle, ctypes.c_char_p, size, timeout, message],
+    }
+    for function, arguments in signatures.items():
+        getattr(library, function).argtypes = arguments
+        getattr(library, function).restype = ctypes.c_int
+    for function in ("takt_ports_close", "takt_port_close"):
+        getattr(library, function).argtypes = [handle]
+        getattr(library, function).restype = None
+    library.takt_ports_count.argtypes = [handle]
+    library.takt_ports_count.restype = size
+    library.takt_port_last_error.restype = ctypes.c_char_p
+    return library
+
+
+_library = _load()
+
+
+def _check(code):
+    if code != 0:
+        raise PortError(code, _library.takt_port_last_error().decode(errors="replace"))
+
+
+def _nanoseconds(timeout):
+    return -1 if timeout is None else max(0, min(int(timeout * 1e9), 2**63 - 1))
+
+
+class Ports:
+    """The ports of this partition; `folder` is that of the PCI function in sysfs, found if it is not given."""
+
+    def __init__(self, folder=None):
+        self._handle = ctypes.c_void_p()
+        if folder is None:
+            _check(_library.takt_ports_discover(ctypes.byref(self._handle)))
+        else:
+            _check(_library.takt_ports_open(os.fsencode(folder), ctypes.byref(self._handle)))
+
+    def close(self):
+        """Lets go of the list of ports. Ports that were taken go on."""
+        handle, self._handle = self._handle, ctypes.c_void_p()
+        _library.takt_ports_close(handle)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def __iter__(self):
+        """Describes each port."""
+        for index in range(_library.takt_ports_count(self._handle)):
+            found = _Description()
+            _check(_library.takt_ports_describe(self._handle, index, ctypes.byref(found)))
+            yield Description(
+                found.name.decode(),
+                found.direction == 1,
+                found.kind == 1,
+                found.maximum,
+                found.depth,
+                found.doorbell == 1,
+                found.refresh_ns / 1e9,
+            )
+
+    def output(self, name, anew=False):
+        """Takes a sampling port that this partition writes."""
+        return Output(self, name, anew)
+
+    def input(self, name, anew=False):
+        """Takes a sampling port that this partition reads."""
+        return Input(self, name, anew)
+
+    def sender(self, name, anew=False):
+        """Takes a queuing port that this partition sends to."""
+        return Sender(self, name, anew)
+
+    def receiver(self, name, anew=False):
+        """Takes a queuing port that this partition receives from."""
+        return Receiver(self, name, anew)
+
+
+class _Port:
+    # What the partition file has to say of the port: is it a source, is it a sampling port?
+    _source = None
+    _sampling = None
+
+    def __init__(self, ports, name, anew):
+        self._handle = ctypes.c_void_p()
+        for port in ports:
+            if port.name == name and (port.source, port.sampling) != (self._source, self._sampling):
+                kind = "sampling" if port.sampling else "queuing"
+                direction = "source" if port.source else "destination"
+                raise PortError(Code.INVALID_MODE, f"port {name} is a {kind} {direction}")
+            if port.name == name:
+                self._buffer = ctypes.create_string_buffer(port.maximum)
+        _check(_library.takt_port_open(ports._handle, name.encode(), int(anew), ctypes.byref(self._handle)))
+
+    def close(self):
+        """Lets go of the port, so that another process can take it."""
+        handle, self._handle = self._handle, ctypes.c_void_p()
+        _library.takt_port_close(handle)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def _taken(self, message):
+        return ctypes.string_at(self._buffer, message.length)
+
+
+class Output(_Port):
+    """A sampling port that this partition writes."""
+
+    _source, _sampling = True, True
+
+    def write(self, message):
+        """Replaces the message. Never waits."""
+        _check(_library.takt_port_write(self._handle, bytes(message), len(message)))
+
+
+class Input(_Port):
+    """A sampling port that this partition reads."""
+
+    _source, _sampling = False, True
+
+    def read(self, newer_than=None, timeout=0):
+        """The newest message as a `Sample`. With `newer_than`, the stamp of a sample, it waits for another one."""
+        message = _Message()
+        known = None if newer_than is None else ctypes.byref(ctypes.c_uint64(newer_than))
+        size = len(self._buffer)
+        wait = _nanoseconds(timeout)
+        _check(_library.takt_port_read(self._handle, self._buffer, size, known, wait, ctypes.byref(message)))
+        return Sample(self._taken(message), message.stamp, message.age_ns / 1e9, message.valid == 1)
+
+
+class Sender(_Port):
+    """A queuing port that this partition sends to."""
+
+    _source, _sampling = True, False
+
+    def send(self, message, timeout=0):
+        """Sends a message, and waits so long for room."""
+        _check(_library.takt_port_send(self._handle, bytes(message), len(message), _nanoseconds(timeout)))
+
+
+class Receiver(_Port):
+    """A queuing port that this partition receives from."""
+
+    _source, _sampling = False, False
+
+    def receive(self, timeout=0):
+        """Takes the oldest message as a `Received`, and waits so long for one."""
+        message = _Message()
+        size, wait = len(self._buffer), _nanoseconds(timeout)
+        _check(_library.takt_port_receive(self._handle, self._buffer, size, wait, ctypes.byref(message)))
+        return Received(self._taken(message), message.stamp, message.overflowed == 1)
