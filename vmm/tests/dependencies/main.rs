@@ -4,6 +4,7 @@
 //! there, and knows all that is asked. Nothing does the second: a list of crates with the reason for
 //! each, which is complete because this test says so.
 
+mod arrows;
 mod licence;
 mod policy;
 
