@@ -10,6 +10,7 @@ use thiserror::Error;
 use crate::boot::linux::LinuxImageError;
 use crate::boot::long_mode::StartError;
 use crate::boot::plc::PlcImageError;
+use crate::boot::programs::ProgramError;
 use crate::channels::ChannelError;
 use crate::control::ViewError;
 use crate::cpuset::CpusetError;
@@ -36,6 +37,8 @@ pub enum RunError {
     Plc { partition: String, source: PlcImageError },
     #[error(transparent)]
     Reload(PlcImageError),
+    #[error(transparent)]
+    Program(#[from] ProgramError),
     #[error("partition {partition}: {source}")]
     Linux { partition: String, source: LinuxImageError },
     #[error(transparent)]

@@ -15,11 +15,32 @@ pub const PROGRAMS_MAX: usize = 16;
 /// Longest name of a program, in bytes.
 pub const NAME_BYTES: usize = 32;
 
-/// What the guest has of its [working area](ProgramTable::work) for each program, apart from the
-/// stacks of its tasks: 64 KiB each for inputs, outputs and markers, and the rest for page tables.
+/// What the guest has of its [working area](ProgramTable::work) for each program, apart from the stacks of
+/// its tasks and the messages of its objects: 64 KiB each for inputs, outputs and markers, and the rest for
+/// page tables and the kernel's own records.
 pub const WORK_BYTES_EACH: u64 = 768 << 10;
 
+/// What the guest has of it for a queue, in bytes: each message with a header of 16 bytes, and one more.
+#[must_use]
+pub const fn queue_bytes(message_bytes: u32, depth: u32) -> u64 {
+    (depth as u64 + 1) * message_area(message_bytes)
+}
+
+/// What the guest has of it for a mailbox, in bytes: three values with a header of 16 bytes each.
+#[must_use]
+pub const fn mailbox_bytes(bytes: u32) -> u64 {
+    3 * message_area(bytes)
+}
+
+const fn message_area(bytes: u32) -> u64 {
+    (bytes as u64).next_multiple_of(16) + 16
+}
+
 /// The programs of a partition. It lies at [`memory::PROGRAM_TABLE`], read-only.
+///
+/// All tasks of all programs are ranked together: by priority, 0 first; those of one priority by the place
+/// of their program in this table; those of one program by their number. A task of a higher rank preempts
+/// one of a lower rank. The analysis of `takt check` counts on this.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ProgramTable {
@@ -34,8 +55,8 @@ pub struct ProgramTable {
     /// Start of the memory behind all programs, which is the guest's to use: page tables, stacks,
     /// process images. It ends with the guest's RAM.
     pub work: u64,
-    /// Its length: at least [`WORK_BYTES_EACH`] for each program, and the stacks of all tasks, each of
-    /// them rounded up to pages.
+    /// Its length: at least [`WORK_BYTES_EACH`] for each program, the stacks of all tasks, and
+    /// [`queue_bytes`] and [`mailbox_bytes`] for all objects.
     pub work_bytes: u64,
     /// The programs, in the order of the partition file; the rest is zero.
     pub programs: [Program; PROGRAMS_MAX],

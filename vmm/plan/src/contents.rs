@@ -1,4 +1,5 @@
-//! Whether the images of a partition are what they should be, and fit its memory.
+//! Whether the images of a partition are what they should be, and fit its memory, and where in it the
+//! programs of a PLC lie.
 //!
 //! A wrong path that leads to some file is found here, where the file shows which line it is, and not
 //! when the machine is started.
@@ -11,15 +12,19 @@ use takt_abi::memory::IMAGE_BASE;
 use super::diagnostic::Diagnostic;
 use super::images::{self, Image};
 use super::partition::Checked;
+use super::placement;
 use super::{Kind, Partition};
 use crate::elf::{self, ElfError};
 use crate::kernel::Kernel;
 
-/// Checks the images of a partition.
-pub fn check(checked: &Checked) -> Result<(), Diagnostic> {
+/// Checks the images of a partition, and places its programs.
+pub fn check(checked: &mut Checked) -> Result<(), Diagnostic> {
     let Checked { partition, images, .. } = checked;
     match (&partition.kind, &images[..]) {
-        (Kind::Plc { .. }, [image]) => check_plc(partition, image),
+        (Kind::Plc { .. }, [image]) => {
+            let end = check_plc(partition, image)?;
+            placement::place(checked, end)
+        }
         (Kind::Linux { .. }, [kernel, initrd @ ..]) => {
             check_linux(partition, kernel, initrd.first())
         }
@@ -27,11 +32,12 @@ pub fn check(checked: &Checked) -> Result<(), Diagnostic> {
     }
 }
 
-fn check_plc(partition: &Partition, image: &Image) -> Result<(), Diagnostic> {
+/// The end of a PLC's image in its memory.
+fn check_plc(partition: &Partition, image: &Image) -> Result<u64, Diagnostic> {
     let bytes = images::open(&image.path).and_then(|file| Ok(read_elf(file)?));
     let bytes = bytes.map_err(|error| images::unreadable(image, &error))?;
     let memory = partition.memory_bytes();
-    elf::check(&bytes, IMAGE_BASE, memory).map(|_| ()).map_err(|error| {
+    elf::check(&bytes, IMAGE_BASE, memory).map(|extent| extent.end).map_err(|error| {
         let found = format!("{} cannot be a PLC: {error}", image.path.display());
         let allowed = match error {
             ElfError::DoesNotFit { .. } => format!(

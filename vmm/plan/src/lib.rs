@@ -9,7 +9,7 @@
 //! 2. the rules of each partition (`partition`, `tasks`), of the schedules (`schedules`,
 //!    `periods`, `explain`), of both together (`deadlines`), of the channels between partitions (`channels`,
 //!    `ports`, `host_ports`), of the health monitor's tables (`health`), of the host's devices
-//!    (`passthrough`), and of the files that are named (`images`, `contents`, `disks`);
+//!    (`passthrough`), and of the files that are named (`images`, `programs`, `contents`, `placement`, `disks`);
 //! 3. a [`PartitionFile`], which has private fields and no other way to be made. The rest of Takt
 //!    takes nothing else and checks nothing again. Only a command line can add words to a guest's
 //!    (`append`).
@@ -36,7 +36,9 @@ mod names;
 mod partition;
 mod passthrough;
 mod periods;
+mod placement;
 mod ports;
+mod programs;
 mod raw;
 mod schedules;
 mod syntax;
@@ -69,7 +71,9 @@ pub use passthrough::{
     Bar, DeviceMemory, Interrupt, InterruptSource, MemorySource, Passthrough, PciFunction, PortIo,
     SafePlace, SafeValue,
 };
+pub use placement::table as program_table;
 pub use ports::{CHANNEL_AREA_PAGES, region_bytes};
+pub use programs::{Program, Trust};
 pub use schedules::percent;
 pub use tasks::NamedTask;
 pub use units::{Bytes, UnitError, parse_duration};
@@ -157,6 +161,7 @@ pub struct Partition {
     met: Vec<Met>,
     passthrough: Passthrough,
     disks: Vec<Disk>,
+    programs: Vec<Program>,
 }
 
 impl Partition {
@@ -226,6 +231,12 @@ impl Partition {
     #[must_use]
     pub fn disks(&self) -> &[Disk] {
         &self.disks
+    }
+
+    /// The programs that a PLC's guest is to run, in the order of the file.
+    #[must_use]
+    pub fn programs(&self) -> &[Program] {
+        &self.programs
     }
 
     /// What the analysis found for a schedule; `None` without tasks, or without a window in it.
@@ -371,7 +382,7 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     partitions.iter().flat_map(|p| &p.images).try_for_each(images::check)?;
     partitions.iter().flat_map(|p| &p.disks).try_for_each(disks::check_file)?;
     host_ports::check_files(&file.channel.0, &channels)?;
-    partitions.iter().try_for_each(contents::check)?;
+    partitions.iter_mut().try_for_each(contents::check)?;
     let partitions = partitions.into_iter().map(|p| p.partition).collect();
     Ok(PartitionFile {
         path,

@@ -13,6 +13,7 @@ use super::health;
 use super::images::{self, Image};
 use super::names::{HOST, check_name};
 use super::passthrough::Passthrough;
+use super::programs::{self, CheckedProgram};
 use super::raw::{self, Keys};
 use super::tasks::{self, CheckedTasks};
 use super::units::{Bytes, Duration};
@@ -47,6 +48,8 @@ pub struct Checked {
     pub background: Option<Span>,
     pub tasks: CheckedTasks,
     pub disks: Vec<CheckedDisk>,
+    pub programs: Vec<CheckedProgram>,
+    pub memory: Span,
 }
 
 /// What the rules of a partition need to know of the world around it.
@@ -141,6 +144,7 @@ fn check(
     let health = health::default_table(&kind, raw.restarts.as_ref())?;
     let watchdog = raw.watchdog.as_ref().map(check_watchdog).transpose()?;
     let tasks = tasks::check(&raw.task.0, around.frame)?;
+    let programs = programs::check(&raw.program.0, around)?;
     let disks = disks::check(&raw.disk.0, around.folder)?;
     let partition = Partition {
         id,
@@ -155,11 +159,14 @@ fn check(
         met: Vec::new(),
         passthrough: Passthrough::default(),
         disks: disks.iter().map(|disk| disk.disk.clone()).collect(),
+        programs: Vec::new(),
     };
     Ok(Checked {
         partition,
         tasks,
         disks,
+        programs,
+        memory: raw.memory.span(),
         role,
         images,
         header: table.span(),
@@ -189,7 +196,8 @@ fn check_plc(
         if let Some(span) = span {
             let found = misplaced(key, "linux", name, "plc");
             let allowed = "for a \"plc\": name, kind, cpu, memory, release_guard, image, \
-                           on_schedule_change, restarts, [[partition.task]], \
+                           on_schedule_change, restarts, [[partition.program]], \
+                           [[partition.task]], \
                            [[partition.port_io]], [[partition.mmio]], \
                            [[partition.safe_value]] and [[partition.interrupt]]";
             return Err(Diagnostic::new(span, found, allowed));
@@ -209,6 +217,19 @@ fn check_plc(
         }
     };
     let image = raw.image.as_ref().map(|path| images::resolve(around.folder, path)).transpose()?;
+    if let (None, Some(program)) = (&image, raw.program.0.first()) {
+        let found = format!("{} has programs and no guest that runs them", quote(name));
+        return Err(Diagnostic::new(
+            program.span(),
+            found,
+            "`image`, the guest, for its partition",
+        ));
+    }
+    if let (Some(task), Some(program)) = (raw.task.0.first(), raw.program.0.first()) {
+        let found = format!("{} has tasks of the file beside its programs", quote(name));
+        let allowed = "either; the tasks of programs are those in their images";
+        return Err(Diagnostic::new(task.span(), found, allowed).and(program.span(), "a program"));
+    }
     let kind = Kind::Plc { image: image.as_ref().map(|image| image.path.clone()) };
     Ok((kind, Role::Windowed { guard }, image.into_iter().collect()))
 }
@@ -224,6 +245,7 @@ fn check_linux(
         ("release_guard", raw.release_guard.as_ref().map(Spanned::span)),
         ("on_schedule_change", raw.on_schedule_change.as_ref().map(Spanned::span)),
         ("task", raw.task.0.first().map(Spanned::span)),
+        ("program", raw.program.0.first().map(Spanned::span)),
         ("port_io", raw.port_io.0.first().map(Spanned::span)),
         ("mmio", raw.mmio.0.first().map(Spanned::span)),
         ("safe_value", raw.safe_value.0.first().map(Spanned::span)),

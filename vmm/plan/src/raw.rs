@@ -61,6 +61,8 @@ pub struct Partition {
     #[serde(default)]
     pub task: Tables<Task>,
     #[serde(default)]
+    pub program: Tables<Program>,
+    #[serde(default)]
     pub port_io: Tables<PortIo>,
     #[serde(default)]
     pub mmio: Tables<Mmio>,
@@ -90,6 +92,19 @@ pub struct Task {
     pub period: Spanned<Duration>,
     pub budget: Spanned<Duration>,
     pub priority: Spanned<i64>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Program {
+    pub image: Spanned<String>,
+    pub name: Option<Spanned<String>>,
+    pub bank: Option<Spanned<Bytes>>,
+    pub state: Option<Spanned<Bytes>>,
+    pub keys: Option<Spanned<Vec<Spanned<String>>>>,
+    pub on_fault: Option<Spanned<String>>,
+    pub on_overrun: Option<Spanned<String>>,
+    pub on_deadline: Option<Spanned<String>>,
 }
 
 #[derive(Debug, serde::Deserialize)]

@@ -4,6 +4,7 @@ pub mod acpi;
 pub mod linux;
 pub mod long_mode;
 pub mod plc;
+pub mod programs;
 pub mod touch;
 
 /// What a guest finds when it starts (operating modes of ARINC 653).

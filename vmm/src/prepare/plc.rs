@@ -11,6 +11,7 @@ use super::spawn::Processor;
 use super::{Preparation, Prepared};
 use crate::boot::long_mode::{self, StartError};
 use crate::boot::plc::PlcImage;
+use crate::boot::programs::Programs;
 use crate::boot::touch::{TouchError, touch};
 use crate::config::Partition;
 use crate::doorbell;
@@ -33,7 +34,11 @@ impl Preparation<'_> {
         let bytes = partition.memory_bytes();
         let image = PlcImage::read(image, bytes).map_err(unfit)?;
         let ports = self.channels.of(partition.id(), partition.kind());
-        let memory = self.clear(|| GuestMemory::for_plc(bytes, &ports.views))?;
+        let programs = Programs::of(partition);
+        let memory = self.clear(|| match &programs {
+            None => GuestMemory::for_plc(bytes, &ports.views),
+            Some(_) => GuestMemory::for_plc_with_programs(bytes, &ports.views),
+        })?;
         let devices = self.devices.of(partition.id()).cloned();
         let interrupts = devices.as_ref().is_some_and(Granted::interrupts);
         let machine = machine::for_plc(&self.kvm, &memory, interrupts)?;
@@ -42,6 +47,13 @@ impl Preparation<'_> {
             devices.map_into(&machine.vm)?;
         }
         let entry = image.load(&memory).map_err(unfit)?;
+        if let Some(programs) = &programs {
+            programs.load(&memory)?;
+            let mut page = memory
+                .program_table()
+                .ok_or(MachineError::Missing("the PLC guest's program table"))?;
+            page.write(programs.table());
+        }
         let mut table = memory
             .port_table(PORT_TABLE)
             .ok_or(MachineError::Missing("the PLC guest's port table"))?;
@@ -63,8 +75,14 @@ impl Preparation<'_> {
         let guest = PlcGuest::new(&memory, bytes, tsc.khz(), frame, console)
             .ok_or(MachineError::Missing("the PLC guest's pages"))?
             .with_devices(devices);
-        let loader =
-            PlcLoader { memory: memory.clone(), image, channels: ports.own, space, processor };
+        let loader = PlcLoader {
+            memory: memory.clone(),
+            image,
+            programs,
+            channels: ports.own,
+            space,
+            processor,
+        };
         let (restart, revivals) = Restart::new(loader, self.spawner)?;
         let touched = memory.clone();
         let ready = move |vcpu: &mut VcpuFd| -> Result<(), TouchError> {

@@ -6,6 +6,7 @@ use super::{Loader, Revival};
 use crate::boot::Start;
 use crate::boot::long_mode::{self, StartError};
 use crate::boot::plc::PlcImage;
+use crate::boot::programs::Programs;
 use crate::channels::OwnRegion;
 use crate::handoff::Giver;
 use crate::interrupts::apic;
@@ -23,6 +24,8 @@ pub struct PlcLoader {
     pub memory: GuestMemory,
     /// What is loaded.
     pub image: PlcImage,
+    /// What the image runs.
+    pub programs: Option<Programs>,
     /// What the guest may have damaged and needs to be whole.
     pub channels: Vec<OwnRegion>,
     /// What may still write to the memory when the guest has ended.
@@ -45,6 +48,9 @@ impl Loader for PlcLoader {
             space.stop()?;
         }
         let entry = self.image.reload(&self.memory, start.mode).map_err(RunError::Reload)?;
+        if let Some(programs) = &self.programs {
+            programs.load(&self.memory)?;
+        }
         for region in &self.channels {
             region.format(&self.memory)?;
         }

@@ -24,7 +24,8 @@ fn account() -> (Account, Revivals<PlcGuest>) {
     let memory = GuestMemory::for_plc(RAM, &[]).unwrap();
     let image = PlcImage::read(None, RAM).unwrap();
     let processor = FirstState::none();
-    let loader = PlcLoader { memory, image, channels: Vec::new(), space: None, processor };
+    let loader =
+        PlcLoader { memory, image, programs: None, channels: Vec::new(), space: None, processor };
     let spawn = |_: &str, _, work: Box<dyn FnOnce() + Send>| {
         std::thread::spawn(work);
         Ok(())

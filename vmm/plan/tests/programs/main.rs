@@ -1,0 +1,76 @@
+//! The programs of a PLC: what of their images and keys is taken, what is refused, and in which words.
+
+mod images;
+mod placing;
+mod refused;
+
+#[path = "../guest_images/mod.rs"]
+#[expect(dead_code, reason = "of the images for all tests, these need that of a PLC")]
+mod guest_images;
+
+use std::fs;
+use std::path::PathBuf;
+
+use takt_plan::{PartitionFile, load};
+
+/// A folder with images, and the text of one partition with programs.
+struct Case {
+    folder: PathBuf,
+    partition: String,
+}
+
+impl Case {
+    /// With a guest that takes 4 KiB at 1 MiB, and windows of 200 us in each ms.
+    fn new(name: &str) -> Case {
+        let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("programs").join(name);
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder).unwrap();
+        fs::write(folder.join("guest"), guest_images::plc()).unwrap();
+        Case { folder, partition: String::new() }
+    }
+
+    /// With this file in the folder.
+    fn file(self, name: &str, bytes: &[u8]) -> Case {
+        fs::write(self.folder.join(name), bytes).unwrap();
+        self
+    }
+
+    /// With these lines in the partition.
+    fn with(mut self, lines: &str) -> Case {
+        self.partition.push_str(lines);
+        self.partition.push('\n');
+        self
+    }
+
+    /// With a program of this image and these keys.
+    fn program(self, image: &str, keys: &str) -> Case {
+        self.with(&format!("[[partition.program]]\nimage = \"{image}\"\n{keys}"))
+    }
+
+    fn load(&self) -> Result<PartitionFile, String> {
+        let path = self.folder.join("case.toml");
+        let text = format!(
+            "version = 1\n[system]\nname = \"s\"\nmajor_frame = \"1ms\"\n\
+             [[partition]]\nname = \"plc\"\nkind = \"plc\"\ncpu = 0\nmemory = \"16MiB\"\n\
+             image = \"guest\"\n{}\n\
+             [[schedule]]\nname = \"normal\"\n[[schedule.window]]\npartition = \"plc\"\n\
+             offset = \"100us\"\nduration = \"200us\"\n",
+            self.partition
+        );
+        fs::write(&path, text).unwrap();
+        load(&path, None).map_err(|error| error.to_string())
+    }
+
+    fn good(&self) -> PartitionFile {
+        self.load().unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    /// The message, which shows a place and what is allowed, and has all of these words.
+    fn refused(&self, words: &[&str]) {
+        let message = self.load().expect_err("a file that is refused");
+        assert!(message.contains('^') && message.contains(" = allowed: "), "{message}");
+        for word in words {
+            assert!(message.contains(word), "no {word:?} in\n{message}");
+        }
+    }
+}
