@@ -10,7 +10,7 @@ use crate::{cargo, read, root};
 const LAYERS: [&[&str]; 6] = [
     &["takt-abi", "takt-channel", "takt-sja1000", "takt-scheduler"],
     &["takt-record", "takt-host", "takt-devices", "takt-port", "takt-plan"],
-    &["takt-figures"],
+    &["takt-figures", "takt-port-c"],
     &["takt-protocol"],
     &["takt"],
     &["takt-ctl", "takt-doctor", "takt-jitter"],
@@ -18,7 +18,7 @@ const LAYERS: [&[&str]; 6] = [
 
 /// Programs that ask and show, and the types that they share with `takt`. A fault in a screen or a
 /// plot must not be a fault of what can reach a guest, so they link nothing that could.
-const WITHOUT_HYPERVISOR: [&str; 9] = [
+const WITHOUT_HYPERVISOR: [&str; 10] = [
     "takt-ctl",
     "takt-doctor",
     "takt-figures",
@@ -26,6 +26,7 @@ const WITHOUT_HYPERVISOR: [&str; 9] = [
     "takt-jitter",
     "takt-plan",
     "takt-port",
+    "takt-port-c",
     "takt-protocol",
     "takt-record",
 ];
