@@ -25,13 +25,14 @@
 
 use std::fmt;
 
-use serde::{Serialize, Serializer};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use takt_scheduler::time::{Nanos, Ticks, Tsc, TscFrequency};
 
 use takt_record::{Detour, Scan, WindowRecord};
 
 /// What took time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "cause", rename_all = "snake_case")]
 pub enum Cause {
     /// The thread slept longer than the guard allows.
@@ -57,23 +58,41 @@ pub enum Cause {
     Unknown,
 }
 
+/// A cause without its figures; in JSON, its name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CauseName {
+    /// As [`Cause::LateWakeUp`].
+    LateWakeUp,
+    /// As [`Cause::HostDelay`].
+    HostDelay,
+    /// As [`Cause::VmExits`].
+    VmExits,
+    /// As [`Cause::HostInterrupt`].
+    HostInterrupt,
+    /// As [`Cause::GuestComputation`].
+    GuestComputation,
+    /// As [`Cause::Unknown`].
+    Unknown,
+}
+
 impl Cause {
-    /// The name that it also has in JSON.
+    /// Which cause it is.
     #[must_use]
-    pub const fn name(&self) -> &'static str {
+    pub const fn name(&self) -> CauseName {
         match self {
-            Cause::LateWakeUp { .. } => "late_wake_up",
-            Cause::HostDelay => "host_delay",
-            Cause::VmExits { .. } => "vm_exits",
-            Cause::HostInterrupt { .. } => "host_interrupt",
-            Cause::GuestComputation => "guest_computation",
-            Cause::Unknown => "unknown",
+            Cause::LateWakeUp { .. } => CauseName::LateWakeUp,
+            Cause::HostDelay => CauseName::HostDelay,
+            Cause::VmExits { .. } => CauseName::VmExits,
+            Cause::HostInterrupt { .. } => CauseName::HostInterrupt,
+            Cause::GuestComputation => CauseName::GuestComputation,
+            Cause::Unknown => CauseName::Unknown,
         }
     }
 }
 
 /// A cause, and how much it explains.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Part {
     /// What took time.
     #[serde(flatten)]
@@ -109,7 +128,9 @@ impl fmt::Display for Part {
 pub struct Explanation([Option<Part>; 4]);
 
 impl Explanation {
-    fn new(parts: &[(Cause, Nanos)]) -> Self {
+    /// These parts, of which there are at most four; those of no length are left out.
+    #[must_use]
+    pub fn new(parts: &[(Cause, Nanos)]) -> Self {
         let mut this = Self::default();
         for (place, (cause, time)) in this.0.iter_mut().zip(parts) {
             *place = (time.0 > 0).then_some(Part { cause: *cause, explains_ns: time.0 });
@@ -132,6 +153,20 @@ impl Explanation {
 impl Serialize for Explanation {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_seq(self.parts())
+    }
+}
+
+impl<'de> Deserialize<'de> for Explanation {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let parts: Vec<Part> = Vec::deserialize(deserializer)?;
+        let mut this = Self::default();
+        if parts.len() > this.0.len() {
+            return Err(D::Error::custom("more parts than an explanation has"));
+        }
+        for (place, part) in this.0.iter_mut().zip(parts) {
+            *place = Some(part);
+        }
+        Ok(this)
     }
 }
 

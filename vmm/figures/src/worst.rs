@@ -3,14 +3,14 @@
 //! A percentile says that something happened, not when or why. These few say it for the values
 //! that make the maximum. A bounded number of them is kept, so a run may last for ever.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use takt_scheduler::time::{Nanos, Timebase};
 
-use crate::cause::{Explanation, ScanTime, of_start};
+use crate::cause::{CauseName, Explanation, ScanTime, of_start};
 use takt_record::{Detour, WindowRecord};
 
 /// A release that started late. Times are nanoseconds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LateStart {
     /// Its sequence number.
     pub release: u64,
@@ -19,13 +19,13 @@ pub struct LateStart {
     /// From the release to the guest's start.
     pub latency_ns: u64,
     /// What explains most of it; `null` if there is nothing to explain.
-    pub cause: Option<&'static str>,
+    pub cause: Option<CauseName>,
     /// All of it.
     pub parts: Explanation,
 }
 
 /// A scan that took long. Times are nanoseconds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LongScan {
     /// Sequence number of its release.
     pub release: u64,
@@ -38,7 +38,7 @@ pub struct LongScan {
     /// The part that needs no explanation: the least that any scan of the run spent in the guest.
     pub usual_ns: u64,
     /// What explains most of the rest; `null` if there is no rest.
-    pub cause: Option<&'static str>,
+    pub cause: Option<CauseName>,
     /// All of the rest.
     pub parts: Explanation,
 }
@@ -163,7 +163,7 @@ mod tests {
         worst.add(&unfinished, &[]);
         let scans: Vec<_> = worst.scans().collect();
         let brief = |s: &LongScan| (s.release, s.execution_ns, s.usual_ns, s.cause);
-        assert_eq!(brief(&scans[0]), (0, 500, 100, Some("guest_computation")));
+        assert_eq!(brief(&scans[0]), (0, 500, 100, Some(CauseName::GuestComputation)));
         assert_eq!(brief(&scans[1]), (1, 100, 100, None));
         assert_eq!(scans[0].parts.main().unwrap().explains_ns, 400);
     }

@@ -1,17 +1,16 @@
 //! What `takt run` has left behind: its report and its samples.
 //!
-//! Of the report only what is shown is looked at; all of it is kept as it is, to be written beside
-//! the page. The files come from a run that this program need not have started, so their text is
+//! The report is also kept as it is, to be written beside the page. The files come from a run that this program need not have started, so their text is
 //! taken for what anybody could have written, and their sizes have limits.
 
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use serde::Deserialize;
+use serde::Deserialize as _;
 use serde::de::DeserializeOwned;
 use takt_figures::load;
-use takt_figures::report::{self, Stuck, Summary};
+use takt_figures::report::{self, Host, Partition, Report};
 use takt_figures::samples::{self, Course, POINTS_MAX, Samples};
 
 use crate::error::{JitterError, reading};
@@ -50,113 +49,6 @@ impl Figures {
     pub fn linux(&self) -> Option<&Partition> {
         self.partitions.iter().find(|partition| partition.kind == "linux")
     }
-}
-
-/// The part of the report that is shown.
-#[derive(Debug, Deserialize)]
-struct Report {
-    schema_version: u32,
-    lane: String,
-    emulator: Option<String>,
-    host: Host,
-    system: String,
-    duration_ns: u64,
-    partitions: Vec<Partition>,
-}
-
-/// The machine below Takt.
-#[derive(Debug, Default, Deserialize)]
-pub struct Host {
-    /// Kernel release.
-    pub kernel: String,
-    /// True for a PREEMPT_RT kernel.
-    pub preempt_rt: bool,
-    /// Processor.
-    pub cpu: String,
-    /// Frequency of the time-stamp counter.
-    pub tsc_khz: u32,
-}
-
-/// One partition.
-#[derive(Debug, Default, Deserialize)]
-pub struct Partition {
-    /// Its name.
-    pub name: String,
-    /// `plc` or `linux`.
-    pub kind: String,
-    /// How it ended.
-    pub end: String,
-    /// CPU time of its thread, as a part of the run's duration.
-    pub cpu_share: f64,
-    /// Only for partitions with windows and a scan.
-    #[serde(flatten)]
-    pub releases: Option<Releases>,
-    /// Only for a background partition.
-    pub donation: Option<Donation>,
-    /// Only for a Linux that has got so far.
-    pub boot_to_init_ns: Option<u64>,
-    /// Only for a Linux whose kernel did nothing any more.
-    pub stuck: Option<Stuck>,
-}
-
-/// How a partition kept its time; `takt_figures::report::Releases` tells what each figure is.
-#[derive(Debug, Default, Deserialize)]
-pub struct Releases {
-    pub releases: u64,
-    pub start_up_windows: u64,
-    pub lost: u64,
-    pub late_releases: u64,
-    pub overruns: u64,
-    pub unrecorded: u64,
-    pub release_latency_ns: Option<Summary>,
-    pub execution_ns: Option<Summary>,
-    pub wake_up_latency_ns: Option<Summary>,
-    pub entry_ns: Option<Summary>,
-    pub exit_ns: Option<Summary>,
-    pub late_starts: Vec<LateStart>,
-    pub longest_scans: Vec<LongScan>,
-}
-
-/// A release that started late; as `takt_figures::worst::LateStart`.
-#[derive(Debug, Deserialize)]
-pub struct LateStart {
-    pub release: u64,
-    pub at_ns: u64,
-    pub latency_ns: u64,
-    pub parts: Vec<Part>,
-}
-
-/// A scan that took long; as `takt_figures::worst::LongScan`.
-#[derive(Debug, Deserialize)]
-pub struct LongScan {
-    pub release: u64,
-    pub at_ns: u64,
-    pub execution_ns: u64,
-    pub finished: bool,
-    pub usual_ns: u64,
-    pub parts: Vec<Part>,
-}
-
-/// A cause, and how much it explains.
-#[derive(Debug, Deserialize)]
-pub struct Part {
-    /// Its name.
-    pub cause: String,
-    /// How much.
-    pub explains_ns: u64,
-    /// How often the guest was left, if that is the cause.
-    pub exits: Option<u64>,
-}
-
-/// What a background partition was left, and what it got of that.
-#[derive(Debug, Deserialize)]
-pub struct Donation {
-    /// Time that nobody with a window used.
-    pub offered_ns: u64,
-    /// What of it was used.
-    pub received_ns: u64,
-    /// The share of the CPU that is its own in any case.
-    pub minimum_share: f64,
 }
 
 /// Reads both files. The report also comes as it is.

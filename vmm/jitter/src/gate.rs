@@ -7,8 +7,8 @@
 use serde::Serialize;
 use takt_scheduler::time::Nanos;
 
-use crate::figures::Partition;
 use crate::proof::Proof;
+use takt_figures::report::Partition;
 
 /// What is asked for; `None` for what is not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -97,7 +97,7 @@ mod tests {
     use takt_figures::report::Summary;
 
     use super::*;
-    use crate::figures::Releases;
+    use takt_figures::report::Releases;
 
     fn partitions(max: u64, late: u64, lost: u64) -> [Partition; 2] {
         let summary = Summary { min: 0, p50: 1, p99: 2, p999: 2, max };

@@ -6,7 +6,7 @@
 
 use takt_scheduler::time::Nanos;
 
-use crate::figures::{Partition, Releases};
+use takt_figures::report::{Partition, Releases};
 
 /// The way from the last look at the clock into the guest's loop: a VM entry, and the loop's first
 /// turn. About 1 us in the lab.

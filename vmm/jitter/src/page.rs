@@ -12,9 +12,9 @@ use takt_figures::report::Summary;
 use crate::cause;
 use crate::distribution::Distribution;
 use crate::error::JitterError;
-use crate::figures::{Partition, Releases};
 use crate::measurement::Measurement;
 use crate::plot;
+use takt_figures::report::{Partition, Releases};
 
 const HEAD: &str = "<!DOCTYPE html>
 <html lang=\"en\">
@@ -299,10 +299,10 @@ fn background(page: &mut String, measurement: &Measurement) {
             seconds(donation.offered_ns),
             Html(&partition.end),
         );
-        if let Some(stuck) = partition.stuck {
+        if let Some(Some(stuck)) = partition.stuck {
             let _ = writeln!(page, "<p class=\"bad\">Its kernel {}.</p>", Html(stuck.to_string()));
         }
-        if let Some(ns) = partition.boot_to_init_ns {
+        if let Some(Some(ns)) = partition.boot_to_init_ns {
             let _ = writeln!(page, "<p>Its first process started after {} s.</p>", seconds(ns));
         }
     }

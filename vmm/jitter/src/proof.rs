@@ -45,7 +45,7 @@ fn missing(load: &str, figures: &Figures) -> Option<String> {
     };
     let run = seconds(figures.duration_ns);
     let Some(course) = figures.loads.first() else {
-        let boot = match linux.boot_to_init_ns {
+        let boot = match linux.boot_to_init_ns.flatten() {
             Some(ns) => format!("its first process started at {}", seconds(ns)),
             None => "nor did it start its first process".into(),
         };
@@ -94,7 +94,7 @@ fn done_at(course: &Course, at: u64) -> String {
 
 /// What is known of a kernel that does nothing any more, to be added to a sentence.
 fn stuck(figures: &Figures) -> String {
-    let stuck = figures.linux().and_then(|linux| linux.stuck);
+    let stuck = figures.linux().and_then(|linux| linux.stuck.flatten());
     stuck.map_or(String::new(), |stuck| format!(", and its kernel {stuck}"))
 }
 
@@ -109,7 +109,7 @@ mod tests {
     use takt_scheduler::time::Nanos;
 
     use super::*;
-    use crate::figures::Partition;
+    use takt_figures::report::Partition;
 
     const MS: u64 = 1_000_000;
 
@@ -123,7 +123,7 @@ mod tests {
         let linux = Partition {
             name: "linux".into(),
             kind: "linux".into(),
-            boot_to_init_ns: Some(1_700 * MS),
+            boot_to_init_ns: Some(Some(1_700 * MS)),
             ..Partition::default()
         };
         Figures {
@@ -162,7 +162,8 @@ mod tests {
         let expected = "the load fork stood still for 15.000 s, from 5.000 s to 20.000 s of 20.000 s: \
                         Linux said again and again that it had done 31 processes. ";
         assert!(told.starts_with(expected), "{told}");
-        stopped.partitions[1].stuck = Some(Stuck { how: How::Spinning, since_ns: 5_600 * MS });
+        stopped.partitions[1].stuck =
+            Some(Some(Stuck { how: How::Spinning, since_ns: 5_600 * MS }));
         let told = reason(&stopped).unwrap();
         assert!(told.contains("and its kernel spins with interrupts off since 5.600 s"), "{told}");
         let silent = reason(&figures(&lines[..2], 20_000)).unwrap();

@@ -4,10 +4,10 @@ use std::fmt::Write;
 
 use crate::cause;
 use crate::distribution::{Distribution, coarse};
-use crate::figures::Partition;
 use crate::gate::Kind;
 use crate::guard;
 use crate::measurement::Measurement;
+use takt_figures::report::Partition;
 
 /// Longest bar, in characters.
 const WIDTH: f64 = 50.0;
@@ -41,7 +41,7 @@ pub fn text(measurement: &Measurement) -> String {
         describe(&mut text, measurement, partition);
     }
     for partition in &figures.partitions {
-        if let Some(stuck) = partition.stuck {
+        if let Some(Some(stuck)) = partition.stuck {
             let _ = writeln!(text, "\nSTUCK {}: its kernel {stuck}", partition.name);
         }
     }

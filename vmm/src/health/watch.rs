@@ -111,7 +111,7 @@ impl Watch {
             }
             let event = self.event(at, detail.fault(), detail.to_string(), Action::Log);
             if line {
-                show(&describe(&event, event.action));
+                show(&describe(&event, &event.action));
             }
             if listed {
                 self.list.push(event);
@@ -129,7 +129,7 @@ impl Watch {
         if action == Action::Log {
             self.events += 1;
             let event = self.event(now, fault, detail.to_string(), action);
-            show(&describe(&event, event.action));
+            show(&describe(&event, &event.action));
             if self.list.len() < LISTED {
                 self.list.push(event);
             }
@@ -171,7 +171,7 @@ impl Watch {
     fn event(&self, at: Nanos, fault: Fault, detail: String, action: Action) -> report::Event {
         let sequence = self.events;
         let (error, action) = (fault.name(), action.name());
-        report::Event { sequence, at_ns: at.0, error, detail, action }
+        report::Event { sequence, at_ns: at.0, error: error.into(), detail, action: action.into() }
     }
 
     /// How often an error happened.
@@ -183,7 +183,7 @@ impl Watch {
     /// What a report tells.
     #[must_use]
     pub fn report(&self) -> report::Events {
-        let count = |fault: Fault| (fault.name(), self.count(fault));
+        let count = |fault: Fault| (fault.name().into(), self.count(fault));
         report::Events {
             totals: FAULTS.into_iter().map(count).filter(|(_, count)| *count > 0).collect(),
             unlisted: self.events - self.list.len() as u64,
@@ -250,7 +250,7 @@ mod tests {
         assert_eq!(report.list[2].at_ns, 9);
         let totals: Vec<_> = report.totals.into_iter().collect();
         let names = ["deadline-missed", "illegal-request", "processor-shutdown"];
-        assert_eq!(totals, names.map(|name| (name, 1)));
+        assert_eq!(totals, names.map(|name| (name.into(), 1)));
     }
 
     #[test]

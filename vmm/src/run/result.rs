@@ -96,8 +96,8 @@ impl Run<'_> {
         report::Partition {
             name: account.name.clone(),
             kind: match partition.kind() {
-                Kind::Plc { .. } => "plc",
-                Kind::Linux { .. } => "linux",
+                Kind::Plc { .. } => "plc".into(),
+                Kind::Linux { .. } => "linux".into(),
             },
             end: account.end().unwrap_or("its thread died".to_owned()),
             failed: account.ended_run || finished.is_none_or(|f| f.end.is_failure()),

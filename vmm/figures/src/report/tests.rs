@@ -39,12 +39,15 @@ fn report() -> Report {
         partitions: vec![
             Partition {
                 name: "plc".into(),
-                kind: "plc",
+                kind: "plc".into(),
                 end: "stopped by takt".into(),
                 failed: false,
                 restarts: 0,
                 cpu_share: 0.031,
-                events: Events { totals: [("numeric-error", 2)].into(), ..Events::default() },
+                events: Events {
+                    totals: [("numeric-error".into(), 2)].into(),
+                    ..Events::default()
+                },
                 illegal_accesses: 0,
                 console_dropped: 0,
                 releases: Some(Releases {
@@ -74,7 +77,7 @@ fn report() -> Report {
             },
             Partition {
                 name: "linux".into(),
-                kind: "linux",
+                kind: "linux".into(),
                 end: "stopped by takt".into(),
                 failed: false,
                 restarts: 0,
@@ -130,6 +133,19 @@ fn the_json_has_the_keys_that_its_readers_rely_on() {
     assert!(linux["boot_to_init_ns"].is_null());
     assert_eq!(linux["stuck"]["how"], "spinning");
     assert!(!linux.contains_key("releases"));
+}
+
+#[test]
+fn a_report_is_read_as_it_was_written() {
+    let mut written = report();
+    written.partitions[1].stuck = Some(None);
+    let text = serde_json::to_string(&written).unwrap();
+    let read: Report = serde_json::from_str(&text).unwrap();
+    assert_eq!(serde_json::to_string(&read).unwrap(), text);
+    // What is `null` and what is not there are not the same.
+    assert_eq!(read.partitions[1].stuck, Some(None));
+    assert_eq!(read.partitions[0].stuck, None);
+    assert!(read.partitions[1].releases.is_none());
 }
 
 #[test]

@@ -6,11 +6,11 @@
 
 use std::fmt::Write;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use takt_scheduler::sleep;
 
 /// The thread that ends the windows of a CPU.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct WindowEnforcer {
     /// Which CPU.
     pub cpu: usize,
@@ -19,7 +19,7 @@ pub struct WindowEnforcer {
 }
 
 /// How the wake-ups of a thread went.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WakeUps {
     /// Made by the kernel before their instant, and corrected.
     pub early: u64,
