@@ -4,10 +4,10 @@
 //! front, never in the middle of another line of theirs.
 //!
 //! No guest can drown another, nor Takt's own lines. Each partition has a budget of bytes and of lines
-//! ([`Budget`]), and a lane of its own in the [`Outlet`] that leads to standard output. What is beyond
+//! (`Budget`), and a lane of its own in the [`Outlet`] that leads to standard output. What is beyond
 //! either is refused, and the caller counts it; Takt's lines have no budget but a lane. A guest that can
 //! wait need not be refused anything: [`allowance`](Screen::allowance) says how much to take from it, which
-//! is all once the reader has stopped for [`PATIENCE`], since a guest should not stand still because of a
+//! is all once the reader has stopped for `PATIENCE`, since a guest should not stand still because of a
 //! terminal that somebody has suspended.
 
 mod budget;

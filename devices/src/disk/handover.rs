@@ -77,7 +77,7 @@ impl Handover {
         self.recall_and(|| {});
     }
 
-    /// As [`recall`](Self::recall), and forgets interrupts and what the guest has done.
+    /// As `recall`, and forgets interrupts and what the guest has done.
     pub fn reset(&self) {
         self.recall_and(|| {
             self.interrupts.store(0, Ordering::SeqCst);

@@ -11,7 +11,7 @@
 //! checks the hash and, with the feature `signature`, the signature. Whoever takes an image from
 //! outside calls `verify`; the kernel calls `parse` on what Takt has verified.
 //!
-//! The feature `build` has [`build::Builder`], which makes images.
+//! The feature `build` has `build::Builder`, which makes images.
 
 #![no_std]
 #![forbid(unsafe_code)]

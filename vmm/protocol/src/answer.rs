@@ -27,7 +27,7 @@ impl Refusal {
 pub enum ErrorKind {
     /// No JSON object, or keys and values that do not fit the request.
     Malformed,
-    /// A line of more than [`LINE_MAX`] bytes. The connection ends.
+    /// A line of more than [`LINE_MAX`](crate::LINE_MAX) bytes. The connection ends.
     TooLong,
     /// Another version of the protocol.
     Version,

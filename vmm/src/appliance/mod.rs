@@ -7,7 +7,7 @@
 //! to keep in step with `takt`.
 //!
 //! The command line itself is executed by a child, this program once more. It gives all its
-//! privileges away ([`sandbox`](crate::sandbox)), and what is needed after the run, to use a port and
+//! privileges away ([`crate::sandbox`]), and what is needed after the run, to use a port and
 //! to switch the machine off, stays with a process that does nothing but wait for it, and has given
 //! away everything else. One that is
 //! killed leaves its results too, and the machine then starts again, as it does when process 1 dies.

@@ -22,7 +22,7 @@ pub struct Facts {
     pub(super) file: String,
     /// Length of the major frame.
     pub(super) frame: Nanos,
-    /// By [`ScheduleId`].
+    /// By [`takt_scheduler::schedules::ScheduleId`].
     pub(super) schedules: Vec<Windows>,
     /// By position in the file.
     pub(super) partitions: Vec<PartitionFacts>,

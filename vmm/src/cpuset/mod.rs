@@ -8,7 +8,7 @@
 //!
 //! Who needs one is found by trying, since there are many ways to have it already (one CPU,
 //! `isolcpus`, an administrator's cpuset, admission control switched off): a throw-away thread
-//! pins itself and asks for a small reservation ([`kernel`]). Where it is refused, [`setup`] makes
+//! pins itself and asks for a small reservation (`kernel`). Where it is refused, `setup` makes
 //! a cgroup v2 cpuset of that CPU and turns it into a *partition*, which is what makes the kernel
 //! cut out a root domain (`Documentation/admin-guide/cgroup-v2.rst`, "cpuset.cpus.partition").
 //!

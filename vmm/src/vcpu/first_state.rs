@@ -11,7 +11,7 @@
 //!
 //! # Which model-specific registers
 //!
-//! Those that KVM lists (`KVM_GET_MSR_INDEX_LIST`) less [`LEFT_OUT`], and [`UNLISTED`]; of both
+//! Those that KVM lists (`KVM_GET_MSR_INDEX_LIST`) less `LEFT_OUT`, and `UNLISTED`; of both
 //! those that this host's KVM can read. What a guest may change is among them: the entry points of
 //! system calls, memory types, auxiliary values, speculation control, the pages of KVM's own
 //! interface, and the adjustment of the time stamp counter. At a restart only what differs is written,

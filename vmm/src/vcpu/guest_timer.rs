@@ -217,7 +217,7 @@ pub fn write(
 /// anew, if that was the reason for one.
 ///
 /// # Errors
-/// As for [`write`].
+/// As for [`write()`].
 pub fn look_again(guest: &mut impl Guest, vcpu: &VcpuFd, base: &Timebase) -> Result<(), End> {
     guest.timer().map_or(Ok(()), |timer| timer.look_again(vcpu, base)).map_err(failed)
 }

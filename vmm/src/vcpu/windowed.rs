@@ -36,7 +36,7 @@ pub struct Plan {
     pub board: Arc<SwitchBoard>,
     /// How long before a window the thread wakes.
     pub guard: Nanos,
-    /// For tests: the wake-up for the release of this number comes [`LATE`].
+    /// For tests: the wake-up for the release of this number comes late.
     pub late_wake_up: Option<u64>,
     /// A Linux's deadlines that wait for this partition's windows, if it is not that Linux's own.
     pub deadlines: Option<Arc<Deadlines>>,

@@ -1,9 +1,11 @@
 //! What Linux pays for running as a guest: the calls that the paper on the coexistence of a softPLC
 //! and Linux (Kaiser, Wagner, Zuepke) measured on its microkernel, and the time of any command.
 //!
-//!     pay calls                   each call's least and average time
-//!     pay time ROUNDS COMMAND...  each round's time of a command
-//!     pay become COMMAND...       tells the instant, and becomes the command
+//! ```text
+//! pay calls                   each call's least and average time
+//! pay time ROUNDS COMMAND...  each round's time of a command
+//! pay become COMMAND...       tells the instant, and becomes the command
+//! ```
 //!
 //! To be run on a machine and in a guest on it, and compared. Times are in ticks of the time-stamp
 //! counter, which host and guests of Takt share; in the lab a tick is an instruction, and those of
