@@ -1,12 +1,15 @@
 //! The command line as a user or a script meets it: statuses, streams, and that nothing starts.
 
-use std::fs;
+#[path = "../plan/tests/fixtures/mod.rs"]
+mod fixtures;
+
 use std::path::Path;
 use std::process::{Command, Output};
 
+use fixtures::{FOLDER, defects};
+
 /// Where the partition files for tests are, which messages name from there.
 const PLAN: &str = "plan";
-const FOLDER: &str = "tests/partition_files";
 
 fn takt(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_takt")).args(arguments).current_dir(PLAN).output().unwrap()
@@ -18,33 +21,29 @@ fn text(bytes: &[u8]) -> String {
 
 #[test]
 fn a_bad_file_gives_status_2_one_message_and_starts_nothing() {
-    let mut count = 0;
-    let folder = Path::new(PLAN).join(FOLDER);
-    for entry in fs::read_dir(&folder).unwrap() {
-        let path = entry.unwrap().path();
-        let name = path.file_name().unwrap().to_str().unwrap();
+    let root = Path::new(PLAN).join(FOLDER);
+    let absolute = root.canonicalize().unwrap();
+    let defects = defects(&root);
+    assert!(defects.len() >= 300, "the fixtures are gone: {} left", defects.len());
+    for defect in defects {
+        let name = defect.path.strip_prefix(PLAN).unwrap().to_str().unwrap();
         // One fixture is about a machine of two CPUs, which this one need not be.
-        let skipped = name.starts_with("good-") || name == "cpu-that-this-machine-lacks.toml";
-        if path.extension().is_none_or(|e| e != "toml") || skipped {
+        if name.ends_with("cpu-that-this-machine-lacks.toml") {
             continue;
         }
-        count += 1;
-        let absolute = folder.canonicalize().unwrap();
-        let expected = fs::read_to_string(path.with_extension("err")).unwrap();
-        let expected = expected.replace("$FOLDER", absolute.to_str().unwrap());
+        let expected = defect.message().replace("$FOLDER", absolute.to_str().unwrap());
         for command in ["run", "check"] {
-            let output = takt(&[command, &format!("{FOLDER}/{name}")]);
+            let output = takt(&[command, name]);
             assert_eq!(output.status.code(), Some(2), "{name}");
             assert_eq!(text(&output.stdout), "", "{name}");
             assert_eq!(text(&output.stderr), expected, "{name}");
         }
     }
-    assert!(count >= 100, "the fixtures are gone: {count} left");
 }
 
 #[test]
 fn a_good_file_is_drawn() {
-    let output = takt(&["check", "tests/partition_files/good-plc-alone.toml"]);
+    let output = takt(&["check", "tests/partition_files/good/plc-alone.toml"]);
     assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
     assert!(text(&output.stdout).contains("CPU 0"), "{}", text(&output.stdout));
 }

@@ -2,15 +2,15 @@
 //!
 //! A target panics where its subject broke a promise; a subject that panics, hangs or asks for
 //! memory without bound is found by the fuzzer. `scripts/fuzz` runs them with libFuzzer, guided by
-//! coverage. What it once found interesting is kept in `corpus/`, and the tests here go through that
-//! without any fuzzer.
+//! coverage. What it once found interesting is kept in `corpus/`, one archive a target, and the tests here go
+//! through that without any fuzzer. To add an input: `tar -rf tests/fuzz/corpus/TARGET.tar FILE`.
 
 mod targets;
 
 /// One subject.
 #[derive(Clone, Copy)]
 pub struct Target {
-    /// As on the command line, and as its folder in `corpus/` is called.
+    /// As on the command line, and as its archive in `corpus/` is called.
     pub name: &'static str,
     /// Gives the bytes to it.
     pub run: fn(&[u8]),

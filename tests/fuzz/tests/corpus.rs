@@ -1,14 +1,24 @@
 //! Goes through the kept inputs of every target, as they are and cut short at each of some places.
 
-use std::fs;
-use std::path::Path;
+use std::fs::{self, File};
+use std::io::Read;
+use std::path::{Path, PathBuf};
 
 use takt_fuzz::TARGETS;
 
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus")
+}
+
 fn corpus(name: &str) -> Vec<Vec<u8>> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(name);
-    let entries = fs::read_dir(&folder).unwrap_or_else(|error| panic!("{folder:?}: {error}"));
-    entries.map(|entry| fs::read(entry.unwrap().path()).unwrap()).collect()
+    let path = folder().join(name).with_extension("tar");
+    let file = File::open(&path).unwrap_or_else(|error| panic!("{path:?}: {error}"));
+    let read = |entry: Result<tar::Entry<'_, File>, _>| {
+        let mut bytes = Vec::new();
+        entry.unwrap().read_to_end(&mut bytes).unwrap();
+        bytes
+    };
+    tar::Archive::new(file).entries().unwrap().map(read).collect()
 }
 
 #[test]
@@ -25,10 +35,11 @@ fn nothing_kept_breaks_its_target() {
 }
 
 #[test]
-fn every_folder_of_the_corpus_has_a_target() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus");
-    for entry in fs::read_dir(folder).unwrap() {
-        let name = entry.unwrap().file_name().into_string().unwrap();
-        assert!(takt_fuzz::target(&name).is_some(), "no target {name}");
+fn every_archive_of_the_corpus_has_a_target() {
+    for entry in fs::read_dir(folder()).unwrap() {
+        let path = entry.unwrap().path();
+        assert_eq!(path.extension().and_then(|e| e.to_str()), Some("tar"), "{}", path.display());
+        let name = path.file_stem().unwrap().to_str().unwrap();
+        assert!(takt_fuzz::target(name).is_some(), "no target {name}");
     }
 }

@@ -28,7 +28,11 @@ const APART: u64 = 250;
 /// What `takt check` says of an error that is not one, or an action.
 macro_rules! said {
     ($what:literal) => {
-        include_str!(concat!("../../../vmm/tests/partition_files/health-", $what, ".err"))
+        include_str!(concat!(
+            "../../../vmm/plan/tests/partition_files/health/health-",
+            $what,
+            ".toml"
+        ))
     };
 }
 

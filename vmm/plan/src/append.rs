@@ -62,7 +62,7 @@ mod tests {
     use super::*;
     use crate::load;
 
-    const WITH_LINUX: &str = "good-plc-and-linux.toml";
+    const WITH_LINUX: &str = "good/plc-and-linux.toml";
 
     fn file(name: &str) -> PartitionFile {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/partition_files");
@@ -93,7 +93,7 @@ mod tests {
 
     #[test]
     fn only_a_linux_has_a_command_line_and_it_is_one_line() {
-        assert_eq!(file("good-plc-alone.toml").append("quiet"), Err(AppendError::NoLinux));
+        assert_eq!(file("good/plc-alone.toml").append("quiet"), Err(AppendError::NoLinux));
         assert_eq!(file(WITH_LINUX).append("a\nb"), Err(AppendError::Control('\n')));
     }
 }

@@ -13,7 +13,7 @@ use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::Nanos;
 
 fn good() -> PartitionFile {
-    let path = Path::new("tests/partition_files/good-channels.toml");
+    let path = Path::new("tests/partition_files/good/channels.toml");
     config::load(path, Some(2)).unwrap_or_else(|error| panic!("{error}"))
 }
 
@@ -69,7 +69,7 @@ fn the_report_ends_with_the_channels() {
 
 #[test]
 fn a_linux_may_be_at_either_end_and_a_doorbell_is_reported() {
-    let path = Path::new("tests/partition_files/good-linux-channels.toml");
+    let path = Path::new("tests/partition_files/good/linux-channels.toml");
     let file = config::load(path, Some(2)).unwrap_or_else(|error| panic!("{error}"));
     let [setpoints, orders] = file.channels() else { panic!("{file:?}") };
     assert_eq!(ends(setpoints), [(0, "setpoints"), (1, "setpoints"), (2, "setpoints")]);
@@ -82,9 +82,9 @@ fn a_linux_may_be_at_either_end_and_a_doorbell_is_reported() {
 
 #[test]
 fn ends_on_the_host_say_where_they_lead() {
-    let path = Path::new("tests/partition_files/good-host-ports.toml");
+    let path = Path::new("tests/partition_files/good/host-ports.toml");
     let file = config::load(path, Some(2)).unwrap_or_else(|error| panic!("{error}"));
-    let folder = Path::new("tests/partition_files").canonicalize().unwrap();
+    let folder = Path::new("tests/partition_files/good").canonicalize().unwrap();
     let [setpoints, state, orders, alarms] = file.channels() else { panic!("{file:?}") };
     assert_eq!(ends(setpoints), [(0, "setpoints"), (1, "setpoints"), (99, "setpoints")]);
     assert_eq!(setpoints.host, Some(HostPort::Socket(folder.join("setpoints.sock"))));
@@ -97,14 +97,15 @@ fn ends_on_the_host_say_where_they_lead() {
     assert!(listed(&file).contains("    host:alarms\n      -> cell:alarms\n    host socket /run/"));
     let needs = check::needs(&file);
     let (_, files) = needs.split_once(".toml\n").unwrap();
-    let folder = folder.display();
-    assert_eq!(files, format!("record state {folder}/state.records\nfile {folder}/dummy-image\n"));
+    let (state, image) = (folder.join("state.records"), folder.with_file_name("dummy-image"));
+    let expected = format!("record state {}\nfile {}\n", state.display(), image.display());
+    assert_eq!(files, expected);
 }
 
 #[test]
 fn the_documentation_shows_two_of_these_channels_as_they_are_written_and_reported() {
     let page = fs::read_to_string("../../docs/partition-file.md").unwrap();
-    let written = fs::read_to_string("tests/partition_files/good-channels.toml").unwrap();
+    let written = fs::read_to_string("tests/partition_files/good/channels.toml").unwrap();
     let tables = written.split("\n\n").filter(|table| table.starts_with("[[channel]]"));
     let tables: Vec<&str> = tables.take(2).collect();
     assert!(page.contains(&format!("```toml\n{}\n```", tables.join("\n\n"))), "{tables:?}");
@@ -115,7 +116,7 @@ fn the_documentation_shows_two_of_these_channels_as_they_are_written_and_reporte
 
 #[test]
 fn the_report_says_nothing_of_channels_where_there_are_none() {
-    let path = Path::new("tests/partition_files/good-plc-alone.toml");
+    let path = Path::new("tests/partition_files/good/plc-alone.toml");
     let file = config::load(path, Some(2)).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(file.channels(), []);
     assert!(!check::report(&file).contains("channel"));

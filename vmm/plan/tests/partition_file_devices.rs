@@ -6,7 +6,7 @@ use takt_plan::check;
 use takt_plan::{self as config, InterruptSource, MemorySource, PartitionFile, SafePlace};
 
 fn file() -> PartitionFile {
-    load("good-passthrough.toml")
+    load("good/passthrough.toml")
 }
 
 fn load(name: &str) -> PartitionFile {
@@ -77,7 +77,7 @@ fn the_report_lists_the_devices_last() {
 
 #[test]
 fn a_disk_is_only_read_unless_the_file_says_otherwise_and_a_script_is_told_of_it() {
-    let file = load("good-disks.toml");
+    let file = load("good/disks.toml");
     let [plc, linux] = file.partitions() else { panic!() };
     assert!(plc.disks().is_empty());
     let disks: Vec<(&str, bool)> =

@@ -12,12 +12,12 @@ use takt_plan::{self as config, check};
 
 /// Files that are good, and between them have every key.
 const GOOD: [&[u8]; 6] = [
-    include_bytes!("partition_files/good-two-cpus.toml"),
-    include_bytes!("partition_files/good-schedules-and-tasks.toml"),
-    include_bytes!("partition_files/good-channels.toml"),
-    include_bytes!("partition_files/good-host-ports.toml"),
-    include_bytes!("partition_files/good-health.toml"),
-    include_bytes!("partition_files/good-passthrough.toml"),
+    include_bytes!("partition_files/good/two-cpus.toml"),
+    include_bytes!("partition_files/good/schedules-and-tasks.toml"),
+    include_bytes!("partition_files/good/channels.toml"),
+    include_bytes!("partition_files/good/host-ports.toml"),
+    include_bytes!("partition_files/good/health.toml"),
+    include_bytes!("partition_files/good/passthrough.toml"),
 ];
 /// Pieces that a text file does not get from bit flips.
 const WORDS: &[&str] = &[
@@ -95,12 +95,13 @@ impl Random {
 fn load(name: &str, case: usize, bytes: &[u8]) -> bool {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     if case == 0 {
-        fs::create_dir_all(&folder).unwrap();
+        // The fixtures name images of the folder above theirs.
+        fs::create_dir_all(folder.join("case")).unwrap();
         fs::write(folder.join("dummy-image"), "").unwrap();
         fs::write(folder.join("dummy-kernel"), guest_images::kernel()).unwrap();
         fs::write(folder.join("dummy-plc"), guest_images::plc()).unwrap();
     }
-    let path = folder.join("case.toml");
+    let path = folder.join("case/case.toml");
     fs::write(&path, bytes).unwrap();
     let shown = || format!("{name} case {case}: {:?}", String::from_utf8_lossy(bytes));
     match config::load(&path, Some(2)) {

@@ -14,7 +14,7 @@ fn tables(name: &str) -> Vec<(String, Table)> {
 
 #[test]
 fn a_partition_of_which_nothing_is_said_has_its_kinds_table() {
-    for (name, table) in tables("good-channels.toml") {
+    for (name, table) in tables("good/channels.toml") {
         let expected = if name == "linux" { Table::LINUX } else { Table::PLC };
         assert_eq!(table, expected, "{name}");
     }
@@ -22,7 +22,7 @@ fn a_partition_of_which_nothing_is_said_has_its_kinds_table() {
 
 #[test]
 fn rows_and_limits_change_the_table_of_their_partition_only() {
-    let [(_, plc), (_, linux)] = tables("good-health.toml").try_into().unwrap();
+    let [(_, plc), (_, linux)] = tables("good/health.toml").try_into().unwrap();
     let plc_rows = [
         (Fault::DeadlineMissed, Action::Ignore),
         (Fault::ApplicationError, Action::WarmStart),
@@ -72,7 +72,7 @@ health monitor, where it is not the default
 
 the host's watchdog restarts this machine 10s after Takt's last sign of life
 ";
-    let report_of_changes = report("good-health.toml");
+    let report_of_changes = report("good/health.toml");
     assert!(report_of_changes.ends_with(expected), "{report_of_changes}");
-    assert!(!report("good-channels.toml").contains("health monitor"));
+    assert!(!report("good/channels.toml").contains("health monitor"));
 }

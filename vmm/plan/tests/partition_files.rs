@@ -1,35 +1,22 @@
-//! Each file in `partition_files/` has one defect and is named after it; the `.err` beside it is
-//! the exact message. Files whose name starts with `good-` have none. The examples in `configs/`
-//! must be good too.
+//! Each file below `partition_files/` has one defect, is named after it, and ends with the exact message
+//! (`fixtures/mod.rs`). The examples in `configs/` and those in `good/` must be good.
 //!
-//! `UPDATE_EXPECT=1 cargo test -p takt-plan --test partition_files` writes the `.err` files anew; read
-//! the difference before you keep it.
+//! `UPDATE_EXPECT=1 cargo test -p takt-plan --test partition_files` writes the messages anew; read the difference
+//! before you keep it.
 
+mod fixtures;
 mod guest_images;
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use fixtures::{Defect, FOLDER, defects, toml_files};
 use takt_plan::{self as config, Kind, ScheduleChange};
 use takt_plan::{PartitionFile, check};
 use takt_scheduler::schedules::ScheduleId;
 
-/// How a user in the package's folder would name the fixtures.
-const FOLDER: &str = "tests/partition_files";
 /// CPUs of the machine that the fixtures are for.
 const HOST_CPUS: Option<usize> = Some(2);
-
-fn toml_files(folder: &Path) -> Vec<PathBuf> {
-    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-    let mut files: Vec<PathBuf> =
-        entries.filter(|path| path.extension().is_some_and(|e| e == "toml")).collect();
-    files.sort();
-    files
-}
-
-fn is_good(path: &Path) -> bool {
-    path.file_name().unwrap().to_str().unwrap().starts_with("good-")
-}
 
 /// The message, without what differs from checkout to checkout.
 fn message(path: &Path) -> Option<String> {
@@ -42,47 +29,50 @@ fn message(path: &Path) -> Option<String> {
 fn each_defect_has_its_message() {
     let update = std::env::var_os("UPDATE_EXPECT").is_some();
     let mut failures = Vec::new();
-    let mut count = 0;
-    for path in toml_files(Path::new(FOLDER)).into_iter().filter(|path| !is_good(path)) {
-        count += 1;
-        let expectation = path.with_extension("err");
-        let Some(found) = message(&path) else {
-            failures.push(format!("{}: no defect found", path.display()));
+    let defects = defects(Path::new(FOLDER));
+    for defect in &defects {
+        let path = defect.path.display();
+        let Some(found) = message(&defect.path) else {
+            failures.push(format!("{path}: no defect found"));
             continue;
         };
         if update {
-            fs::write(&expectation, &found).unwrap();
+            defect.expect(&found);
             continue;
         }
-        let expected = fs::read_to_string(&expectation).unwrap_or_default();
+        let expected = defect.message();
         if found != expected {
-            failures.push(format!("{}\nexpected:\n{expected}found:\n{found}", path.display()));
+            failures.push(format!("{path}\nexpected:\n{expected}found:\n{found}"));
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n\n"));
-    assert!(count >= 40, "the fixtures are gone: {count} left");
+    assert!(defects.len() >= 300, "the fixtures are gone: {} left", defects.len());
 }
 
 #[test]
 fn good_files_are_good() {
-    for path in toml_files(Path::new(FOLDER)).into_iter().filter(|path| is_good(path)) {
+    let good = toml_files(&Path::new(FOLDER).join("good"));
+    assert!(good.len() >= 10, "the fixtures are gone: {} left", good.len());
+    for path in good {
         assert_eq!(message(&path), None);
     }
 }
 
 #[test]
 fn no_expectation_is_left_without_its_file() {
-    for entry in fs::read_dir(FOLDER).unwrap() {
-        let path = entry.unwrap().path();
-        if path.extension().is_some_and(|e| e == "err") {
-            assert!(path.with_extension("toml").exists(), "{}", path.display());
+    let defects = defects(Path::new(FOLDER));
+    for topic in fs::read_dir(FOLDER).unwrap().map(|entry| entry.unwrap().path()) {
+        let files = topic.read_dir().into_iter().flatten().map(|entry| entry.unwrap().path());
+        for path in files.filter(|path| path.extension().is_some_and(|e| e == "err")) {
+            let of = path.with_extension("toml");
+            assert!(defects.iter().any(|defect| defect.path == of), "{}", path.display());
         }
     }
 }
 
 #[test]
 fn each_message_shows_the_place_and_what_is_allowed() {
-    for path in toml_files(Path::new(FOLDER)).into_iter().filter(|path| !is_good(path)) {
+    for Defect { path, .. } in defects(Path::new(FOLDER)) {
         let found = message(&path).unwrap();
         let lines: Vec<&str> = found.lines().collect();
         assert!(lines[0].starts_with(&format!("error: {}:", path.display())), "{found}");
@@ -94,7 +84,7 @@ fn each_message_shows_the_place_and_what_is_allowed() {
 
 #[test]
 fn a_cpu_is_only_looked_for_on_the_machine_that_the_file_is_for() {
-    let path = Path::new(FOLDER).join("cpu-that-this-machine-lacks.toml");
+    let path = Path::new(FOLDER).join("partitions/cpu-that-this-machine-lacks.toml");
     assert!(config::load(&path, Some(2)).is_err());
     assert!(config::load(&path, Some(3)).is_ok());
     assert!(config::load(&path, None).is_ok());
@@ -115,7 +105,7 @@ fn what_is_not_a_small_regular_file_is_not_read() {
 
 #[test]
 fn the_budget_that_is_proposed_for_a_late_task_is_the_largest_that_is_in_time() {
-    let text = fs::read_to_string(Path::new(FOLDER).join("task-misses.toml")).unwrap();
+    let text = fs::read_to_string(Path::new(FOLDER).join("tasks/task-misses.toml")).unwrap();
     let with = |budget: &str| {
         let path = scratch(budget).join("case.toml");
         fs::write(&path, text.replace("500us", budget)).unwrap();
@@ -200,7 +190,7 @@ fn a_good_file_says_what_is_in_it() {
 
 #[test]
 fn a_good_file_says_what_its_tasks_and_schedules_are() {
-    let path = Path::new(FOLDER).join("good-schedules-and-tasks.toml");
+    let path = Path::new(FOLDER).join("good/schedules-and-tasks.toml");
     let file = config::load(&path, HOST_CPUS).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(file.schedule_names(), ["day", "night"]);
     let counts = |id: ScheduleId| {
@@ -278,7 +268,7 @@ CPU 0: 42.9 % reserved, of at most 90.0 %; 20us every 340us to end windows
 
 #[test]
 fn the_report_shows_every_cpu_and_windows_shorter_than_a_column() {
-    let path = Path::new(FOLDER).join("good-two-cpus.toml");
+    let path = Path::new(FOLDER).join("good/two-cpus.toml");
     let file = config::load(&path, HOST_CPUS).unwrap_or_else(|error| panic!("{error}"));
     let expected = r#"two-cpus: major frame 10ms
 
@@ -317,7 +307,7 @@ slow: no tasks given: not analysed
 
 #[test]
 fn the_report_shows_every_schedule_and_how_its_tasks_fare() {
-    let path = Path::new(FOLDER).join("good-schedules-and-tasks.toml");
+    let path = Path::new(FOLDER).join("good/schedules-and-tasks.toml");
     let file = config::load(&path, HOST_CPUS).unwrap_or_else(|error| panic!("{error}"));
     let expected = r#"schedules-and-tasks: major frame 4ms
 
