@@ -3,6 +3,7 @@
 #[path = "../plan/tests/fixtures/mod.rs"]
 mod fixtures;
 
+use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
