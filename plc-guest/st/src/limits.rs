@@ -1,7 +1,7 @@
 //! How large a source may be: the compiler refuses more by name instead of running out of something.
 
 /// The bytes of one file.
-pub const FILE_BYTES: usize = 16 << 20;
+pub const FILE_BYTES: usize = 8 << 20;
 
 /// The files of one project.
 pub const FILES: usize = 4096;

@@ -14,6 +14,15 @@ pub struct Expression {
     pub height: u32,
 }
 
+impl Expression {
+    /// A node over its parts.
+    #[must_use]
+    pub fn new(kind: ExpressionKind, span: Span) -> Self {
+        let height = 1 + kind.parts_height();
+        Self { kind, span, height }
+    }
+}
+
 /// What an expression is.
 #[derive(Clone, Debug)]
 pub enum ExpressionKind {
@@ -43,6 +52,32 @@ pub enum ExpressionKind {
     Parenthesised(Box<Expression>),
     /// What was already told.
     Error,
+}
+
+impl ExpressionKind {
+    /// The height of the highest part.
+    fn parts_height(&self) -> u32 {
+        match self {
+            Self::Literal(_)
+            | Self::Name(_)
+            | Self::EnumerationValue(..)
+            | Self::Address(_)
+            | Self::Error => 0,
+            Self::Field(part, _)
+            | Self::Part(part, ..)
+            | Self::Dereference(part)
+            | Self::Unary(_, part)
+            | Self::Parenthesised(part) => part.height,
+            Self::Binary(_, _, left, right) => left.height.max(right.height),
+            Self::Index(base, indices) => {
+                indices.iter().fold(base.height, |height, index| height.max(index.height))
+            }
+            Self::Call(callee, arguments) => arguments
+                .iter()
+                .filter_map(|argument| argument.value.as_ref())
+                .fold(callee.height, |height, value| height.max(value.height)),
+        }
+    }
 }
 
 /// One argument of a call.

@@ -65,8 +65,6 @@ pub enum StatementKind {
     Continue,
     /// RETURN
     Return,
-    /// A semicolon alone.
-    Empty,
     /// What was already told.
     Error,
 }
