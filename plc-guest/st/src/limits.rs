@@ -6,9 +6,15 @@ pub const FILE_BYTES: usize = 8 << 20;
 /// The files of one project.
 pub const FILES: usize = 4096;
 
-/// The height of an expression, and the depth of statements, types and initial values within each
-/// other. All stages walk trees by recursion; on this bound rests that none exhausts its stack.
-pub const DEPTH: u32 = 200;
+/// How deep statements, types, initial values and parts of expressions may be within each other. All
+/// stages walk trees by recursion; on this bound and the next rests that none exhausts its stack.
+pub const DEPTH: u32 = 100;
+
+/// The height of an expression's tree. `a + b + c` is a tree as high as it has operators.
+pub const HEIGHT: u32 = 250;
+
+/// The stack that checking takes at most, in bytes; see [`crate::project::check`].
+pub const STACK: usize = 64 << 20;
 
 /// The errors that are kept for one file. A file that is no Structured Text at all would have one
 /// error a token.

@@ -102,6 +102,17 @@ pub struct Source {
     text: String,
     /// The offset of each line's first byte.
     lines: Vec<u32>,
+    /// The characters before each block of [`BLOCK`] bytes, so that a column in a line of megabytes
+    /// costs no more than one in a short line.
+    characters: Vec<u32>,
+}
+
+/// In bytes.
+const BLOCK: usize = 256;
+
+/// Every byte of UTF-8 but the continuations begins a character.
+fn count_characters(bytes: &[u8]) -> u32 {
+    bytes.iter().filter(|byte| **byte & 0xC0 != 0x80).count() as u32
 }
 
 impl Source {
@@ -122,12 +133,16 @@ impl Source {
     pub fn position(&self, offset: u32) -> Position {
         let line = self.lines.partition_point(|start| *start <= offset).saturating_sub(1);
         let start = self.lines.get(line).map_or(0, |start| *start as usize);
-        let end = (offset as usize).min(self.text.len());
-        let column = self.text.as_bytes().get(start..end).map_or(0, |bytes| {
-            // Every byte but the continuations of UTF-8 begins a character.
-            bytes.iter().filter(|byte| **byte & 0xC0 != 0x80).count()
-        });
-        Position { line: line as u32 + 1, column: column as u32 + 1 }
+        let end = (offset as usize).clamp(start, self.text.len());
+        let column = self.characters_before(end) - self.characters_before(start);
+        Position { line: line as u32 + 1, column: column + 1 }
+    }
+
+    /// The characters before a byte.
+    fn characters_before(&self, at: usize) -> u32 {
+        let block = at / BLOCK;
+        let behind = self.text.as_bytes().get(block * BLOCK..at).unwrap_or(&[]);
+        self.characters.get(block).copied().unwrap_or(0) + count_characters(behind)
     }
 
     /// The text of a line (from 1) without its end.
@@ -177,7 +192,15 @@ impl Sources {
             bytes.iter().enumerate().filter(|(_, b)| **b == b'\n').map(|(at, _)| at as u32 + 1),
         );
         let id = FileId(self.files.len() as u32);
-        self.files.push(Source { name: name.into(), text: text.into(), lines });
+        let characters = bytes
+            .chunks(BLOCK)
+            .scan(0, |before, block| {
+                let first = *before;
+                *before += count_characters(block);
+                Some(first)
+            })
+            .collect();
+        self.files.push(Source { name: name.into(), text: text.into(), lines, characters });
         Ok(id)
     }
 

@@ -31,3 +31,15 @@ fn what_is_no_text_is_refused_with_its_place() {
         Err(SourceError::NotText { name: "b.st".into(), offset: 1 })
     );
 }
+
+#[test]
+fn a_column_of_a_long_line_is_exact_in_every_block() {
+    let mut sources = Sources::new();
+    let text = "aö".repeat(400);
+    let file = sources.add("a.st", text.as_bytes()).expect("it is text");
+    let source = sources.get(file);
+    for (index, (offset, _)) in text.char_indices().enumerate() {
+        let expected = Position { line: 1, column: index as u32 + 1 };
+        assert_eq!(source.position(offset as u32), expected);
+    }
+}

@@ -100,9 +100,8 @@ impl<'a> Lexer<'a> {
         if word.len() > LONGEST_NAME {
             let found = format!("a name of {} characters", word.len());
             let allowed = format!("at most {LONGEST_NAME}");
-            diagnostics.push(
-                Diagnostic::new(Code::Syntax, self.span(start), found).allowed(allowed),
-            );
+            diagnostics
+                .push(Diagnostic::new(Code::Syntax, self.span(start), found).allowed(allowed));
             return TokenKind::Invalid;
         }
         if self.byte(0) == Some(b'#') {
@@ -203,7 +202,9 @@ impl<'a> Lexer<'a> {
                     self.span(start),
                     format!("`{}` is neither a number nor a name", self.shown(start)),
                 )
-                .allowed("a number such as `12`, `16#FF`, `1.5`, or a name that starts with a letter"),
+                .allowed(
+                    "a number such as `12`, `16#FF`, `1.5`, or a name that starts with a letter",
+                ),
             );
         }
         kind
@@ -277,8 +278,10 @@ impl<'a> Lexer<'a> {
     fn sign(&mut self, start: usize, diagnostics: &mut Diagnostics) -> TokenKind {
         let rest = self.rest();
         // The longest first: the list has those of two characters before their beginnings.
-        let two = Sign::ALL.iter().find(|sign| sign.text().len() == 2 && rest.starts_with(sign.text()));
-        let one = Sign::ALL.iter().find(|sign| sign.text().len() == 1 && rest.starts_with(sign.text()));
+        let two =
+            Sign::ALL.iter().find(|sign| sign.text().len() == 2 && rest.starts_with(sign.text()));
+        let one =
+            Sign::ALL.iter().find(|sign| sign.text().len() == 1 && rest.starts_with(sign.text()));
         if let Some(sign) = two.or(one) {
             self.at += sign.text().len();
             return TokenKind::Sign(*sign);
@@ -300,7 +303,8 @@ impl<'a> Lexer<'a> {
         if first == '!' || first == '|' {
             one = one.hint("write `NOT`, `<>` or `OR`");
         } else if first.is_alphabetic() {
-            one = one.hint("names have the letters A to Z only; comments and strings may have others");
+            one = one
+                .hint("names have the letters A to Z only; comments and strings may have others");
         }
         diagnostics.push(one);
         TokenKind::Invalid

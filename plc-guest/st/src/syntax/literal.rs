@@ -175,7 +175,9 @@ fn day(body: &str, text: &str) -> Result<i64, Wrong> {
     else {
         return Err(no_day(text));
     };
-    let leap = |year: u64| year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+    let leap = |year: u64| {
+        year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400))
+    };
     let length = match month {
         2 if leap(year) => 29,
         2 => 28,
@@ -188,8 +190,8 @@ fn day(body: &str, text: &str) -> Result<i64, Wrong> {
     }
     // Days before the month in a year without a leap day.
     let before = [0, 31, 59, 90, 120, 151, 181, 212, 243, 273, 304, 334][month as usize - 1];
-    let leap_days = (1970..year).filter(|year| leap(*year)).count() as u64
-        + u64::from(month > 2 && leap(year));
+    let leap_days =
+        (1970..year).filter(|year| leap(*year)).count() as u64 + u64::from(month > 2 && leap(year));
     let days = (year - 1970) * 365 + leap_days + before + day - 1;
     // The last day that ends within 64 bits of nanoseconds.
     if days > i64::MAX as u64 / DAY - 1 {

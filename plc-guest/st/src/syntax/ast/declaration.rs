@@ -155,7 +155,7 @@ pub struct Address {
 }
 
 /// The place of an address in its image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Place {
     /// How much it names.
     pub width: Width,

@@ -10,7 +10,7 @@ pub struct Expression {
     pub kind: ExpressionKind,
     /// Where it is.
     pub span: Span,
-    /// The height of its tree, which the parser keeps within [`crate::limits::DEPTH`].
+    /// The height of its tree, which the parser keeps within [`crate::limits::HEIGHT`].
     pub height: u32,
 }
 

@@ -53,9 +53,7 @@ impl Parser<'_> {
     /// A task, a program or something that is refused. False if none begins here.
     fn resource_element(&mut self, resource: &mut Resource) -> Parse<bool> {
         let read = match self.current.kind {
-            TokenKind::Keyword(Keyword::Task) => {
-                self.task().map(|task| resource.tasks.push(task))
-            }
+            TokenKind::Keyword(Keyword::Task) => self.task().map(|task| resource.tasks.push(task)),
             TokenKind::Keyword(Keyword::Program) => {
                 self.program_instance().map(|program| resource.programs.push(program))
             }
@@ -105,9 +103,7 @@ impl Parser<'_> {
         let open = self.advance();
         let retention = match self.current.kind {
             TokenKind::Keyword(Keyword::Retain) => Some((Retention::Retain, self.advance())),
-            TokenKind::Keyword(Keyword::NonRetain) => {
-                Some((Retention::NonRetain, self.advance()))
-            }
+            TokenKind::Keyword(Keyword::NonRetain) => Some((Retention::NonRetain, self.advance())),
             _ => None,
         };
         let name = self.name("the name of the program's instance")?;
@@ -127,6 +123,9 @@ impl Parser<'_> {
     }
 }
 
-fn empty(name: Option<(crate::syntax::ast::Name, crate::syntax::ast::Name)>, span: Span) -> Resource {
+fn empty(
+    name: Option<(crate::syntax::ast::Name, crate::syntax::ast::Name)>,
+    span: Span,
+) -> Resource {
     Resource { name, globals: Vec::new(), tasks: Vec::new(), programs: Vec::new(), span }
 }

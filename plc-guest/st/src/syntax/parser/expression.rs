@@ -239,12 +239,13 @@ impl Parser<'_> {
             (ExpressionKind::Name(name), TokenKind::Sign(Sign::OutputAssign)) => {
                 Some((name.clone(), Binding::Output))
             }
-            (ExpressionKind::Unary(UnaryOperator::Not, name), TokenKind::Sign(Sign::OutputAssign)) => {
-                match &name.kind {
-                    ExpressionKind::Name(name) => Some((name.clone(), Binding::NegatedOutput)),
-                    _ => None,
-                }
-            }
+            (
+                ExpressionKind::Unary(UnaryOperator::Not, name),
+                TokenKind::Sign(Sign::OutputAssign),
+            ) => match &name.kind {
+                ExpressionKind::Name(name) => Some((name.clone(), Binding::NegatedOutput)),
+                _ => None,
+            },
             _ => None,
         };
         let Some(binding) = binding else {
@@ -252,10 +253,7 @@ impl Parser<'_> {
         };
         self.advance();
         let unconnected = binding.1 != Binding::Input
-            && matches!(
-                self.current.kind,
-                TokenKind::Sign(Sign::Comma | Sign::CloseParenthesis)
-            );
+            && matches!(self.current.kind, TokenKind::Sign(Sign::Comma | Sign::CloseParenthesis));
         let value = if unconnected { None } else { Some(self.expression()?) };
         Ok(Argument { name: Some(binding), value, span: start.to(self.previous) })
     }
@@ -263,11 +261,11 @@ impl Parser<'_> {
     /// A node, unless the tree would grow too high.
     fn grown(&mut self, kind: ExpressionKind, span: Span) -> Parse<Expression> {
         let grown = Expression::new(kind, span);
-        if grown.height <= limits::DEPTH {
+        if grown.height <= limits::HEIGHT {
             return Ok(grown);
         }
         let found = "an expression with too many parts";
-        let allowed = format!("at most {} operators in a row or within each other", limits::DEPTH);
+        let allowed = format!("at most {} operators in a row or within each other", limits::HEIGHT);
         let one = Diagnostic::new(Code::TooDeep, span, found).allowed(allowed);
         self.tell(one.hint("use several statements"));
         Err(Told)

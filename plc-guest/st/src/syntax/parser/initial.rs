@@ -59,9 +59,8 @@ impl Parser<'_> {
     }
 
     fn array_element(&mut self) -> Parse<ArrayElement> {
-        let repeated =
-            matches!(self.current.kind, TokenKind::Integer | TokenKind::BasedInteger)
-                && self.peek(1) == TokenKind::Sign(Sign::OpenParenthesis);
+        let repeated = matches!(self.current.kind, TokenKind::Integer | TokenKind::BasedInteger)
+            && self.peek(1) == TokenKind::Sign(Sign::OpenParenthesis);
         if !repeated {
             return Ok(ArrayElement::One(self.initial()?));
         }

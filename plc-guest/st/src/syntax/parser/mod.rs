@@ -143,8 +143,7 @@ impl<'a> Parser<'a> {
         }
         let found = format!("`{}` is missing before {}", keyword.text(), self.shown());
         let note = format!("`{}` is here", self.text(open));
-        let mut one =
-            Diagnostic::new(Code::Syntax, self.current.span, found).related(open, note);
+        let mut one = Diagnostic::new(Code::Syntax, self.current.span, found).related(open, note);
         if let TokenKind::Keyword(Keyword::Else | Keyword::Elsif) = self.current.kind {
             one = one.hint("ELSE and ELSIF belong to the innermost IF or CASE that is still open");
         }

@@ -23,9 +23,7 @@ impl Parser<'_> {
             Keyword::Class => ("CLASS", Keyword::EndClass),
             Keyword::Interface => ("INTERFACE", Keyword::EndInterface),
             Keyword::Action => ("ACTION", Keyword::EndAction),
-            Keyword::Step | Keyword::InitialStep => {
-                ("Sequential Function Chart", Keyword::EndStep)
-            }
+            Keyword::Step | Keyword::InitialStep => ("Sequential Function Chart", Keyword::EndStep),
             Keyword::Transition => ("Sequential Function Chart", Keyword::EndTransition),
             Keyword::VarAccess => ("VAR_ACCESS", Keyword::EndVar),
             Keyword::VarConfig => ("VAR_CONFIG", Keyword::EndVar),

@@ -108,7 +108,9 @@ impl Parser<'_> {
         let told = self.missing(";");
         match self.current.kind {
             TokenKind::Identifier => Ok(()),
-            TokenKind::Keyword(keyword) if begins_statement(keyword) || ends_statements(keyword) => {
+            TokenKind::Keyword(keyword)
+                if begins_statement(keyword) || ends_statements(keyword) =>
+            {
                 Ok(())
             }
             _ => Err(told),
@@ -128,11 +130,7 @@ impl Parser<'_> {
             TokenKind::Sign(sign @ (Sign::Assign | Sign::AttemptAssign)) => {
                 self.advance();
                 let value = self.expression()?;
-                StatementKind::Assign {
-                    target: left,
-                    value,
-                    attempt: sign == Sign::AttemptAssign,
-                }
+                StatementKind::Assign { target: left, value, attempt: sign == Sign::AttemptAssign }
             }
             _ if matches!(left.kind, ExpressionKind::Call(..)) => StatementKind::Call(left),
             _ => return Err(self.no_statement(&left)),

@@ -8,7 +8,8 @@ use crate::syntax::ast::{
 };
 use crate::syntax::token::{Keyword, Sign, TokenKind};
 
-const TYPE: &str = "a type: a name, ARRAY, STRING, REF_TO, STRUCT or `(` with the values of an enumeration";
+const TYPE: &str =
+    "a type: a name, ARRAY, STRING, REF_TO, STRUCT or `(` with the values of an enumeration";
 
 impl Parser<'_> {
     pub(super) fn type_block(&mut self, into: &mut Vec<Declaration>) -> Parse<()> {
@@ -24,8 +25,7 @@ impl Parser<'_> {
                     self.skip_to(|kind| {
                         matches!(
                             kind,
-                            TokenKind::Sign(Sign::Semicolon)
-                                | TokenKind::Keyword(Keyword::EndType)
+                            TokenKind::Sign(Sign::Semicolon) | TokenKind::Keyword(Keyword::EndType)
                         ) || super::unit::begins_declaration(kind)
                     });
                 }

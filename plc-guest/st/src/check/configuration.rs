@@ -1,0 +1,343 @@
+//! CONFIGURATION: tasks, and which instances of programs they run.
+
+use std::collections::HashMap;
+
+use super::body::Body;
+use super::declare::retention;
+use super::expression::Operand;
+use super::types::Resolved;
+use super::unit::Storage;
+use super::{Checker, Entry};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::hir::{
+    Constant, Elementary, ExprKind, GlobalId, Place, Routine, Statement, StatementKind, Task,
+    TaskKind, TypeId,
+};
+use crate::source::Span;
+use crate::syntax::ast::{
+    self, Binding, Expression, ExpressionKind, ProgramInstance, Resource, SectionKind, UnitKind,
+};
+
+/// The tasks of an image.
+const TASKS: usize = 16;
+
+/// An instance of a program while its task is put together.
+struct Instance<'a> {
+    ast: &'a ProgramInstance,
+    unit: usize,
+    global: GlobalId,
+    ty: TypeId,
+}
+
+/// What the properties of a task say.
+#[derive(Default)]
+struct Properties {
+    interval: Option<(u64, Span)>,
+    single: Option<String>,
+    priority: u8,
+    offset: u64,
+    budget: u64,
+    deadline: u64,
+}
+
+impl<'a> Checker<'a> {
+    pub(super) fn configurations(&mut self) {
+        let Some(configuration) = self.configurations.first().copied() else { return };
+        if let [_, second, ..] = &configuration.resources[..] {
+            let one =
+                Diagnostic::new(Code::NotSupported, second.span.before(), "a second RESOURCE");
+            self.tell(one.allowed("one RESOURCE: a program image runs on one processor"));
+        }
+        let mut names: HashMap<&str, Span> = HashMap::new();
+        for resource in &configuration.resources {
+            for (name, span) in
+                resource.tasks.iter().map(|task| (&task.name, task.name.span)).chain(
+                    resource.programs.iter().map(|program| (&program.name, program.name.span)),
+                )
+            {
+                if let Some(other) = names.insert(&name.key, span) {
+                    self.duplicate(name, other);
+                }
+            }
+            self.resource(resource);
+        }
+        if self.program.tasks.len() > TASKS {
+            let span = configuration.name.span;
+            let found = format!("{} tasks", self.program.tasks.len());
+            let one = Diagnostic::new(Code::InvalidTask, span, found);
+            self.tell(one.allowed(format!("at most {TASKS}")));
+        }
+    }
+
+    fn resource(&mut self, resource: &'a Resource) {
+        let mut by_task: HashMap<&str, Vec<Instance<'a>>> = HashMap::new();
+        let mut free = Vec::new();
+        for program in &resource.programs {
+            let Some(instance) = self.instance(program) else { continue };
+            match &program.task {
+                None => free.push(instance),
+                Some(task) if resource.tasks.iter().any(|known| known.name.key == task.key) => {
+                    by_task.entry(&task.key).or_default().push(instance);
+                }
+                Some(task) => {
+                    let found = format!("there is no task `{}`", task.text);
+                    let mut one = Diagnostic::new(Code::UnknownName, task.span, found);
+                    let known = resource.tasks.iter().map(|task| &*task.name.text);
+                    if let Some(similar) = super::names::similar(&task.key, known) {
+                        one = one.hint(format!("did you mean `{similar}`?"));
+                    }
+                    self.tell(one);
+                }
+            }
+        }
+        for task in &resource.tasks {
+            let instances = by_task.remove(&*task.name.key).unwrap_or_default();
+            if instances.is_empty() {
+                let found = format!("the task `{}` has no program", task.name.text);
+                let one = Diagnostic::new(Code::InvalidTask, task.name.span, found);
+                self.tell(one.allowed("at least one `PROGRAM name WITH task : Program;`"));
+            }
+            let Some((kind, properties)) = self.task_kind(task) else { continue };
+            self.task(&task.name.text, task.name.span, kind, &properties, instances);
+        }
+        if let Some(first) = free.first() {
+            // What has no task runs whenever nothing else does.
+            let span = first.ast.name.span;
+            let properties = Properties { priority: u8::MAX, ..Properties::default() };
+            self.task("free", span, TaskKind::Freewheeling, &properties, free);
+        }
+    }
+
+    fn instance(&mut self, program: &'a ProgramInstance) -> Option<Instance<'a>> {
+        let name = &program.program;
+        let unit = match self.names.get(&*name.key) {
+            Some(Entry::Units(units)) if self.units[units[0]].ast.kind == UnitKind::Program => {
+                units[0]
+            }
+            entry => {
+                let known = entry.is_some();
+                let found = match known {
+                    true => format!("`{}` is no program", name.text),
+                    false => format!("there is no program `{}`", name.text),
+                };
+                let code = if known { Code::WrongKind } else { Code::UnknownName };
+                let mut one = Diagnostic::new(code, name.span, found);
+                let programs = self.units.iter().filter(|unit| unit.ast.kind == UnitKind::Program);
+                let programs = programs.map(|unit| &*unit.ast.name.text);
+                if let Some(similar) = super::names::similar(&name.key, programs) {
+                    one = one.hint(format!("did you mean `{similar}`?"));
+                }
+                self.tell(one);
+                return None;
+            }
+        };
+        let ty = self.unit_type(unit, name.span, false)?;
+        let retained = retention(program.retention.map(|(retention, _)| retention));
+        let resolved = Resolved::from(ty);
+        let global = self.state(&program.name.text, program.name.span, resolved, retained)?;
+        Some(Instance { ast: program, unit, global, ty })
+    }
+
+    fn task_kind(&mut self, task: &'a ast::Task) -> Option<(TaskKind, Properties)> {
+        let mut properties = Properties::default();
+        let mut complete = true;
+        let mut priority_given = false;
+        for (name, value) in &task.properties {
+            let done = match &*name.key {
+                "INTERVAL" => self.duration(value).map(|interval| {
+                    properties.interval = Some((interval, value.span));
+                }),
+                "OFFSET" => self.duration(value).map(|offset| properties.offset = offset),
+                "BUDGET" => self.duration(value).map(|budget| properties.budget = budget),
+                "DEADLINE" => self.duration(value).map(|deadline| properties.deadline = deadline),
+                "SINGLE" => self.event(value).map(|source| properties.single = Some(source)),
+                "PRIORITY" => {
+                    priority_given = true;
+                    let number = Body::of_constants(self).constant_integer(value);
+                    number.and_then(|number| match u8::try_from(number) {
+                        Ok(number) => {
+                            properties.priority = number;
+                            Some(())
+                        }
+                        Err(_) => {
+                            let found = format!("the priority {number}");
+                            let one = Diagnostic::new(Code::InvalidTask, value.span, found);
+                            self.tell(one.allowed("0 (the most urgent) to 255"));
+                            None
+                        }
+                    })
+                }
+                _ => {
+                    let found = format!("a task has no `{}`", name.text);
+                    let one = Diagnostic::new(Code::InvalidTask, name.span, found);
+                    self.tell(one.allowed(
+                        "INTERVAL, SINGLE, PRIORITY; of Takt's own OFFSET, BUDGET, DEADLINE",
+                    ));
+                    None
+                }
+            };
+            complete &= done.is_some();
+        }
+        if !priority_given {
+            let found = format!("the task `{}` without PRIORITY", task.name.text);
+            let one = Diagnostic::new(Code::InvalidTask, task.name.span, found);
+            self.tell(one.allowed("`PRIORITY := n`, 0 is the most urgent"));
+            return None;
+        }
+        let kind = match (properties.single.clone(), properties.interval) {
+            (Some(source), interval) => {
+                let minimum_ns = interval.map_or(0, |(interval, _)| interval);
+                TaskKind::Event { source, minimum_ns }
+            }
+            (None, Some((0, span))) => {
+                let one = Diagnostic::new(Code::InvalidTask, span, "an interval of 0");
+                self.tell(one.hint("a program without a task runs whenever nothing else does"));
+                return None;
+            }
+            (None, Some((period_ns, _))) => {
+                TaskKind::Cyclic { period_ns, offset_ns: properties.offset }
+            }
+            (None, None) if complete => {
+                let found = format!("the task `{}` is never released", task.name.text);
+                let one = Diagnostic::new(Code::InvalidTask, task.name.span, found);
+                self.tell(one.allowed("INTERVAL (its period) or SINGLE (its event)"));
+                return None;
+            }
+            (None, None) => return None,
+        };
+        complete.then_some((kind, properties))
+    }
+
+    /// A duration that is not negative, in nanoseconds.
+    fn duration(&mut self, value: &'a Expression) -> Option<u64> {
+        let time = self.elementary(Elementary::Time);
+        let constant = Body::of_constants(self).constant(value, time)?;
+        match constant {
+            Constant::Integer(number) if number >= 0 => u64::try_from(number).ok(),
+            _ => {
+                self.error(Code::InvalidTask, value.span, "a negative duration");
+                None
+            }
+        }
+    }
+
+    /// The name of the BOOL whose rising edge releases a task.
+    fn event(&mut self, value: &'a Expression) -> Option<String> {
+        let allowed = "the name of a global BOOL or a bit address such as `%IX0.0`";
+        let bool_type = self.elementary(Elementary::Bool);
+        let global = match &value.kind {
+            ExpressionKind::Address(address) => self.direct(address),
+            ExpressionKind::Name(name) => match self.names.get(&*name.key) {
+                Some(Entry::Global(index)) => {
+                    let entry = &mut self.globals[*index];
+                    entry.read = true;
+                    entry.id.zip(entry.ty)
+                }
+                _ => None,
+            },
+            _ => None,
+        };
+        match global {
+            Some((id, ty)) if ty == bool_type => Some(self.program.global(id).name.clone()),
+            _ => {
+                let found = format!("`{}` as an event", self.sources.text(value.span));
+                self.tell(Diagnostic::new(Code::InvalidTask, value.span, found).allowed(allowed));
+                None
+            }
+        }
+    }
+
+    fn task(
+        &mut self,
+        name: &str,
+        span: Span,
+        kind: TaskKind,
+        properties: &Properties,
+        instances: Vec<Instance<'a>>,
+    ) {
+        let mut block = Vec::new();
+        for instance in instances {
+            let (before, behind) = self.connections(&instance);
+            block.extend(before);
+            let place = Place::global(instance.global, instance.ty);
+            let Some(routine) = self.units[instance.unit].routine else { continue };
+            let location = self.location(instance.ast.name.span);
+            block.push(Statement { kind: StatementKind::Invoke(place, routine), location });
+            block.extend(behind);
+        }
+        let location = self.location(span);
+        let entry = self.program.add_routine(Routine {
+            name: name.to_owned(),
+            instance: None,
+            locals: Vec::new(),
+            result: None,
+            body: block,
+            location,
+        });
+        self.program.tasks.push(Task {
+            name: name.to_owned(),
+            kind,
+            priority: properties.priority,
+            budget_ns: properties.budget,
+            deadline_ns: properties.deadline,
+            entry,
+            location,
+        });
+    }
+
+    /// What is assigned before and behind the body of a program's instance.
+    fn connections(&mut self, instance: &Instance<'a>) -> (Vec<Statement>, Vec<Statement>) {
+        let (mut before, mut behind) = (Vec::new(), Vec::new());
+        for argument in &instance.ast.arguments {
+            let (Some((formal, binding)), Some(value)) = (&argument.name, &argument.value) else {
+                let one = Diagnostic::new(
+                    Code::WrongArguments,
+                    argument.span,
+                    "a connection without a name",
+                );
+                self.tell(one.allowed("`input := value` or `output => variable`"));
+                continue;
+            };
+            let entry = &self.units[instance.unit];
+            let variable =
+                entry.by_key.get(&*formal.key).map(|index| entry.variables[*index].clone());
+            let wanted = match binding {
+                Binding::Input => SectionKind::Input,
+                _ => SectionKind::Output,
+            };
+            let found = variable.filter(|variable| variable.kind == wanted);
+            let Some(variable) = found else {
+                let what = if wanted == SectionKind::Input { "input" } else { "output" };
+                let found = format!("`{}` has no {what} `{}`", entry.ast.name.text, formal.text);
+                self.error(Code::WrongArguments, formal.span, found);
+                continue;
+            };
+            let (Storage::Field(field), Some(ty)) = (variable.storage, variable.ty) else {
+                continue;
+            };
+            let place = Place::global(instance.global, instance.ty).field(field, ty);
+            let mut body = Body::of_constants(self);
+            if *binding == Binding::Input {
+                if let Some(value) = body.value_of(value, ty) {
+                    let kind = StatementKind::Assign(place, value);
+                    before.push(body.statement(kind, argument.span));
+                }
+            } else if let Some(target) = body.write_place(value) {
+                let load = body.expr(ty, ExprKind::Load(place), argument.span);
+                let mut operand = Some(Operand::typed(load));
+                if *binding == Binding::NegatedOutput {
+                    operand = operand.and_then(|operand| {
+                        body.unary_operator(ast::UnaryOperator::Not, operand, argument.span)
+                    });
+                }
+                let value =
+                    operand.and_then(|operand| body.converted(operand, target.ty, argument.span));
+                if let Some(value) = value {
+                    let kind = StatementKind::Assign(target, value);
+                    behind.push(body.statement(kind, argument.span));
+                }
+            }
+        }
+        (before, behind)
+    }
+}

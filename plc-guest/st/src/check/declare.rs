@@ -1,0 +1,326 @@
+//! The variables of a section of a unit.
+
+use super::body::Body;
+use super::types::Resolved;
+use super::unit::{Storage, Variable};
+use super::{Entry, Progress};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::hir::{
+    Area, Constant, Elementary, Local, LocalId, LocalKind, Retention, Section, StructureKind, Type,
+    TypeId,
+};
+use crate::syntax::ast::{self, Name, SectionKind, UnitKind};
+
+impl<'a> Body<'_, 'a> {
+    pub(super) fn section(&mut self, section: &'a ast::Section, structure: Option<TypeId>) {
+        if section.kind == SectionKind::Global {
+            self.tell(
+                Diagnostic::new(Code::InvalidDeclaration, section.span, "VAR_GLOBAL within a unit")
+                    .allowed("VAR_GLOBAL outside of units, in a file or a CONFIGURATION"),
+            );
+            return;
+        }
+        self.check_qualifiers(section, structure);
+        for variables in &section.variables {
+            if section.kind == SectionKind::External {
+                for name in &variables.names {
+                    self.external(section, variables, name);
+                }
+                continue;
+            }
+            let resolved = self.variable_type(variables);
+            if let Some(resolved) = &resolved {
+                self.check_variable_type(section, variables, resolved.ty);
+            }
+            for name in &variables.names {
+                if self.checker.refuse_reserved(name) {
+                    continue;
+                }
+                self.one_variable(section, variables, name, resolved.clone(), structure);
+            }
+        }
+    }
+
+    fn check_qualifiers(&mut self, section: &ast::Section, structure: Option<TypeId>) {
+        if let Some((_, span)) = section.retention
+            && (structure.is_none() || section.kind == SectionKind::Temporary)
+        {
+            let found = "retention of variables that do not outlive a call";
+            self.error(Code::InvalidDeclaration, span, found);
+        }
+        if let (Some(constant), Some((_, span))) = (section.constant, section.retention) {
+            self.tell(
+                Diagnostic::new(Code::InvalidDeclaration, span, "retention of a constant")
+                    .related(constant, "CONSTANT is here"),
+            );
+        }
+        if let Some(span) = section.constant
+            && !matches!(section.kind, SectionKind::Local | SectionKind::External)
+        {
+            let found = "CONSTANT for parameters or temporary variables";
+            let one = Diagnostic::new(Code::InvalidDeclaration, span, found);
+            self.tell(one.allowed("VAR CONSTANT, VAR_GLOBAL CONSTANT or VAR_EXTERNAL CONSTANT"));
+        }
+    }
+
+    /// Refuses types that a kind of variable cannot have.
+    fn check_variable_type(
+        &mut self,
+        section: &ast::Section,
+        variables: &ast::Variables,
+        ty: TypeId,
+    ) {
+        let types = &self.checker.program.types;
+        let open = matches!(types.get(ty), Type::OpenArray { .. });
+        if open && section.kind != SectionKind::InOut {
+            self.tell(
+                Diagnostic::new(
+                    Code::InvalidDeclaration,
+                    variables.spec.span,
+                    "ARRAY[*] for a variable that is no VAR_IN_OUT",
+                )
+                .allowed("bounds, or ARRAY[*] in VAR_IN_OUT"),
+            );
+        } else if open && !self.in_function() {
+            let found = "ARRAY[*] in a function block or program";
+            let one = Diagnostic::new(Code::NotSupported, variables.spec.span, found);
+            self.tell(one.allowed("ARRAY[*] in VAR_IN_OUT of a FUNCTION"));
+        }
+        let block = self
+            .checker
+            .program
+            .types
+            .structure(ty)
+            .is_some_and(|structure| structure.kind != StructureKind::Struct);
+        let lives = section.kind != SectionKind::Temporary
+            && !(self.in_function() && section.kind != SectionKind::InOut);
+        if block && !lives {
+            self.tell(
+                Diagnostic::new(
+                    Code::InvalidDeclaration,
+                    variables.spec.span,
+                    "an instance of a function block that does not outlive a call",
+                )
+                .allowed("instances in VAR of programs and function blocks, or VAR_IN_OUT")
+                .hint("a function block keeps its state from call to call"),
+            );
+        }
+        if let Some((_, span)) = variables.edge {
+            let fits = self.scalar(ty) == Some(Elementary::Bool)
+                && section.kind == SectionKind::Input
+                && !self.in_function();
+            if !fits {
+                self.tell(
+                    Diagnostic::new(Code::InvalidDeclaration, span, "the detection of an edge")
+                        .allowed("BOOL in VAR_INPUT of a function block or program"),
+                );
+            }
+        }
+        if section.kind == SectionKind::InOut
+            && let Some(initial) = &variables.initial
+        {
+            let found = "an initial value of a VAR_IN_OUT, which stands for another variable";
+            self.error(Code::InvalidDeclaration, initial.span(), found);
+        }
+    }
+
+    fn one_variable(
+        &mut self,
+        section: &'a ast::Section,
+        variables: &'a ast::Variables,
+        name: &'a Name,
+        resolved: Option<Resolved>,
+        structure: Option<TypeId>,
+    ) {
+        let mut variable = Variable {
+            name,
+            ty: resolved.as_ref().map(|resolved| resolved.ty),
+            kind: section.kind,
+            storage: Storage::Nowhere,
+            constant: section.constant.is_some(),
+            initialised: variables.initial.is_some(),
+            initial: Constant::Default,
+            edge: variables.edge.map(|(edge, _)| edge),
+            read: false,
+            written: false,
+        };
+        if let Some(resolved) = resolved {
+            variable.initial = resolved.initial.clone();
+            variable.storage = self.storage(section, variables, name, resolved, structure);
+        }
+        self.declare(variable);
+    }
+
+    fn storage(
+        &mut self,
+        section: &ast::Section,
+        variables: &ast::Variables,
+        name: &Name,
+        resolved: Resolved,
+        structure: Option<TypeId>,
+    ) -> Storage {
+        let Resolved { ty, initial } = resolved;
+        if section.constant.is_some() {
+            if variables.initial.is_none() {
+                self.no_value(name);
+            }
+            let types = &self.checker.program.types;
+            if types.scalar(ty).is_some() || types.is_string(ty) {
+                let value = self.checker.constant_value(ty, initial);
+                return Storage::Constant(ty, value);
+            }
+        }
+        if let Some(address) = &variables.address {
+            return self.located(section, address, name, Resolved { ty, initial });
+        }
+        let kind = match section.kind {
+            SectionKind::Input => LocalKind::Input,
+            SectionKind::InOut => LocalKind::InOut,
+            SectionKind::Output => LocalKind::Output,
+            _ => LocalKind::Variable,
+        };
+        let Some(structure) = structure.filter(|_| section.kind != SectionKind::Temporary) else {
+            self.locals.push(Local { name: name.text.to_string(), ty, kind, initial });
+            return Storage::Local(LocalId(self.locals.len() as u32 - 1));
+        };
+        let retention = retention(section.retention.map(|(retention, _)| retention));
+        let part = match section.kind {
+            SectionKind::Input => Section::Input,
+            SectionKind::Output => Section::Output,
+            SectionKind::InOut => Section::InOut,
+            _ => Section::Variable,
+        };
+        if section.kind == SectionKind::InOut {
+            let reference = self.checker.program.types.reference(ty);
+            let field = self.checker.field(structure, name, reference.into(), part, retention);
+            return field.map_or(Storage::Nowhere, |field| Storage::Reference(field, reference));
+        }
+        let field = self.checker.field(structure, name, Resolved { ty, initial }, part, retention);
+        if variables.edge.is_some() && field.is_some() {
+            let last = Name::new(&format!("{}'last", name.text), name.span);
+            let bool_type = self.elementary(Elementary::Bool);
+            self.checker.field(structure, &last, bool_type.into(), Section::Variable, retention);
+        }
+        field.map_or(Storage::Nowhere, Storage::Field)
+    }
+
+    fn no_value(&mut self, name: &Name) {
+        let found = format!("the constant `{}` without a value", name.text);
+        let one = Diagnostic::new(Code::InvalidDeclaration, name.span, found);
+        self.tell(one.allowed("`name : TYPE := value;`"));
+    }
+
+    /// A variable at an address: one for all instances, as the address is one.
+    fn located(
+        &mut self,
+        section: &ast::Section,
+        address: &ast::Address,
+        name: &Name,
+        resolved: Resolved,
+    ) -> Storage {
+        let unit = self.unit.map(|unit| self.checker.units[unit].ast);
+        let program = unit.filter(|unit| unit.kind == UnitKind::Program);
+        let (Some(program), SectionKind::Local) = (program, section.kind) else {
+            self.tell(
+                Diagnostic::new(Code::InvalidDeclaration, address.span, "an address here")
+                    .allowed("AT in VAR of a PROGRAM, and in VAR_GLOBAL")
+                    .hint("give it to a function block as an input or output"),
+            );
+            return Storage::Nowhere;
+        };
+        let path = format!("{}.{}", program.name.text, name.text);
+        let retention = retention(section.retention.map(|(retention, _)| retention));
+        let global = self.checker.located(address, &path, name.span, resolved, retention);
+        global.map_or(Storage::Nowhere, Storage::Global)
+    }
+
+    fn external(
+        &mut self,
+        section: &'a ast::Section,
+        variables: &'a ast::Variables,
+        name: &'a Name,
+    ) {
+        if let Some(initial) = &variables.initial {
+            let found = "an initial value of a VAR_EXTERNAL";
+            let one = Diagnostic::new(Code::InvalidDeclaration, initial.span(), found);
+            self.tell(one.hint("the VAR_GLOBAL gives it"));
+        }
+        let ty = self.type_spec(&variables.spec, None).map(|resolved| resolved.ty);
+        let mut storage = Storage::Nowhere;
+        match self.checker.names.get(&*name.key) {
+            Some(Entry::Global(global)) => storage = Storage::External(*global),
+            _ => {
+                let found = format!("there is no global variable `{}`", name.text);
+                let one = Diagnostic::new(Code::UnknownName, name.span, found);
+                self.tell(one.allowed("the name of a variable in a VAR_GLOBAL section"));
+            }
+        }
+        let index = self.variables.len();
+        self.declare(Variable {
+            name,
+            ty,
+            kind: SectionKind::External,
+            storage: storage.clone(),
+            constant: section.constant.is_some(),
+            initialised: true,
+            initial: Constant::Default,
+            edge: None,
+            read: false,
+            written: false,
+        });
+        // Constants are needed by the declarations that follow.
+        if let Storage::External(global) = storage
+            && section.constant.is_some()
+            && self.variables.len() > index
+        {
+            self.resolve_external(index, global);
+        }
+    }
+
+    pub(super) fn resolve_external(&mut self, index: usize, global: usize) {
+        let name = self.variables[index].name;
+        self.checker.resolve_global(global, name.span);
+        let entry = &self.checker.globals[global];
+        let (span, found) = (entry.name.span, entry.ty);
+        let constant = entry.section.constant.is_some();
+        self.variables[index].storage = match (&entry.constant, entry.id) {
+            _ if entry.progress != Progress::Done => Storage::Nowhere,
+            (Some(value), _) => Storage::Constant(value.0, value.1.clone()),
+            (None, Some(id)) => Storage::Global(id),
+            (None, None) => Storage::Nowhere,
+        };
+        if let (Some(declared), Some(found)) = (self.variables[index].ty, found)
+            && declared != found
+        {
+            let text = format!(
+                "`{}` is declared as {} and is {}",
+                name.text,
+                self.type_name(declared),
+                self.type_name(found)
+            );
+            self.tell(
+                Diagnostic::new(Code::TypeMismatch, name.span, text)
+                    .related(span, "the global variable is declared here"),
+            );
+            self.variables[index].storage = Storage::Nowhere;
+        }
+        self.variables[index].constant |= constant;
+    }
+}
+
+pub(super) fn retention(written: Option<ast::Retention>) -> Retention {
+    match written {
+        Some(ast::Retention::Retain) => Retention::Retain,
+        Some(ast::Retention::Persistent) => Retention::Persistent,
+        Some(ast::Retention::NonRetain) | None => Retention::None,
+    }
+}
+
+/// The area of an address.
+pub(super) fn area(area: ast::Area) -> Area {
+    match area {
+        ast::Area::Input => Area::Input,
+        ast::Area::Output => Area::Output,
+        ast::Area::Marker => Area::Marker,
+    }
+}

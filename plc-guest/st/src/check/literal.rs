@@ -1,0 +1,179 @@
+//! Literals and their types.
+//!
+//! A number without a type takes the type that is needed where it stands, if its value fits; until
+//! then it has the smallest of INT, DINT, LINT and ULINT, or LREAL.
+
+use super::body::Body;
+use super::expression::Operand;
+use super::names::elementary;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::hir::{Class, Constant, Elementary, ExprKind, TypeId};
+use crate::source::Span;
+use crate::syntax::ast::{Literal, LiteralValue};
+
+impl Body<'_, '_> {
+    pub(super) fn literal(&mut self, literal: &Literal, span: Span) -> Option<Operand> {
+        if let Some(prefix) = &literal.prefix {
+            return self.typed_literal(prefix, &literal.value, span);
+        }
+        let (elementary, constant) = match &literal.value {
+            LiteralValue::Bool(value) => (Elementary::Bool, Constant::Integer((*value).into())),
+            LiteralValue::Integer(value) => {
+                return Some(self.number((*value).into(), span));
+            }
+            LiteralValue::Real(value) => return Some(self.real_number(*value, span)),
+            LiteralValue::Duration { nanoseconds, long } => (
+                if *long { Elementary::Ltime } else { Elementary::Time },
+                Constant::Integer((*nanoseconds).into()),
+            ),
+            LiteralValue::Date { nanoseconds, long } => (
+                if *long { Elementary::Ldate } else { Elementary::Date },
+                Constant::Integer((*nanoseconds).into()),
+            ),
+            LiteralValue::TimeOfDay { nanoseconds, long } => (
+                if *long { Elementary::Ltod } else { Elementary::Tod },
+                Constant::Integer((*nanoseconds).into()),
+            ),
+            LiteralValue::DateAndTime { nanoseconds, long } => (
+                if *long { Elementary::Ldt } else { Elementary::Dt },
+                Constant::Integer((*nanoseconds).into()),
+            ),
+            LiteralValue::String(bytes) => return self.text(bytes.clone(), span),
+            LiteralValue::WideString(units) => return self.wide_text(units.clone(), span),
+            LiteralValue::Null => {
+                let bytes = self.elementary(Elementary::Byte);
+                let ty = self.checker.program.types.reference(bytes);
+                return Some(Operand::untyped(self.integer(ty, 0, span)));
+            }
+        };
+        let ty = self.elementary(elementary);
+        Some(Operand::typed(self.expr(ty, ExprKind::Constant(constant), span)))
+    }
+
+    /// A number without a type.
+    pub(super) fn number(&mut self, value: i128, span: Span) -> Operand {
+        let fitting = [Elementary::Int, Elementary::Dint, Elementary::Lint, Elementary::Ulint]
+            .into_iter()
+            .find(|elementary| fits(*elementary, value));
+        let ty = self.elementary(fitting.unwrap_or(Elementary::Ulint));
+        Operand::untyped(self.integer(ty, value, span))
+    }
+
+    pub(super) fn real_number(&mut self, value: f64, span: Span) -> Operand {
+        let ty = self.elementary(Elementary::Lreal);
+        Operand::untyped(self.expr(ty, ExprKind::Constant(Constant::Real(value)), span))
+    }
+
+    fn text(&mut self, bytes: Vec<u8>, span: Span) -> Option<Operand> {
+        let Ok(length) = u16::try_from(bytes.len()) else {
+            self.too_long(bytes.len(), span);
+            return None;
+        };
+        let ty = self.checker.program.types.string(length.max(1));
+        let kind = ExprKind::Constant(Constant::String(bytes));
+        Some(Operand::untyped(self.expr(ty, kind, span)))
+    }
+
+    fn wide_text(&mut self, units: Vec<u16>, span: Span) -> Option<Operand> {
+        let Ok(length) = u16::try_from(units.len()) else {
+            self.too_long(units.len(), span);
+            return None;
+        };
+        let ty = self.checker.program.types.wstring(length.max(1));
+        let kind = ExprKind::Constant(Constant::WString(units));
+        Some(Operand::untyped(self.expr(ty, kind, span)))
+    }
+
+    fn too_long(&mut self, length: usize, span: Span) {
+        let found = format!("a string of {length} characters");
+        let one = Diagnostic::new(Code::OutOfRange, span, found);
+        self.tell(one.allowed("at most 65535 characters"));
+    }
+
+    /// `INT#5`, `REAL#1`, `BOOL#1`, `STRING#'a'`, `CHAR#'a'`.
+    fn typed_literal(&mut self, prefix: &str, value: &LiteralValue, span: Span) -> Option<Operand> {
+        let wrong = |body: &mut Self, allowed: &str| {
+            let found = format!("`{}`", body.checker.sources.text(span));
+            let one = Diagnostic::new(Code::InvalidLiteral, span, found);
+            body.tell(one.allowed(allowed));
+            None
+        };
+        match (prefix, value) {
+            ("STRING", LiteralValue::String(bytes)) => return self.text(bytes.clone(), span),
+            ("WSTRING", LiteralValue::WideString(units)) => {
+                return self.wide_text(units.clone(), span);
+            }
+            _ => {}
+        }
+        let Some(elementary) = elementary(prefix) else {
+            let found = format!("there is no elementary type `{prefix}`");
+            self.error(Code::UnknownName, span, found);
+            return None;
+        };
+        let ty = self.elementary(elementary);
+        let constant = match (elementary, value) {
+            (Elementary::Char, LiteralValue::String(bytes)) if bytes.len() == 1 => {
+                Constant::Integer(bytes[0].into())
+            }
+            (Elementary::Wchar, LiteralValue::WideString(units)) if units.len() == 1 => {
+                Constant::Integer(units[0].into())
+            }
+            (Elementary::Bool, LiteralValue::Bool(value)) => Constant::Integer((*value).into()),
+            (Elementary::Real, LiteralValue::Real(value)) => real(elementary, *value),
+            (Elementary::Lreal, LiteralValue::Real(value)) => Constant::Real(*value),
+            (Elementary::Real | Elementary::Lreal, LiteralValue::Integer(value)) => {
+                real(elementary, *value as f64)
+            }
+            (Elementary::Char | Elementary::Wchar, _) => {
+                return wrong(self, "one character: `CHAR#'a'`, `WCHAR#\"a\"`");
+            }
+            (_, LiteralValue::Integer(value)) if !has_unit(elementary) => {
+                let value = i128::from(*value);
+                // The sign of `INT#-32768` comes later; an operator checks what becomes of it.
+                let (least, most) = elementary.range()?;
+                let bound = if least < 0 { -least } else { most };
+                if value > bound {
+                    let found = format!("{value} is no {}", elementary.name());
+                    let allowed = format!("{least}..{most}");
+                    self.tell(Diagnostic::new(Code::OutOfRange, span, found).allowed(allowed));
+                    return None;
+                }
+                Constant::Integer(value)
+            }
+            _ => {
+                return wrong(self, &format!("a literal of the type {}", elementary.name()));
+            }
+        };
+        Some(Operand::typed(self.expr(ty, ExprKind::Constant(constant), span)))
+    }
+
+    /// A constant number as a value of a type, if it fits.
+    pub(super) fn fitted(&mut self, value: &Constant, ty: TypeId) -> Option<Constant> {
+        let scalar = self.scalar(ty)?;
+        match (value, scalar.class()) {
+            (Constant::Integer(value), Class::Float) => Some(real(scalar, *value as f64)),
+            (Constant::Real(value), Class::Float) => Some(real(scalar, *value)),
+            (Constant::Integer(value), _) if fits(scalar, *value) => {
+                Some(Constant::Integer(*value))
+            }
+            _ => None,
+        }
+    }
+}
+
+/// A value of REAL is rounded when it is made.
+pub(super) fn real(elementary: Elementary, value: f64) -> Constant {
+    match elementary {
+        Elementary::Real => Constant::Real(f64::from(value as f32)),
+        _ => Constant::Real(value),
+    }
+}
+
+pub(super) fn fits(elementary: Elementary, value: i128) -> bool {
+    elementary.range().is_some_and(|(least, most)| (least..=most).contains(&value))
+}
+
+/// Whether the literals of a type have a form of their own.
+fn has_unit(elementary: Elementary) -> bool {
+    super::types::is_duration(elementary) || super::types::is_date(elementary)
+}

@@ -1,0 +1,160 @@
+//! The names at the top of all files.
+
+use super::globals::GlobalEntry;
+use super::types::TypeEntry;
+use super::unit::UnitEntry;
+use super::{Checker, Entry, Input};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::hir::Elementary;
+use crate::source::Span;
+use crate::syntax::ast::{self, Declaration, Name, UnitKind};
+
+impl<'a> Checker<'a> {
+    /// Takes note of every name, so that declarations can use each other in any order.
+    pub(super) fn collect(&mut self, files: &[Input<'a>]) {
+        for file in files {
+            for declaration in &file.tree.declarations {
+                match declaration {
+                    Declaration::Type(declaration) => {
+                        let entry = Entry::Type(self.types.len());
+                        if self.declare_top(&declaration.name, entry) {
+                            self.types.push(TypeEntry::new(declaration));
+                        }
+                    }
+                    Declaration::Unit(unit) => self.collect_unit(unit, file.library),
+                    Declaration::Globals(section) => self.collect_globals(section, file.library),
+                    Declaration::Configuration(configuration) => {
+                        self.configurations.push(configuration);
+                        for section in &configuration.globals {
+                            self.collect_globals(section, false);
+                        }
+                        for resource in &configuration.resources {
+                            for section in &resource.globals {
+                                self.collect_globals(section, false);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        if let [_, second, ..] = self.configurations[..] {
+            let first = self.configurations[0].name.span;
+            self.tell(
+                Diagnostic::new(Code::DuplicateName, second.name.span, "a second CONFIGURATION")
+                    .allowed("one CONFIGURATION in a project")
+                    .related(first, "the first is here"),
+            );
+        }
+    }
+
+    fn collect_unit(&mut self, unit: &'a ast::Unit, library: bool) {
+        let index = self.units.len();
+        let overload = match self.names.get(&*unit.name.key) {
+            Some(Entry::Units(others)) if library && unit.kind == UnitKind::Function => {
+                others.iter().all(|other| {
+                    self.units[*other].library && self.units[*other].ast.kind == unit.kind
+                })
+            }
+            _ => false,
+        };
+        if overload {
+            if let Some(Entry::Units(others)) = self.names.get_mut(&*unit.name.key) {
+                others.push(index);
+            }
+        } else if !self.declare_top(&unit.name, Entry::Units(vec![index])) {
+            return;
+        }
+        self.units.push(UnitEntry::new(unit, library));
+    }
+
+    fn collect_globals(&mut self, section: &'a ast::Section, library: bool) {
+        for variables in &section.variables {
+            for name in &variables.names {
+                if self.declare_top(name, Entry::Global(self.globals.len())) {
+                    self.globals.push(GlobalEntry::new(section, variables, name, library));
+                }
+            }
+        }
+    }
+
+    /// Declares a name, unless it is taken.
+    fn declare_top(&mut self, name: &'a Name, entry: Entry) -> bool {
+        if self.refuse_reserved(name) {
+            return false;
+        }
+        let Some(other) = self.names.get(&*name.key) else {
+            self.names.insert(&name.key, entry);
+            return true;
+        };
+        let other = match other {
+            Entry::Type(index) => self.types[*index].ast.name.span,
+            Entry::Units(units) => self.units[units[0]].ast.name.span,
+            Entry::Global(index) => self.globals[*index].name.span,
+        };
+        self.duplicate(name, other);
+        false
+    }
+
+    pub(super) fn duplicate(&mut self, name: &Name, other: Span) {
+        self.tell(
+            Diagnostic::new(
+                Code::DuplicateName,
+                name.span,
+                format!("`{}` is declared twice", name.text),
+            )
+            .related(other, "the other declaration is here"),
+        );
+    }
+
+    /// Refuses the name of an elementary type for something else.
+    pub(super) fn refuse_reserved(&mut self, name: &Name) -> bool {
+        let reserved = elementary(&name.key).is_some()
+            || matches!(&*name.key, "STRING" | "WSTRING" | "EN" | "ENO");
+        if reserved {
+            let found = format!("`{}` is a name of the standard", name.text);
+            self.tell(
+                Diagnostic::new(Code::ReservedName, name.span, found)
+                    .allowed("a name that is no elementary type and not EN or ENO"),
+            );
+        }
+        reserved
+    }
+}
+
+/// The elementary type of this key.
+pub(super) fn elementary(key: &str) -> Option<Elementary> {
+    let long = match key {
+        "TIME_OF_DAY" => "TOD",
+        "DATE_AND_TIME" => "DT",
+        "LTIME_OF_DAY" => "LTOD",
+        "LDATE_AND_TIME" => "LDT",
+        _ => key,
+    };
+    Elementary::ALL.into_iter().find(|elementary| elementary.name() == long)
+}
+
+/// The candidate that is most like a name that is unknown, if any is close.
+pub(super) fn similar<'n>(key: &str, candidates: impl Iterator<Item = &'n str>) -> Option<&'n str> {
+    let allowed = key.len().div_ceil(4).min(3);
+    candidates
+        .filter(|candidate| candidate.len().abs_diff(key.len()) <= allowed)
+        .map(|candidate| (distance(key, &candidate.to_ascii_uppercase()), candidate))
+        .filter(|(distance, _)| *distance <= allowed)
+        .min()
+        .map(|(_, candidate)| candidate)
+}
+
+/// How many letters have to be changed, added or removed (Levenshtein's distance). Both are short: the
+/// lexer bounds names.
+fn distance(a: &str, b: &str) -> usize {
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.bytes().enumerate() {
+        let mut before = std::mem::replace(&mut row[0], i + 1);
+        for (j, y) in b.bytes().enumerate() {
+            let changed = before + usize::from(x != y);
+            before = row[j + 1];
+            row[j + 1] = changed.min(before + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
+}

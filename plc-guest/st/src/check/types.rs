@@ -1,0 +1,448 @@
+//! Types as they are written, resolved on demand.
+
+use super::body::Body;
+use super::names::{elementary, similar};
+use super::{Checker, Entry, Progress};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::hir::{Class, Constant, Elementary, Retention, Section, StructureKind, Type, TypeId};
+use crate::source::Span;
+use crate::syntax::ast::{self, ArrayRange, Name, TypeKind, TypeSpec, UnitKind};
+
+/// The characters of a STRING or WSTRING whose length is not written.
+pub(super) const STRING_LENGTH: u16 = 80;
+
+/// The bytes of a program's state: no variable can be larger.
+pub(super) const STATE_BYTES: u64 = 64 << 20;
+
+/// A declared type.
+pub(super) struct TypeEntry<'a> {
+    pub(super) ast: &'a ast::TypeDeclaration,
+    pub(super) progress: Progress,
+    /// A structure has it before its fields are known, so that they can refer to it.
+    pub(super) id: Option<TypeId>,
+    /// What its variables begin with.
+    pub(super) initial: Constant,
+}
+
+impl<'a> TypeEntry<'a> {
+    pub(super) fn new(ast: &'a ast::TypeDeclaration) -> Self {
+        Self { ast, progress: Progress::Waiting, id: None, initial: Constant::Default }
+    }
+}
+
+/// A type with what its variables begin with.
+#[derive(Clone, Debug)]
+pub(super) struct Resolved {
+    pub(super) ty: TypeId,
+    pub(super) initial: Constant,
+}
+
+impl From<TypeId> for Resolved {
+    fn from(ty: TypeId) -> Self {
+        Self { ty, initial: Constant::Default }
+    }
+}
+
+impl<'a> Checker<'a> {
+    pub(super) fn all_types(&mut self) {
+        for index in 0..self.types.len() {
+            let span = self.types[index].ast.name.span;
+            self.declared_type(index, span);
+        }
+    }
+
+    fn declared_type(&mut self, index: usize, span: Span) -> Option<Resolved> {
+        let entry = &mut self.types[index];
+        match entry.progress {
+            Progress::Done => {
+                return entry.id.map(|ty| Resolved { ty, initial: entry.initial.clone() });
+            }
+            Progress::Begun => {
+                let found = format!("the type `{}` contains itself", entry.ast.name.text);
+                self.tell(
+                    Diagnostic::new(Code::Recursion, span, found)
+                        .hint("a type can refer to itself with REF_TO"),
+                );
+                return None;
+            }
+            Progress::Waiting => {}
+        }
+        entry.progress = Progress::Begun;
+        let ast = entry.ast;
+        let resolved = self.deeper(span, |checker| match &ast.spec.kind {
+            TypeKind::Structure { fields } => {
+                let id = checker.program.types.declare(&ast.name.text, StructureKind::Struct);
+                checker.types[index].id = Some(id);
+                checker.fields(id, fields);
+                Some(Resolved::from(id))
+            }
+            _ => {
+                let mut constants = Body::of_constants(checker);
+                constants.type_spec(&ast.spec, Some(&ast.name))
+            }
+        });
+        self.types[index].id = resolved.as_ref().map(|resolved| resolved.ty);
+        // Before its own initial value, which may name values of an enumeration.
+        self.types[index].progress = Progress::Done;
+        if let Some(resolved) = resolved {
+            let initial = match &ast.initial {
+                Some(initial) => {
+                    let mut constants = Body::of_constants(self);
+                    constants.initial(initial, resolved.ty).unwrap_or(Constant::Default)
+                }
+                None => resolved.initial,
+            };
+            self.types[index].initial = initial;
+        }
+        let entry = &self.types[index];
+        entry.id.map(|ty| Resolved { ty, initial: entry.initial.clone() })
+    }
+
+    fn fields(&mut self, id: TypeId, fields: &'a [ast::Variables]) {
+        let mut seen: Vec<&Name> = Vec::new();
+        for variables in fields {
+            if let Some(address) = &variables.address {
+                self.error(Code::InvalidDeclaration, address.span, "an address within a structure");
+            }
+            let mut constants = Body::of_constants(self);
+            let Some(resolved) = constants.variable_type(variables) else { continue };
+            for name in &variables.names {
+                if let Some(other) = seen.iter().find(|other| other.key == name.key) {
+                    let other = other.span;
+                    self.duplicate(name, other);
+                    continue;
+                }
+                seen.push(name);
+                self.field(id, name, resolved.clone(), Section::Variable, Retention::None);
+            }
+        }
+        if seen.is_empty() {
+            let span = fields.first().map(|field| field.span);
+            if let Some(span) = span {
+                self.error(Code::InvalidDeclaration, span, "a structure without fields");
+            }
+        }
+        self.program.types.complete(id);
+    }
+
+    /// Adds a field to a structure, unless that grows too large.
+    pub(super) fn field(
+        &mut self,
+        id: TypeId,
+        name: &Name,
+        resolved: Resolved,
+        section: Section,
+        retention: Retention,
+    ) -> Option<u32> {
+        let types = &mut self.program.types;
+        let size = u64::from(types.structure(id).map_or(0, |structure| structure.size));
+        if size + u64::from(types.size(resolved.ty)) + 8 > STATE_BYTES {
+            self.too_large(name.span);
+            return None;
+        }
+        Some(types.define(id, &name.text, resolved.ty, resolved.initial, section, retention))
+    }
+
+    pub(super) fn too_large(&mut self, span: Span) {
+        let found = "more than the state of a program can hold";
+        let allowed = format!("{} MiB for all variables", STATE_BYTES >> 20);
+        self.tell(Diagnostic::new(Code::InvalidRange, span, found).allowed(allowed));
+    }
+
+    /// The type that a name means. `by_reference` if only its address is needed.
+    pub(super) fn named_type(&mut self, name: &Name, by_reference: bool) -> Option<Resolved> {
+        if let Some(elementary) = elementary(&name.key) {
+            return Some(self.elementary(elementary).into());
+        }
+        match &*name.key {
+            "STRING" => return Some(self.program.types.string(STRING_LENGTH).into()),
+            "WSTRING" => return Some(self.program.types.wstring(STRING_LENGTH).into()),
+            _ => {}
+        }
+        match self.names.get(&*name.key).cloned() {
+            Some(Entry::Type(index)) => {
+                let entry = &self.types[index];
+                if by_reference && let (Progress::Begun, Some(ty)) = (entry.progress, entry.id) {
+                    return Some(ty.into());
+                }
+                self.declared_type(index, name.span)
+            }
+            Some(Entry::Units(units)) => {
+                let unit = units[0];
+                match self.units[unit].ast.kind {
+                    UnitKind::FunctionBlock => {
+                        let ty = self.unit_type(unit, name.span, by_reference)?;
+                        Some(ty.into())
+                    }
+                    kind => {
+                        let what = if kind == UnitKind::Program { "program" } else { "function" };
+                        let found = format!("`{}` is a {what} and no type", name.text);
+                        self.tell(
+                            Diagnostic::new(Code::WrongKind, name.span, found)
+                                .allowed("a type or a function block"),
+                        );
+                        None
+                    }
+                }
+            }
+            Some(Entry::Global(_)) => {
+                let found = format!("`{}` is a variable and no type", name.text);
+                self.error(Code::WrongKind, name.span, found);
+                None
+            }
+            None => {
+                let found = format!("there is no type `{}`", name.text);
+                let mut one = Diagnostic::new(Code::UnknownName, name.span, found);
+                let own = self.names.keys().copied();
+                let all =
+                    own.chain(Elementary::ALL.into_iter().map(|known| -> &str { known.name() }));
+                if let Some(similar) = similar(&name.key, all) {
+                    one = one.hint(format!("did you mean `{similar}`?"));
+                }
+                self.tell(one);
+                None
+            }
+        }
+    }
+}
+
+impl<'a> Body<'_, 'a> {
+    /// A type as it is written; `name` if that is the whole declaration of a type.
+    pub(super) fn type_spec(
+        &mut self,
+        spec: &'a TypeSpec,
+        name: Option<&Name>,
+    ) -> Option<Resolved> {
+        let shown = name.map_or_else(|| self.checker.sources.text(spec.span), |name| &*name.text);
+        match &spec.kind {
+            TypeKind::Named(name) => self.checker.named_type(name, false),
+            TypeKind::Text { wide, length } => {
+                let length = match length {
+                    Some(length) => self.string_length(length)?,
+                    None => STRING_LENGTH,
+                };
+                let types = &mut self.checker.program.types;
+                Some(if *wide { types.wstring(length) } else { types.string(length) }.into())
+            }
+            TypeKind::Array { ranges, element } => self.array_type(ranges, element, spec.span),
+            TypeKind::Reference(target) => {
+                let target = match &target.kind {
+                    TypeKind::Named(name) => self.checker.named_type(name, true)?,
+                    _ => self.type_spec(target, None)?,
+                };
+                Some(self.checker.program.types.reference(target.ty).into())
+            }
+            TypeKind::Subrange { base, low, high } => {
+                let shown = shown.to_owned();
+                self.subrange(base, low, high, &shown)
+            }
+            TypeKind::Enumeration { base, values } => {
+                let shown = shown.to_owned();
+                self.enumeration(base.as_ref(), values, &shown)
+            }
+            TypeKind::Structure { .. } => {
+                self.checker.tell(
+                    Diagnostic::new(
+                        Code::InvalidDeclaration,
+                        spec.span,
+                        "a structure without a name",
+                    )
+                    .hint("declare it in a TYPE block and use its name here"),
+                );
+                None
+            }
+            TypeKind::Error => None,
+        }
+    }
+
+    fn string_length(&mut self, length: &'a ast::Expression) -> Option<u16> {
+        let value = self.constant_integer(length)?;
+        match u16::try_from(value) {
+            Ok(value) if value > 0 => Some(value),
+            _ => {
+                self.checker.tell(
+                    Diagnostic::new(
+                        Code::InvalidRange,
+                        length.span,
+                        format!("a string of {value} characters"),
+                    )
+                    .allowed("1 to 65535 characters"),
+                );
+                None
+            }
+        }
+    }
+
+    fn array_type(
+        &mut self,
+        ranges: &'a [ArrayRange],
+        element: &'a TypeSpec,
+        span: Span,
+    ) -> Option<Resolved> {
+        let resolved = self.type_spec(element, None)?;
+        if matches!(self.checker.program.types.get(resolved.ty), Type::OpenArray { .. }) {
+            self.checker.error(Code::InvalidDeclaration, element.span, "an array of ARRAY[*]");
+            return None;
+        }
+        let open = ranges.iter().filter(|range| matches!(range, ArrayRange::Open(_))).count();
+        if open == ranges.len() && open <= usize::from(u8::MAX) {
+            return Some(self.checker.program.types.open_array(resolved.ty, open as u8).into());
+        }
+        if open > 0 {
+            self.checker.tell(
+                Diagnostic::new(Code::InvalidRange, span, "an array with some bounds open")
+                    .allowed("bounds for all dimensions, or `*` for all"),
+            );
+            return None;
+        }
+        let mut bounds = Vec::new();
+        for range in ranges {
+            let ArrayRange::Fixed(range) = range else { return None };
+            let (low, high) = (self.constant_integer(&range.0), self.constant_integer(&range.1));
+            let (low, high) = (low?, high?);
+            let span = range.0.span.to(range.1.span);
+            let (Ok(low), Ok(high)) = (i64::try_from(low), i64::try_from(high)) else {
+                self.checker.error(Code::InvalidRange, span, "bounds of more than 64 bits");
+                return None;
+            };
+            if low > high {
+                self.checker.tell(
+                    Diagnostic::new(
+                        Code::InvalidRange,
+                        span,
+                        format!("an array from {low} to {high} has no element"),
+                    )
+                    .allowed("the lower bound first, at most as large as the upper"),
+                );
+                return None;
+            }
+            bounds.push((low, high));
+        }
+        let mut ty = resolved.ty;
+        let mut initial = resolved.initial;
+        for (low, high) in bounds.into_iter().rev() {
+            let count = i128::from(high) - i128::from(low) + 1;
+            let size = i128::from(self.checker.program.types.size(ty)) * count;
+            if size > i128::from(STATE_BYTES) {
+                self.checker.too_large(span);
+                return None;
+            }
+            ty = self.checker.program.types.array(ty, low, high);
+            if initial != Constant::Default {
+                initial = Constant::Fill(Box::new(initial));
+            }
+        }
+        Some(Resolved { ty, initial })
+    }
+
+    fn integer_base(&mut self, base: &Name, what: &str, bits: bool) -> Option<Elementary> {
+        let ty = self.checker.named_type(base, false)?.ty;
+        let found = match self.checker.program.types.get(ty) {
+            Type::Elementary(found) => Some(*found),
+            _ => None,
+        };
+        let fits = |found: &Elementary| {
+            is_integer(*found) || bits && is_bit_string(*found) && *found != Elementary::Bool
+        };
+        if let Some(found) = found.filter(fits) {
+            return Some(found);
+        }
+        let found = format!("{what} of {}", self.checker.type_name(ty));
+        let one = Diagnostic::new(Code::TypeMismatch, base.span, found);
+        self.checker.tell(one.allowed("an integer type"));
+        None
+    }
+
+    fn subrange(
+        &mut self,
+        base: &'a Name,
+        low: &'a ast::Expression,
+        high: &'a ast::Expression,
+        shown: &str,
+    ) -> Option<Resolved> {
+        let elementary = self.integer_base(base, "a subrange", false);
+        let (lower, upper) = (self.constant_integer(low), self.constant_integer(high));
+        let (elementary, lower, upper) = (elementary?, lower?, upper?);
+        let (least, most) = elementary.range()?;
+        if lower > upper || lower < least || upper > most {
+            let found = format!("a subrange from {lower} to {upper} of {}", elementary.name());
+            self.checker.tell(
+                Diagnostic::new(Code::InvalidRange, low.span.to(high.span), found)
+                    .allowed(format!("within {least}..{most}, the lower bound first")),
+            );
+            return None;
+        }
+        Some(self.checker.program.types.subrange(shown, elementary, lower, upper).into())
+    }
+
+    fn enumeration(
+        &mut self,
+        base: Option<&'a Name>,
+        values: &'a [ast::EnumerationValue],
+        shown: &str,
+    ) -> Option<Resolved> {
+        let base = match base {
+            Some(base) => self.integer_base(base, "an enumeration", true)?,
+            None => Elementary::Int,
+        };
+        let (least, most) = base.range()?;
+        let mut list: Vec<(String, i128)> = Vec::new();
+        let mut seen = std::collections::HashMap::new();
+        let mut next = 0;
+        for value in values {
+            if let Some(expression) = &value.value
+                && let Some(written) = self.constant_integer(expression)
+            {
+                next = written;
+            }
+            if next < least || next > most {
+                let found = format!("`{}` has the value {next}", value.name.text);
+                let allowed = format!("{least}..{most} ({})", base.name());
+                self.checker.tell(
+                    Diagnostic::new(Code::OutOfRange, value.name.span, found).allowed(allowed),
+                );
+                next = least;
+            }
+            if let Some(other) = seen.insert(&*value.name.key, value.name.span) {
+                self.checker.duplicate(&value.name, other);
+                continue;
+            }
+            list.push((value.name.text.to_string(), next));
+            next += 1;
+        }
+        let ty = self.checker.program.types.enumeration(shown, base, list.clone());
+        for (name, value) in list {
+            let key = name.to_ascii_uppercase();
+            self.checker.enumeration_values.entry(key).or_default().push((ty, value));
+        }
+        Some(ty.into())
+    }
+}
+
+/// ANY_INT
+pub(super) fn is_integer(elementary: Elementary) -> bool {
+    use Elementary::*;
+    matches!(elementary, Sint | Int | Dint | Lint | Usint | Uint | Udint | Ulint)
+}
+
+/// ANY_REAL
+pub(super) fn is_real(elementary: Elementary) -> bool {
+    elementary.class() == Class::Float
+}
+
+/// ANY_BIT
+pub(super) fn is_bit_string(elementary: Elementary) -> bool {
+    use Elementary::*;
+    matches!(elementary, Bool | Byte | Word | Dword | Lword)
+}
+
+/// ANY_DURATION
+pub(super) fn is_duration(elementary: Elementary) -> bool {
+    matches!(elementary, Elementary::Time | Elementary::Ltime)
+}
+
+/// ANY_DATE
+pub(super) fn is_date(elementary: Elementary) -> bool {
+    use Elementary::*;
+    matches!(elementary, Date | Ldate | Tod | Ltod | Dt | Ldt)
+}
