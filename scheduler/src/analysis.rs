@@ -38,7 +38,7 @@ mod replay;
 mod supply;
 mod task;
 
-pub use bound::bound;
+pub use bound::{Rule, bound, bound_with};
 pub use replay::{JOBS_MAX, replay};
 pub use supply::{Supply, SupplyError};
 pub use task::{FrameError, PERIOD_MAX, PERIOD_MIN, TASKS_MAX, Task, TaskSet, TaskSetError};
@@ -142,6 +142,14 @@ pub struct Analysis {
     pub verdict: Verdict,
     /// How much of the supply is used.
     pub load: Load,
+}
+
+/// Judges a task set of which something is known beyond periods, budgets and priorities, by the bound: see
+/// [`bound_with`].
+#[must_use]
+pub fn analyse_with(tasks: &TaskSet, rules: &[Rule], supply: &Supply) -> Analysis {
+    let load = Load::of(tasks, supply);
+    Analysis { method: Method::Bound, verdict: bound_with(tasks, rules, supply), load }
 }
 
 /// Judges a task set: exactly if a hyperperiod has at most [`JOBS_MAX`] jobs, else by the bound.

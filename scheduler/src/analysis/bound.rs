@@ -9,7 +9,10 @@
 //! Pandya (1986), with the supply bound function of Shin and Lee (2003) for the processor. If it
 //! does not exceed the period, the proviso holds for all jobs in turn.
 //!
-//! Nothing here relies on when tasks are released, only on the time between two releases.
+//! Nothing here relies on when tasks are released, only on the time between two releases. What is known
+//! of that makes the bound smaller: *s* is the release of a job, the task's own or a more urgent one. If all
+//! of these are released at the beginning of windows ([`Rule::at_window_start`]), *s* is such a beginning, and
+//! only intervals that start there need to be looked at.
 
 use super::{Supply, Task, TaskSet, Verdict};
 use crate::time::Nanos;
@@ -21,21 +24,50 @@ const STEPS: [usize; 2] = [20, 1_000];
 /// second of work. Each step looks at all windows of a frame, and there may be thousands.
 const VISITS_MAX: usize = 1_000_000;
 
+/// What is known of a task beyond its period, its budget and its priority.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rule {
+    /// How long after its release a job is due; at most the period.
+    pub deadline: Nanos,
+    /// Whether all jobs are released at the beginning of windows.
+    pub at_window_start: bool,
+}
+
+impl Rule {
+    /// Of a task of which nothing is known.
+    #[must_use]
+    pub const fn of(task: &Task) -> Rule {
+        Rule { deadline: task.period, at_window_start: false }
+    }
+}
+
 /// Bounds the response time of each task.
 #[must_use]
 pub fn bound(tasks: &TaskSet, supply: &Supply) -> Verdict {
+    let rules: Vec<Rule> = tasks.tasks().iter().map(Rule::of).collect();
+    bound_with(tasks, &rules, supply)
+}
+
+/// Bounds the response time of each task, with a rule for each, in the order of the set. A task without
+/// one has [`Rule::of`] it.
+#[must_use]
+pub fn bound_with(tasks: &TaskSet, rules: &[Rule], supply: &Supply) -> Verdict {
     let mut responses = vec![Nanos::ZERO; tasks.tasks().len()];
     let mut higher = Vec::new();
     let visits = responses.len().saturating_mul(supply.slots_per_frame()).max(1);
     let steps = (VISITS_MAX / visits).clamp(STEPS[0], STEPS[1]);
+    let mut from_start = true;
     for (position, task) in tasks.by_urgency() {
-        match response(task, &higher, supply, steps) {
+        let rule = rules.get(position).copied().unwrap_or(Rule::of(task));
+        from_start &= rule.at_window_start;
+        let supply = Least { supply, from_start };
+        match response(task, rule.deadline, &higher, supply, steps) {
             Some(response) => responses[position] = response,
             None => {
                 return Verdict::Unproven {
                     task: position,
-                    demand: demand(task, &higher, task.period),
-                    supply: supply.minimum(task.period),
+                    demand: demand(task, &higher, rule.deadline),
+                    supply: supply.minimum(rule.deadline),
                 };
             }
         }
@@ -44,16 +76,45 @@ pub fn bound(tasks: &TaskSet, supply: &Supply) -> Verdict {
     Verdict::Meets { responses: responses.into() }
 }
 
-/// A bound of the task's response time that does not exceed its period, or `None`.
+/// What windows give at the least, in any interval or in one that begins with a window.
+#[derive(Clone, Copy)]
+struct Least<'a> {
+    supply: &'a Supply,
+    from_start: bool,
+}
+
+impl Least<'_> {
+    fn minimum(self, length: Nanos) -> Nanos {
+        match self.from_start {
+            true => self.supply.minimum_from_start(length),
+            false => self.supply.minimum(length),
+        }
+    }
+
+    fn longest(self, demand: Nanos) -> Option<Nanos> {
+        match self.from_start {
+            true => self.supply.longest_from_start(demand),
+            false => self.supply.longest(demand),
+        }
+    }
+}
+
+/// A bound of the task's response time that does not exceed its deadline, or `None`.
 ///
 /// Every length whose least supply covers its demand is a bound, not only the smallest. So where
-/// the iteration takes too long the period itself is tried, and `None` always means that it too is
+/// the iteration takes too long the deadline itself is tried, and `None` always means that it too is
 /// no bound: no iterate exceeds a length that is one.
-fn response(task: &Task, higher: &[Task], supply: &Supply, steps: usize) -> Option<Nanos> {
+fn response(
+    task: &Task,
+    deadline: Nanos,
+    higher: &[Task],
+    supply: Least<'_>,
+    steps: usize,
+) -> Option<Nanos> {
     let mut length = Nanos::ZERO;
     for _ in 0..steps {
         let next = supply.longest(demand(task, higher, length))?;
-        if next > task.period {
+        if next > deadline {
             return None;
         }
         if next == length {
@@ -61,8 +122,8 @@ fn response(task: &Task, higher: &[Task], supply: &Supply, steps: usize) -> Opti
         }
         length = next;
     }
-    let covered = supply.minimum(task.period) >= demand(task, higher, task.period);
-    covered.then_some(task.period)
+    let covered = supply.minimum(deadline) >= demand(task, higher, deadline);
+    covered.then_some(deadline)
 }
 
 /// The most that the task and more urgent ones can ask for in an interval of `length`, which is at

@@ -45,6 +45,8 @@ pub struct Supply {
     per_frame: Nanos,
     /// In order of time, none of them empty.
     slots: Box<[Slot]>,
+    /// Where windows begin in a frame, those that give nothing included.
+    starts: Box<[Nanos]>,
 }
 
 impl Supply {
@@ -63,7 +65,9 @@ impl Supply {
         }
         let mut per_frame = Nanos::ZERO;
         let mut slots = Vec::new();
+        let mut starts = Vec::new();
         for window in table.windows_of(partition) {
+            starts.push(window.offset);
             let (start, end) = (window.offset.plus(overhead), window.end());
             if start < end {
                 slots.push(Slot { start, end, before: per_frame });
@@ -73,7 +77,7 @@ impl Supply {
         if slots.is_empty() {
             return Err(SupplyError::NothingLeft { partition, overhead });
         }
-        Ok(Supply { frame: table.frame(), per_frame, slots: slots.into() })
+        Ok(Supply { frame: table.frame(), per_frame, slots: slots.into(), starts: starts.into() })
     }
 
     /// Length of the major frame.
@@ -131,6 +135,22 @@ impl Supply {
     pub fn longest(&self, demand: Nanos) -> Option<Nanos> {
         self.slots.iter().try_fold(Nanos::ZERO, |longest, slot| {
             Some(longest.max(self.finish(slot.end, demand)?.less(slot.end)))
+        })
+    }
+
+    /// The smallest supply in any interval of this length that begins with a window.
+    #[must_use]
+    pub fn minimum_from_start(&self, length: Nanos) -> Nanos {
+        let after = self.starts.iter().map(|start| self.available(*start, start.plus(length)));
+        after.min().unwrap_or(Nanos::ZERO)
+    }
+
+    /// The longest time that `demand` takes to be supplied from the beginning of any window. `None` if that
+    /// is beyond the type's 584 years.
+    #[must_use]
+    pub fn longest_from_start(&self, demand: Nanos) -> Option<Nanos> {
+        self.starts.iter().try_fold(Nanos::ZERO, |longest, start| {
+            Some(longest.max(self.finish(*start, demand)?.less(*start)))
         })
     }
 

@@ -74,7 +74,11 @@ fn each_window_pays_the_overhead_at_its_start() {
 #[test]
 fn a_window_within_the_overhead_gives_nothing() {
     let s = supply(&[(100, 300), (600, 700)], 100);
-    assert_eq!(s, supply(&[(100, 300)], 100));
+    let without = supply(&[(100, 300)], 100);
+    assert_eq!(s.slots, without.slots);
+    // What begins with it has to wait for the next one.
+    assert_eq!(s.longest_from_start(us(1)), Some(us(601)));
+    assert_eq!(without.longest_from_start(us(1)), Some(us(101)));
     let (partition, overhead) = (PartitionId(0), us(200));
     assert_eq!(
         Supply::of(&table(&[(100, 300), (600, 700)]), partition, overhead),

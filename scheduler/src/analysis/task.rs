@@ -105,7 +105,7 @@ pub struct FrameError {
 }
 
 /// A well-formed set of tasks; may be empty.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TaskSet {
     tasks: Box<[Task]>,
     /// Positions in `tasks`, the most urgent first.

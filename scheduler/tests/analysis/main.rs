@@ -1,6 +1,7 @@
 //! The analysis against a simulator that shares nothing with it: random tables of several windows,
 //! random task sets, random execution times.
 
+mod rules;
 mod simulator;
 
 use proptest::prelude::*;

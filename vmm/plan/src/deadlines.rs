@@ -8,7 +8,8 @@
 //! Each schedule is judged by itself; `docs/analysis.md` says what that leaves out.
 
 use takt_scheduler::analysis::{
-    Analysis, Load, Method, Miss, Supply, SupplyError, Task, TaskSet, Verdict, analyse,
+    Analysis, Load, Method, Miss, Rule, Supply, SupplyError, Task, TaskSet, Verdict, analyse,
+    analyse_with,
 };
 use takt_scheduler::schedules::{ScheduleId, Schedules};
 use takt_scheduler::table::{PartitionId, Role};
@@ -16,6 +17,7 @@ use takt_scheduler::time::Nanos;
 
 use super::diagnostic::{Diagnostic, Span, quote};
 use super::interrupts;
+use super::program_tasks;
 use super::schedules::Draft;
 
 /// What a wake-up may take from the beginning of each window, if no guard absorbs it: as long as
@@ -44,7 +46,9 @@ pub fn check(
     partition: PartitionId,
 ) -> Result<Vec<Met>, Diagnostic> {
     let mut met = Vec::new();
-    if draft.partitions[partition.0].tasks.tasks.is_empty() {
+    let owner = &draft.partitions[partition.0];
+    let nothing = owner.tasks.tasks.is_empty();
+    if nothing && owner.programs.is_empty() {
         return Ok(met);
     }
     let wake_up = match schedules.placements()[partition.0].role {
@@ -55,7 +59,18 @@ pub fn check(
     let overhead = wake_up.plus(interrupts::allowance(schedules, partition, &kinds));
     for (i, table) in schedules.tables().iter().enumerate() {
         let schedule = ScheduleId(i);
-        let case = Case { draft, partition, schedule };
+        let rules = match owner.programs[..] {
+            [] => None,
+            _ => {
+                let tasks = &owner.partition.program_tasks;
+                let all = schedules.tables();
+                Some(program_tasks::rules(tasks, &owner.programs, partition, all, table)?)
+            }
+        };
+        if nothing {
+            continue;
+        }
+        let case = Case { draft, partition, schedule, rules };
         match Supply::of(table, partition, overhead) {
             Ok(supply) => met.push(case.judge(&supply)?),
             Err(SupplyError::NoWindows { .. }) => {}
@@ -70,12 +85,14 @@ struct Case<'a> {
     draft: &'a Draft<'a>,
     partition: PartitionId,
     schedule: ScheduleId,
+    /// Of the tasks of programs.
+    rules: Option<Vec<Rule>>,
 }
 
 impl Case<'_> {
     fn judge(&self, supply: &Supply) -> Result<Met, Diagnostic> {
         let owner = &self.draft.partitions[self.partition.0];
-        let Analysis { method, verdict, load } = analyse(&owner.tasks.set, supply);
+        let Analysis { method, verdict, load } = self.analyse(&owner.tasks.set, supply);
         let (task, found) = match verdict {
             Verdict::Meets { responses } => {
                 return Ok(Met { schedule: self.schedule, method, responses, load });
@@ -90,8 +107,10 @@ impl Case<'_> {
             }
             Verdict::Unproven { task, demand, supply } => {
                 let period = owner.tasks.set.tasks()[task].period;
+                let due = self.rules.as_ref().and_then(|rules| rules.get(task));
+                let due = due.map_or(period, |rule| rule.deadline);
                 let found = format!(
-                    "{} is not proven to meet its deadlines: in {period} it and the more urgent \
+                    "{} is not proven to meet its deadlines: in {due} it and the more urgent \
                      tasks may ask for {demand}, and the windows may give only {supply}",
                     self.subject(task)
                 );
@@ -99,7 +118,8 @@ impl Case<'_> {
             }
         };
         let name = quote(&owner.partition.name);
-        let allowed = match largest_budget(&owner.tasks.set, task, supply) {
+        let largest = self.largest_budget(&owner.tasks.set, task, supply);
+        let allowed = match largest.map(|budget| budget.less(owner.tasks.overhead)) {
             Some(budget) => format!(
                 "with all else as it is, a budget of at most {budget}; or more time in the windows \
                  of {name}"
@@ -115,6 +135,13 @@ impl Case<'_> {
         );
         let budget = owner.tasks.budgets[task].clone();
         Err(Diagnostic::new(budget, found, allowed).and(self.window(), label))
+    }
+
+    fn analyse(&self, set: &TaskSet, supply: &Supply) -> Analysis {
+        match &self.rules {
+            None => analyse(set, supply),
+            Some(rules) => analyse_with(set, rules, supply),
+        }
     }
 
     fn nothing_left(&self, overhead: Nanos) -> Diagnostic {
@@ -146,26 +173,26 @@ impl Case<'_> {
         let header = &self.draft.schedules[self.schedule.0].header;
         window.map_or_else(|| header.clone(), |window| window.duration.span())
     }
-}
 
-/// The largest budget of one task, in whole microseconds, with which all tasks of the set meet
-/// their deadlines. A smaller budget never makes a deadline be missed, so it can be searched for.
-fn largest_budget(set: &TaskSet, task: usize, supply: &Supply) -> Option<Nanos> {
-    let meets = |micros: u64| {
-        let mut tasks: Vec<Task> = set.tasks().to_vec();
-        tasks[task].budget = Nanos::from_micros(micros);
-        let set = TaskSet::new(&tasks);
-        set.is_ok_and(|set| matches!(analyse(&set, supply).verdict, Verdict::Meets { .. }))
-    };
-    // All up to `good` are good, zero standing for "none"; `bad` is bad, as the given one is.
-    let (mut good, mut bad) = (0, set.tasks()[task].budget.0.div_ceil(1_000));
-    while bad - good > 1 {
-        let middle = good + (bad - good) / 2;
-        if meets(middle) {
-            good = middle;
-        } else {
-            bad = middle;
+    /// The largest budget of one task, in whole microseconds, with which all tasks of the set meet
+    /// their deadlines. A smaller budget never makes a deadline be missed, so it can be searched for.
+    fn largest_budget(&self, set: &TaskSet, task: usize, supply: &Supply) -> Option<Nanos> {
+        let meets = |micros: u64| {
+            let mut tasks: Vec<Task> = set.tasks().to_vec();
+            tasks[task].budget = Nanos::from_micros(micros);
+            let set = TaskSet::new(&tasks);
+            set.is_ok_and(|set| matches!(self.analyse(&set, supply).verdict, Verdict::Meets { .. }))
+        };
+        // All up to `good` are good, zero standing for "none"; `bad` is bad, as the given one is.
+        let (mut good, mut bad) = (0, set.tasks()[task].budget.0.div_ceil(1_000));
+        while bad - good > 1 {
+            let middle = good + (bad - good) / 2;
+            if meets(middle) {
+                good = middle;
+            } else {
+                bad = middle;
+            }
         }
+        (good > 0).then(|| Nanos::from_micros(good))
     }
-    (good > 0).then(|| Nanos::from_micros(good))
 }

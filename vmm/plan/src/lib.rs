@@ -37,7 +37,9 @@ mod partition;
 mod passthrough;
 mod periods;
 mod placement;
+mod points;
 mod ports;
+mod program_tasks;
 mod programs;
 mod raw;
 mod schedules;
@@ -73,6 +75,7 @@ pub use passthrough::{
 };
 pub use placement::table as program_table;
 pub use ports::{CHANNEL_AREA_PAGES, region_bytes};
+pub use program_tasks::{ProgramTask, Release};
 pub use programs::{Program, Trust};
 pub use schedules::percent;
 pub use tasks::NamedTask;
@@ -162,6 +165,7 @@ pub struct Partition {
     passthrough: Passthrough,
     disks: Vec<Disk>,
     programs: Vec<Program>,
+    program_tasks: Vec<ProgramTask>,
 }
 
 impl Partition {
@@ -214,7 +218,7 @@ impl Partition {
         self.watchdog
     }
 
-    /// Its tasks, in the order of the file. They meet their deadlines in every schedule in which
+    /// Its tasks, in the order of the file, or those of its programs that are analysed. They meet their deadlines in every schedule in which
     /// the partition has a window.
     #[must_use]
     pub fn tasks(&self) -> &[NamedTask] {
@@ -237,6 +241,13 @@ impl Partition {
     #[must_use]
     pub fn programs(&self) -> &[Program] {
         &self.programs
+    }
+
+    /// The tasks of all programs, the most urgent first. Those that are analysed meet their deadlines, as
+    /// [`tasks`](Self::tasks) do.
+    #[must_use]
+    pub fn program_tasks(&self) -> &[ProgramTask] {
+        &self.program_tasks
     }
 
     /// What the analysis found for a schedule; `None` without tasks, or without a window in it.
@@ -374,6 +385,7 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
         .collect::<Result<Vec<_>, _>>()?;
     partitions.iter_mut().zip(met).for_each(|(p, met)| p.partition.met = met);
     let channels = channels::check(&file.channel.0, &partitions, folder)?;
+    points::check_ports(&channels, &partitions)?;
     health::check(&file.health.0, &mut partitions)?;
     let passthrough = passthrough::check(&file.partition.0, &partitions)?;
     partitions.iter_mut().zip(passthrough).for_each(|(p, it)| p.partition.passthrough = it);

@@ -13,6 +13,8 @@ use super::health;
 use super::images::{self, Image};
 use super::names::{HOST, check_name};
 use super::passthrough::Passthrough;
+use super::points;
+use super::program_tasks;
 use super::programs::{self, CheckedProgram};
 use super::raw::{self, Keys};
 use super::tasks::{self, CheckedTasks};
@@ -143,8 +145,14 @@ fn check(
     let on_schedule_change = check_change(raw.on_schedule_change.as_ref())?;
     let health = health::default_table(&kind, raw.restarts.as_ref())?;
     let watchdog = raw.watchdog.as_ref().map(check_watchdog).transpose()?;
-    let tasks = tasks::check(&raw.task.0, around.frame)?;
     let programs = programs::check(&raw.program.0, around)?;
+    let (tasks, program_tasks) = match programs[..] {
+        [] => (tasks::check(&raw.task.0, around.frame)?, Vec::new()),
+        _ => {
+            points::check_outputs(&programs)?;
+            program_tasks::check(&programs)?
+        }
+    };
     let disks = disks::check(&raw.disk.0, around.folder)?;
     let partition = Partition {
         id,
@@ -160,6 +168,7 @@ fn check(
         passthrough: Passthrough::default(),
         disks: disks.iter().map(|disk| disk.disk.clone()).collect(),
         programs: Vec::new(),
+        program_tasks,
     };
     Ok(Checked {
         partition,

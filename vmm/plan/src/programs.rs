@@ -219,7 +219,7 @@ fn parse_key(text: &Spanned<String>) -> Result<[u8; 32], Diagnostic> {
 }
 
 /// A key as people compare it.
-fn hex(key: &[u8; 32]) -> String {
+pub fn hex(key: &[u8; 32]) -> String {
     key.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
@@ -287,4 +287,9 @@ fn check_action(
     let names: Vec<String> = allowed.iter().map(|(name, _)| quote(name)).collect();
     let found = format!("there is no action {} for `{key}`", quote(wanted));
     Err(Diagnostic::new(value.map_or(0..0, Spanned::span), found, names.join(", ")))
+}
+
+/// The name of an action, as in the file.
+pub fn action_name(number: u32) -> &'static str {
+    OVERRUN_ACTIONS.iter().find(|(_, n)| *n == number).map_or("-", |(name, _)| name)
 }

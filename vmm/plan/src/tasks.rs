@@ -28,7 +28,18 @@ pub struct NamedTask {
 pub struct CheckedTasks {
     pub set: TaskSet,
     pub tasks: Vec<NamedTask>,
+    /// The place for each task that says how long it takes.
     pub budgets: Vec<Span>,
+    /// What was added to each budget that the place says.
+    pub overhead: Nanos,
+}
+
+impl CheckedTasks {
+    /// No tasks.
+    pub fn none() -> CheckedTasks {
+        let set = TaskSet::default();
+        CheckedTasks { set, tasks: Vec::new(), budgets: Vec::new(), overhead: Nanos::ZERO }
+    }
 }
 
 /// Checks the tasks of one partition, in the order of the file.
@@ -65,7 +76,7 @@ pub fn check(
         Diagnostic::new(span, error.to_string(), allowed).and(frame.span(), "the major frame")
     })?;
     let budgets = tables.iter().map(|table| table.get_ref().0.budget.span()).collect();
-    Ok(CheckedTasks { set, tasks, budgets })
+    Ok(CheckedTasks { set, tasks, budgets, overhead: Nanos::ZERO })
 }
 
 fn check_priority(priority: &Spanned<i64>) -> Result<u8, Diagnostic> {

@@ -12,6 +12,7 @@
 mod channels;
 mod health;
 mod passthrough;
+mod programs;
 mod tables;
 mod timeline;
 
@@ -20,7 +21,7 @@ use takt_scheduler::schedules::ScheduleId;
 use crate::{Kind, Partition, PartitionFile};
 
 /// Each schedule drawn per CPU, what each partition gets in it and how its tasks fare; then what
-/// holds under all of them, the channels, the host's devices, and the health monitor's own rows. Ends with a newline.
+/// holds under all of them, the programs, the channels, the host's devices, and the health monitor's own rows. Ends with a newline.
 #[must_use]
 pub fn report(file: &PartitionFile) -> String {
     let mut out = format!("{}: major frame {}\n", file.name(), file.schedules().frame());
@@ -40,6 +41,7 @@ pub fn report(file: &PartitionFile) -> String {
     tables::partitions(&mut out, file);
     tables::reservations(&mut out, file);
     tables::not_analysed(&mut out, file);
+    programs::list(&mut out, file);
     channels::list(&mut out, file);
     passthrough::list(&mut out, file);
     health::list(&mut out, file);
@@ -68,7 +70,8 @@ pub fn needs(file: &PartitionFile) -> String {
             Kind::Plc { image } => [image.as_ref(), None],
             Kind::Linux { kernel, initrd, .. } => [Some(kernel), initrd.as_ref()],
         };
-        for path in images.into_iter().flatten() {
+        let programs = partition.programs().iter().map(|program| &program.path);
+        for path in images.into_iter().flatten().chain(programs) {
             line(&mut out, &format!("file {}", path.display()));
         }
         for disk in partition.disks() {

@@ -6,7 +6,7 @@ use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::table::{Role, Table};
 use takt_scheduler::time::Nanos;
 
-use super::line;
+use super::{line, programs};
 use crate::{Bytes, Kind, Met, NamedTask, Partition, PartitionFile, percent};
 
 /// What each partition has under one schedule, whatever the others do.
@@ -30,6 +30,10 @@ pub fn shares(out: &mut String, file: &PartitionFile, table: &Table) {
 /// How the tasks of each partition fare under one schedule.
 pub fn tasks(out: &mut String, file: &PartitionFile, schedule: ScheduleId) {
     for partition in file.partitions() {
+        if !partition.programs().is_empty() {
+            programs::tasks(out, partition, schedule);
+            continue;
+        }
         let Some(met) = partition.met_in(schedule) else { continue };
         let load = met.load;
         let text = format!(
@@ -129,14 +133,15 @@ pub fn reservations(out: &mut String, file: &PartitionFile) {
 /// Whose deadlines nobody has looked at.
 pub fn not_analysed(out: &mut String, file: &PartitionFile) {
     for partition in file.partitions() {
-        if matches!(partition.kind(), Kind::Plc { .. }) && partition.tasks().is_empty() {
+        let has_tasks = !partition.tasks().is_empty() || !partition.programs().is_empty();
+        if matches!(partition.kind(), Kind::Plc { .. }) && !has_tasks {
             line(out, &format!("{}: no tasks given: not analysed", partition.name()));
         }
     }
 }
 
 /// Rows of cells below a header, each column as wide as it must be.
-fn columns<const N: usize>(
+pub fn columns<const N: usize>(
     out: &mut String,
     indent: &str,
     header: [&str; N],

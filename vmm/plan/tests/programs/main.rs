@@ -2,7 +2,10 @@
 
 mod images;
 mod placing;
+mod points;
 mod refused;
+mod shown;
+mod tasks;
 
 #[path = "../guest_images/mod.rs"]
 #[expect(dead_code, reason = "of the images for all tests, these need that of a PLC")]
@@ -17,6 +20,9 @@ use takt_plan::{PartitionFile, load};
 struct Case {
     folder: PathBuf,
     partition: String,
+    /// The windows' offset, duration and period in us.
+    windows: [u64; 3],
+    rest: String,
 }
 
 impl Case {
@@ -26,7 +32,7 @@ impl Case {
         let _ = fs::remove_dir_all(&folder);
         fs::create_dir_all(&folder).unwrap();
         fs::write(folder.join("guest"), guest_images::plc()).unwrap();
-        Case { folder, partition: String::new() }
+        Case { folder, partition: String::new(), windows: [100, 200, 1000], rest: String::new() }
     }
 
     /// With this file in the folder.
@@ -42,6 +48,16 @@ impl Case {
         self
     }
 
+    /// With windows of this offset, duration and period in us.
+    fn windows(self, windows: [u64; 3]) -> Case {
+        Case { windows, ..self }
+    }
+
+    /// With these lines at the end of the file.
+    fn ending(self, rest: &str) -> Case {
+        Case { rest: rest.to_owned(), ..self }
+    }
+
     /// With a program of this image and these keys.
     fn program(self, image: &str, keys: &str) -> Case {
         self.with(&format!("[[partition.program]]\nimage = \"{image}\"\n{keys}"))
@@ -49,13 +65,14 @@ impl Case {
 
     fn load(&self) -> Result<PartitionFile, String> {
         let path = self.folder.join("case.toml");
+        let [offset, duration, period] = self.windows;
         let text = format!(
             "version = 1\n[system]\nname = \"s\"\nmajor_frame = \"1ms\"\n\
              [[partition]]\nname = \"plc\"\nkind = \"plc\"\ncpu = 0\nmemory = \"16MiB\"\n\
              image = \"guest\"\n{}\n\
              [[schedule]]\nname = \"normal\"\n[[schedule.window]]\npartition = \"plc\"\n\
-             offset = \"100us\"\nduration = \"200us\"\n",
-            self.partition
+             offset = \"{offset}us\"\nduration = \"{duration}us\"\nperiod = \"{period}us\"\n{}",
+            self.partition, self.rest
         );
         fs::write(&path, text).unwrap();
         load(&path, None).map_err(|error| error.to_string())

@@ -1,0 +1,137 @@
+//! What the programs of a PLC are: where they come from, what they do when, and what they write.
+
+use takt_program::{Area, Image, TypeId, TypeKind, Variable};
+use takt_scheduler::schedules::ScheduleId;
+use takt_scheduler::time::Nanos;
+
+use super::{line, tables};
+use crate::points;
+use crate::program_tasks::{ProgramTask, Release};
+use crate::programs::{action_name, hex};
+use crate::{Bytes, Partition, PartitionFile, Program, Trust, percent};
+
+/// Most points of a program that are shown.
+const POINTS_MAX: usize = 64;
+
+/// How the tasks of programs fare under one schedule.
+pub fn tasks(out: &mut String, partition: &Partition, schedule: ScheduleId) {
+    let met = partition.met_in(schedule);
+    if let Some(met) = met {
+        let load = met.load;
+        let text = format!(
+            "\ntasks of {}: they may ask for {} of the {} that its windows give in {}: {}",
+            partition.name(),
+            load.demand,
+            load.supply,
+            load.span,
+            percent(load.permille())
+        );
+        line(out, &text);
+    } else {
+        line(out, &format!("\ntasks of {}", partition.name()));
+    }
+    let response = |task: &ProgramTask| met.zip(task.place).map(|(met, at)| met.responses[at]);
+    let rows = partition.program_tasks().iter().map(|task| fate(task, response(task)));
+    let header =
+        ["task", "released", "priority", "budget", "deadline", "worst response", "verdict"];
+    tables::columns(out, "  ", header, rows.collect());
+}
+
+fn fate(task: &ProgramTask, response: Option<Nanos>) -> [String; 7] {
+    let released = match task.release {
+        Release::Cyclic(period, Nanos::ZERO) => format!("each {period}"),
+        Release::Cyclic(period, offset) => format!("each {period}, from {offset} on"),
+        Release::Event(minimum) => format!("by an event, at most each {minimum}"),
+        Release::Freewheeling => "freewheeling".to_owned(),
+    };
+    let or_none = |time: Option<Nanos>| time.map_or("none".to_owned(), |time| time.to_string());
+    let verdict = match (response, task.budget, task.deadline) {
+        (Some(response), _, Some(deadline)) => {
+            format!("meets, {} of {deadline} to spare", deadline.less(response))
+        }
+        (_, _, None) => "has no deadline".to_owned(),
+        (_, None, _) => "not analysed: it has no budget".to_owned(),
+        _ => "not analysed: a more urgent task has no budget".to_owned(),
+    };
+    [
+        task.name.clone(),
+        released,
+        task.priority.to_string(),
+        or_none(task.budget),
+        or_none(task.deadline),
+        response.map_or("-".to_owned(), |response| response.to_string()),
+        verdict,
+    ]
+}
+
+/// The programs of each partition; nothing if there are none.
+pub fn list(out: &mut String, file: &PartitionFile) {
+    for partition in file.partitions() {
+        if partition.programs().is_empty() {
+            continue;
+        }
+        line(out, &format!("\nprograms of {}", partition.name()));
+        for program in partition.programs() {
+            describe(out, program);
+        }
+    }
+}
+
+fn describe(out: &mut String, program: &Program) {
+    let Some(image) = program.image() else { return };
+    let place = &program.place;
+    line(out, &format!("  {}: {} {}", program.name, image.name(), image.version()));
+    let text = format!(
+        "    image of {}, two banks of {}, a state of {} in {}",
+        Bytes(place.image_bytes),
+        Bytes(place.bank_bytes),
+        Bytes(image.state_bytes().into()),
+        Bytes(place.state_bytes)
+    );
+    line(out, &text);
+    let trust = match program.trust {
+        Trust::Signed(key) => format!("signed with {}", hex(&key)),
+        Trust::NotAsked => "signed, but the file has no keys to compare with".to_owned(),
+        Trust::Unsigned => "not signed".to_owned(),
+    };
+    line(out, &format!("    {trust}"));
+    let text = format!(
+        "    fault -> {}, overrun -> {}, deadline -> {}",
+        action_name(place.on_fault),
+        action_name(place.on_overrun),
+        action_name(place.on_deadline)
+    );
+    line(out, &text);
+    points(out, &image);
+}
+
+/// Inputs and outputs, the latter with the task that writes them.
+fn points(out: &mut String, image: &Image<'_>) {
+    let is_point = |v: &Variable<'_>| matches!(v.area, Area::Input | Area::Output);
+    let mut points: Vec<Variable<'_>> = image.variables().filter(is_point).collect();
+    if points.is_empty() {
+        return;
+    }
+    points.sort_by_key(|v| (v.area, v.offset, v.bit));
+    let rows = points.iter().take(POINTS_MAX).map(|v| {
+        let writer = v.writer.and_then(|id| image.task(id)).map(|task| task.name.to_owned());
+        let writer = match v.area {
+            Area::Input => "-".to_owned(),
+            _ => writer.unwrap_or_else(|| "not told".to_owned()),
+        };
+        [points::address(v), v.name.to_owned(), type_name(image, v.ty), writer]
+    });
+    tables::columns(out, "    ", ["point", "name", "type", "writer"], rows.collect());
+    if points.len() > POINTS_MAX {
+        line(out, &format!("    and {} more", points.len() - POINTS_MAX));
+    }
+}
+
+fn type_name(image: &Image<'_>, id: TypeId) -> String {
+    let Some(ty) = image.type_of(id) else { return "-".to_owned() };
+    match ty.kind {
+        _ if !ty.name.is_empty() => ty.name.to_owned(),
+        TypeKind::Elementary(elementary) => elementary.keyword().to_owned(),
+        _ => format!("{} bytes", ty.bytes),
+    }
+}
