@@ -23,8 +23,10 @@ use crate::boot::long_mode::{self, StartError};
 use crate::disk::Drive;
 use crate::init_watch::Console;
 use crate::machine::{self, Machine, MachineError, TimerOwner};
-use crate::memory::{GuestMemory, HOLE_END, HOLE_START};
-use crate::pci::{self, Card};
+use takt_plan::linux_map::{HOLE_END, HOLE_START, PCI_WINDOW};
+
+use crate::memory::GuestMemory;
+use crate::pci::Card;
 use crate::run_error::RunError;
 use crate::vcpu::guest_timer::{Deadlines, GuestTimer};
 use crate::vcpu::kick;
@@ -87,7 +89,7 @@ impl Board {
     pub fn start(&mut self) -> Result<(VcpuFd, LinuxGuest), RunError> {
         self.vm = None;
         let fittings = Fittings {
-            pci: self.card.as_ref().map(|_| pci::WINDOW),
+            pci: self.card.as_ref().map(|_| PCI_WINDOW),
             disks: self.drives.len() as u32,
             watchdog: self.watchdog.as_ref().map(Timer::most),
         };

@@ -15,6 +15,7 @@ use kvm_ioctls::{
     Cap, Kvm, MsrExitReason, MsrFilterDefaultAction, MsrFilterRange, MsrFilterRangeFlags, VcpuFd,
     VmFd,
 };
+use takt_plan::linux_map::TASK_STATE_SEGMENT;
 use takt_scheduler::time::TscFrequency;
 use thiserror::Error;
 use vmm_sys_util::ioctl::ioctl_with_ref;
@@ -22,9 +23,6 @@ use vmm_sys_util::ioctl::ioctl_with_ref;
 use crate::cpuid;
 use crate::event::EventError;
 use crate::memory::{GuestMemory, MemoryError};
-
-/// Three pages that KVM needs on Intel processors, in the hole below 4 GiB.
-const TSS_ADDRESS: usize = 0xfffb_d000;
 
 /// `KVM_CAP_HALT_POLL` of `include/uapi/linux/kvm.h`; kvm-ioctls has no name for it.
 const KVM_CAP_HALT_POLL: u32 = 182;
@@ -235,7 +233,8 @@ fn create(kvm: &Kvm, memory: &GuestMemory) -> Result<VmFd, MachineError> {
         }
     };
     cpuid::switch_counters_off(&vm).map_err(cannot("switch performance counters off"))?;
-    vm.set_tss_address(TSS_ADDRESS).map_err(cannot("place its task state segment"))?;
+    vm.set_tss_address(TASK_STATE_SEGMENT as usize)
+        .map_err(cannot("place its task state segment"))?;
     memory.map_into(&vm)?;
     Ok(vm)
 }

@@ -18,14 +18,13 @@ use kvm_bindings::{KVM_MEM_READONLY, kvm_userspace_memory_region};
 use kvm_ioctls::VmFd;
 use takt_abi::memory::{INFORMATION, PAGE, PORT_TABLE, PROGRAM_TABLE, STATUS};
 use takt_abi::program::ProgramTable;
+use takt_plan::linux_map::{HOLE_END, HOLE_START};
 use thiserror::Error;
 use vm_memory::mmap::MmapRegionBuilder;
 use vm_memory::{
     FileOffset, GuestAddress, GuestMemoryBackend, GuestMemoryMmap, GuestMemoryRegion,
     GuestRegionMmap, MmapRegion,
 };
-
-pub use takt_plan::linux_map::{HOLE_END, HOLE_START};
 
 /// Guest memory could not be had.
 #[derive(Debug, Error)]

@@ -4,14 +4,13 @@
 //! so there are two steps: [`Pci::new`] chooses addresses, [`Card::attach`] fills and connects. A
 //! Linux without ports takes neither and has no PCI at all. The second step is taken at each start.
 
-use std::ops::RangeInclusive;
-
 use kvm_ioctls::VmFd;
 use takt_abi::PortTable;
 use takt_abi::memory::PAGE;
 use takt_devices::pci::config_ports::{self, ConfigPorts};
 use takt_devices::pci::function::{Bars, Function};
 use takt_devices::ports::PortBus;
+use takt_plan::linux_map::PCI_WINDOW;
 use takt_scheduler::time::TscFrequency;
 use vmm_sys_util::eventfd::EventFd;
 
@@ -20,11 +19,6 @@ use crate::doorbell;
 use crate::machine::MachineError;
 use crate::memory::{GuestMemory, SharedRegion, View};
 use crate::run_error::RunError;
-
-/// Addresses for functions' memory: in the hole below 4 GiB, apart from the interrupt controllers
-/// (from `0xfec0_0000`), from the three pages that KVM needs on Intel processors, and from where a
-/// PLC has its pages, so that an address is never mistaken for one of another kind of guest.
-pub const WINDOW: RangeInclusive<u32> = 0xd000_0000..=0xdfff_ffff;
 
 /// A function that is laid out.
 pub struct Pci<'a> {
@@ -43,7 +37,7 @@ impl<'a> Pci<'a> {
         if ports.table.count == 0 {
             return Ok(None);
         }
-        let bars = Bars::assign(&WINDOW, PAGE + ports.bytes(false), ports.bytes(true))?;
+        let bars = Bars::assign(&PCI_WINDOW, PAGE + ports.bytes(false), ports.bytes(true))?;
         ports.place(bars.read_write.address().into(), bars.read_only.address().into());
         Ok(Some(Self { bars, ports, table: SharedRegion::new(PAGE)? }))
     }

@@ -12,10 +12,10 @@ use std::os::unix::fs::FileExt;
 use thiserror::Error;
 
 use super::elf::{self, ElfError};
-use crate::linux_map::HOLE_START;
+use crate::linux_map::{HIGH_RAM_START, HOLE_START};
 
 /// Where a kernel may begin: below lie the tables that it is started with.
-pub const LOWEST: u64 = 0x10_0000;
+pub const LOWEST: u64 = HIGH_RAM_START;
 /// First boot protocol with a 64-bit entry point.
 const PROTOCOL_MIN: u16 = 0x020c;
 /// End of the header's fields that are read.

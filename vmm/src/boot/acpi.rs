@@ -26,12 +26,11 @@ use takt_devices::pci::config_ports;
 use takt_devices::power::AcpiPower;
 use takt_devices::serial;
 use takt_devices::watchdog;
+use takt_plan::linux_map::{ACPI_TABLES, IO_APIC, LOCAL_APIC};
 use vm_memory::{Bytes, GuestAddress, GuestMemoryError, GuestMemoryMmap};
 
 use crate::disk;
 
-/// Where the tables lie: in the area in which a PC's firmware keeps them.
-pub const TABLES: u64 = 0xe_0000;
 /// First port of the ACPI power registers.
 pub const POWER_PORT: u16 = 0x600;
 /// First port of the watchdog, if there is one.
@@ -42,10 +41,6 @@ pub const SERIAL_PORT: u16 = 0x3f8;
 pub const SERIAL_IRQ: u32 = 4;
 /// The interrupt of the PCI function: the first pin of the I/O APIC beyond those of the ISA bus.
 pub const PCI_GSI: u32 = 16;
-
-/// Addresses at which KVM's in-kernel interrupt controllers answer.
-const LOCAL_APIC: u32 = 0xfee0_0000;
-const IO_APIC: u32 = 0xfec0_0000;
 
 const OEM: [u8; 6] = *b"TAKT  ";
 const MACHINE: [u8; 8] = *b"TAKTLINX";
@@ -75,7 +70,7 @@ pub struct Fittings {
 /// # Errors
 /// If the guest has no memory there.
 pub fn write(memory: &GuestMemoryMmap, fittings: Fittings) -> Result<u64, GuestMemoryError> {
-    let mut next = TABLES + 64;
+    let mut next = ACPI_TABLES + 64;
     let mut put = |table: &dyn Aml| {
         let mut bytes = Vec::new();
         table.to_aml_bytes(&mut bytes);
@@ -97,8 +92,8 @@ pub fn write(memory: &GuestMemoryMmap, fittings: Fittings) -> Result<u64, GuestM
     let xsdt = put(&xsdt)?;
     let mut rsdp = Vec::new();
     Rsdp::new(OEM, xsdt).to_aml_bytes(&mut rsdp);
-    memory.write_slice(&rsdp, GuestAddress(TABLES))?;
-    Ok(TABLES)
+    memory.write_slice(&rsdp, GuestAddress(ACPI_TABLES))?;
+    Ok(ACPI_TABLES)
 }
 
 fn fadt(dsdt: u64) -> impl Aml {
@@ -274,9 +269,9 @@ impl Aml for Disk {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use takt_plan::linux_map::{DISK_REGISTERS, PCI_WINDOW};
 
-    const WINDOW: RangeInclusive<u32> = 0xd000_0000..=0xdfff_ffff;
+    use super::*;
 
     fn dsdt_bytes(pci: Option<RangeInclusive<u32>>, disks: u32) -> Vec<u8> {
         let mut bytes = Vec::new();
@@ -291,7 +286,7 @@ mod tests {
     #[test]
     fn only_a_machine_with_a_function_has_a_pci_bus() {
         let without = dsdt_bytes(None, 0);
-        let with = dsdt_bytes(Some(WINDOW), 0);
+        let with = dsdt_bytes(Some(PCI_WINDOW), 0);
         for name in [b"PCI0", b"_PRT", b"LNKA"] {
             assert!(!contains(&without, name));
             assert!(contains(&with, name));
@@ -312,7 +307,7 @@ mod tests {
         assert!(!contains(&dsdt_bytes(None, 0), b"LNRO0005"));
         for (name, registers, gsi) in [(b"DSK0", 0, 17), (b"DSK1", 0x1000, 18)] {
             assert!(contains(&bytes, name));
-            let address = 0xe000_0000u32 + registers;
+            let address = DISK_REGISTERS + registers;
             let mut memory = vec![0x86, 9, 0, 1];
             memory.extend([address.to_le_bytes(), 0x1000u32.to_le_bytes()].concat());
             // Extended interrupt: consumer, edge, active high, exclusive.
@@ -339,7 +334,7 @@ mod tests {
     #[test]
     fn every_table_has_its_signature_and_a_good_checksum() {
         let memory = GuestMemoryMmap::from_ranges(&[(GuestAddress(0), 1 << 20)]).unwrap();
-        let fittings = Fittings { pci: Some(WINDOW), disks: 4, watchdog: Some(500) };
+        let fittings = Fittings { pci: Some(PCI_WINDOW), disks: 4, watchdog: Some(500) };
         let rsdp = write(&memory, fittings).unwrap();
         let word = |at| memory.read_obj::<u32>(GuestAddress(at)).unwrap();
         let long = |at| memory.read_obj::<u64>(GuestAddress(at)).unwrap();

@@ -5,14 +5,7 @@
 //! in long mode with the parameters' address in RSI. A `bzImage` and an ELF `vmlinux` differ only
 //! in where the entry point is.
 //!
-//! | address | what |
-//! | --- | --- |
-//! | `0x0007_0000` | boot parameters |
-//! | `0x0002_0000` | command line |
-//! | `0x000e_0000` | ACPI tables |
-//! | `0x000f_fff0` | all the firmware there is: a restart |
-//! | `0x0010_0000` or where the kernel prefers | kernel |
-//! | end of low memory | initial RAM disk |
+//! [`takt_plan::linux_map`] has the places.
 
 use std::fs::File;
 use std::io::{self, Seek};
@@ -29,21 +22,16 @@ use vm_memory::{Bytes, GuestAddress};
 
 use super::acpi::{self, Fittings};
 use super::long_mode::Entry;
-use crate::memory::{GuestMemory, HOLE_START};
+use crate::memory::GuestMemory;
 use takt_plan::kernel::{self, Form, InitrdError, Kernel, KernelError};
+use takt_plan::linux_map::{
+    ACPI_TABLES, BOOT_PARAMETERS, COMMAND_LINE, HIGH_RAM_START, HOLE_START, LOW_RAM_END,
+    RESTART_VECTOR,
+};
 
-const BOOT_PARAMETERS: u64 = 0x7_0000;
-const COMMAND_LINE: u64 = 0x2_0000;
 /// Longest command line, without its NUL: `COMMAND_LINE_SIZE` of x86 Linux is 2048.
 const COMMAND_LINE_MAX: usize = 2047;
-/// End of conventional memory: above it lie what a PC calls the extended BIOS data and video.
-const LOW_RAM_END: u64 = 0x9_fc00;
-const HIGH_RAM_START: u64 = 0x10_0000;
 
-/// Where a PC's processor starts, and where a Linux on hardware-reduced ACPI jumps in real mode to
-/// restart: it tries neither the reset register nor the keyboard controller before
-/// (`arch/x86/kernel/reboot.c`, `efi_reboot_required`).
-const RESTART_VECTOR: u64 = 0xf_fff0;
 /// `mov dx, reset register; mov al, reset value; out dx, al; 1: hlt; jmp 1b`
 const RESTART: [u8; 9] = {
     let [low, high] = (acpi::POWER_PORT + AcpiPower::RESET).to_le_bytes();
@@ -221,7 +209,7 @@ fn low_ram_end(memory: &GuestMemory) -> u64 {
 fn write_memory_map(parameters: &mut boot_params, memory: &GuestMemory) {
     let low = [
         (0, LOW_RAM_END, E820_RAM),
-        (acpi::TABLES, HIGH_RAM_START - acpi::TABLES, E820_RESERVED),
+        (ACPI_TABLES, HIGH_RAM_START - ACPI_TABLES, E820_RESERVED),
         (HIGH_RAM_START, low_ram_end(memory).saturating_sub(HIGH_RAM_START), E820_RAM),
     ];
     let high = memory.ram().skip(1).map(|(start, bytes)| (start, bytes, E820_RAM));

@@ -24,6 +24,7 @@ use takt_devices::disk::Shape;
 use takt_devices::disk::handover::Handover;
 use takt_devices::disk::registers::{self, Registers};
 use takt_devices::disk::server::{Disk, DiskId, Server};
+use takt_plan::linux_map::DISK_REGISTERS;
 use vmm_sys_util::eventfd::{EFD_CLOEXEC, EventFd};
 
 use crate::boot::acpi::PCI_GSI;
@@ -38,13 +39,10 @@ use file::DiskFile;
 pub use file::DiskError;
 pub use thread::DiskThread;
 
-/// Registers of the first disk: in the hole for devices, behind the memory of PCI functions.
-const REGISTERS: u32 = 0xe000_0000;
-
 /// Where the registers of a disk lie, counted from 0.
 #[must_use]
 pub const fn registers(number: u32) -> u32 {
-    REGISTERS + number * registers::BYTES as u32
+    DISK_REGISTERS + number * registers::BYTES as u32
 }
 
 /// The interrupt of a disk: the pins behind that of the PCI function.

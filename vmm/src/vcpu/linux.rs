@@ -144,10 +144,10 @@ impl Guest for LinuxGuest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pci;
     use std::sync::Arc;
     use takt_devices::disk::Shape;
     use takt_devices::power::AcpiPower;
+    use takt_plan::linux_map::PCI_WINDOW;
 
     #[test]
     fn a_power_request_ends_the_guest() {
@@ -196,7 +196,7 @@ mod tests {
         let mut number = 0x2545_f491_4f6c_dd1du64;
         for count in 1..=20_000 {
             number = number.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            let address = u64::from(*pci::WINDOW.start()) + (number >> 40 & 0x1f_ffff);
+            let address = u64::from(*PCI_WINDOW.start()) + (number >> 40 & 0x1f_ffff);
             let width = 1 << (number >> 62);
             let mut data = [number as u8 & 0x7f; 8];
             if number >> 33 & 1 == 0 {

@@ -22,7 +22,9 @@ use std::sync::Arc;
 use vm_memory::{GuestMemoryBackend, GuestMemoryRegion};
 
 use super::error::DeviceError;
-use crate::memory::{GuestMemory, HOLE_END, HOLE_START};
+use takt_plan::linux_map::{HOLE_END, HOLE_START};
+
+use crate::memory::GuestMemory;
 use device::Device;
 
 /// The functions of one partition that may master the bus, and all that they reach.
