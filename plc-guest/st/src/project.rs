@@ -47,5 +47,8 @@ fn check_here(name: &str, sources: &mut Sources) -> Checked {
         .collect();
     let program = check::check(name, sources, &inputs, &mut diagnostics);
     let program = (!diagnostics.has_errors()).then_some(program);
-    Checked { program, diagnostics: diagnostics.sorted() }
+    let mut diagnostics = diagnostics.sorted();
+    // A project can do nothing about what the compiler would advise the library.
+    diagnostics.retain(|one| one.is_error() || one.span.file.index() < own);
+    Checked { program, diagnostics }
 }
