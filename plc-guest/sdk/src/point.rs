@@ -1,0 +1,157 @@
+//! Points: values that are mapped to I/O, watched and forced.
+
+use core::cell::UnsafeCell;
+use core::marker::PhantomData;
+use core::ptr::{read_volatile, write_volatile};
+
+/// Where the input image `%I` lies.
+pub const INPUT: usize = 0x6800_0000;
+/// Where the output image `%Q` lies.
+pub const OUTPUT: usize = 0x6810_0000;
+
+/// A type that a point can have.
+///
+/// # Safety
+/// Every pattern of bits that can be in the memory of a point must be a value: an operator may force any.
+pub unsafe trait Value: Copy + Send {
+    /// The keyword of IEC 61131-3 for it, or for an element of it.
+    const KEYWORD: &'static str;
+    /// Elements of an array; 0 for a single value.
+    const ELEMENTS: u64 = 0;
+}
+
+macro_rules! values {
+    ($($ty:ty => $keyword:literal),+ $(,)?) => {
+        $(
+            // SAFETY: a plain number.
+            unsafe impl Value for $ty {
+                const KEYWORD: &'static str = $keyword;
+            }
+        )+
+    };
+}
+
+values! {
+    i8 => "SINT", i16 => "INT", i32 => "DINT", i64 => "LINT",
+    u8 => "USINT", u16 => "UINT", u32 => "UDINT", u64 => "ULINT",
+    f32 => "REAL", f64 => "LREAL",
+}
+
+// SAFETY: as its elements.
+unsafe impl<T: Value, const N: usize> Value for [T; N] {
+    const KEYWORD: &'static str = T::KEYWORD;
+    const ELEMENTS: u64 = N as u64;
+}
+
+/// A value in the input image.
+pub struct Input<T>(usize, PhantomData<T>);
+
+/// A value in the output image.
+pub struct Output<T>(usize, PhantomData<T>);
+
+/// One bit of the input image.
+pub struct InputBit(usize, u8);
+
+/// One bit of the output image.
+pub struct OutputBit(usize, u8);
+
+/// A variable of the program that is seen from outside.
+///
+/// Tasks may share it: a value of up to 8 bytes is read and written whole.
+#[repr(transparent)]
+pub struct Point<T>(UnsafeCell<T>);
+
+// SAFETY: values are copied in and out by volatile accesses; see `Point`.
+unsafe impl<T: Value> Sync for Point<T> {}
+
+impl<T: Value> Input<T> {
+    /// At this byte of `%I`. Made by [`input!`](crate::input), which also declares it.
+    #[must_use]
+    pub const fn at(byte: usize) -> Self {
+        Self(INPUT + byte, PhantomData)
+    }
+
+    /// The value in this cycle.
+    #[must_use]
+    pub fn get(&self) -> T {
+        // SAFETY: the tool has checked that it is inside of the input image, which is mapped while the
+        // program runs. Any bits are a value.
+        unsafe { read_volatile(self.0 as *const T) }
+    }
+}
+
+impl<T: Value> Output<T> {
+    /// At this byte of `%Q`. Made by [`output!`](crate::output), which also declares it.
+    #[must_use]
+    pub const fn at(byte: usize) -> Self {
+        Self(OUTPUT + byte, PhantomData)
+    }
+
+    /// The value that was set last.
+    #[must_use]
+    pub fn get(&self) -> T {
+        // SAFETY: as for `Input::get`, of the output image.
+        unsafe { read_volatile(self.0 as *const T) }
+    }
+
+    /// Sets it. It goes out when the task is done.
+    pub fn set(&self, value: T) {
+        // SAFETY: as for `get`; the output image is writable.
+        unsafe { write_volatile(self.0 as *mut T, value) }
+    }
+}
+
+impl InputBit {
+    /// Bit `bit` of this byte of `%I`. Made by [`input_bit!`](crate::input_bit).
+    #[must_use]
+    pub const fn at(byte: usize, bit: u8) -> Self {
+        Self(byte, bit)
+    }
+
+    /// The value in this cycle.
+    #[must_use]
+    pub fn get(&self) -> bool {
+        Input::<u8>::at(self.0).get() >> self.1 & 1 == 1
+    }
+}
+
+impl OutputBit {
+    /// Bit `bit` of this byte of `%Q`. Made by [`output_bit!`](crate::output_bit).
+    #[must_use]
+    pub const fn at(byte: usize, bit: u8) -> Self {
+        Self(byte, bit)
+    }
+
+    /// The value that was set last.
+    #[must_use]
+    pub fn get(&self) -> bool {
+        Output::<u8>::at(self.0).get() >> self.1 & 1 == 1
+    }
+
+    /// Sets it. Bits of one byte must be written by one task only.
+    pub fn set(&self, value: bool) {
+        let byte = Output::<u8>::at(self.0);
+        byte.set(byte.get() & !(1 << self.1) | u8::from(value) << self.1);
+    }
+}
+
+impl<T: Value> Point<T> {
+    /// With this initial value. Made by [`point!`](crate::point), which also declares it.
+    pub const fn new(value: T) -> Self {
+        Self(UnsafeCell::new(value))
+    }
+
+    /// The value.
+    #[must_use]
+    pub fn get(&self) -> T {
+        // SAFETY: the cell is valid, and any bits are a value.
+        unsafe { read_volatile(self.0.get()) }
+    }
+
+    /// Sets it.
+    pub fn set(&self, value: T) {
+        // SAFETY: as for `get`. A task that interrupts this sees the old value or the new one if it has up
+        // to 8 bytes.
+        unsafe { write_volatile(self.0.get(), value) }
+    }
+}

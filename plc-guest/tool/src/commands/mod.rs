@@ -1,0 +1,59 @@
+//! The subcommands, one file each.
+
+pub mod build;
+pub mod inspect;
+pub mod keygen;
+pub mod new;
+pub mod sign;
+pub mod test;
+pub mod verify;
+
+use std::path::Path;
+
+use takt_program::Image;
+
+use crate::Failure;
+
+/// The bytes of a file.
+fn read(path: &Path) -> Result<Vec<u8>, Failure> {
+    std::fs::read(path)
+        .map_err(|error| Failure::input(format!("cannot read {}: {error}", path.display())))
+}
+
+/// Writes a file as a whole: what was there stays until the new one is complete.
+fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let written =
+        tempfile::NamedTempFile::new_in(folder.unwrap_or(Path::new("."))).and_then(|mut file| {
+            std::io::Write::write_all(&mut file, bytes)?;
+            let permissions = std::os::unix::fs::PermissionsExt::from_mode(0o644);
+            file.as_file().set_permissions(permissions)?;
+            file.persist(path).map_err(|error| error.error)
+        });
+    written
+        .map(drop)
+        .map_err(|error| Failure::input(format!("cannot write {}: {error}", path.display())))
+}
+
+/// The image in these bytes, checked.
+fn image<'a>(path: &Path, bytes: &'a [u8]) -> Result<Image<'a>, Failure> {
+    Image::verify(bytes).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
+}
+
+/// Bytes as hexadecimal digits.
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// 32 bytes from hexadecimal digits.
+fn from_hex(text: &str) -> Option<[u8; 32]> {
+    let text = text.trim();
+    if text.len() != 64 || !text.is_ascii() {
+        return None;
+    }
+    let mut bytes = [0; 32];
+    for (index, byte) in bytes.iter_mut().enumerate() {
+        *byte = u8::from_str_radix(text.get(2 * index..2 * index + 2)?, 16).ok()?;
+    }
+    Some(bytes)
+}

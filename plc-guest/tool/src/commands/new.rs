@@ -1,0 +1,99 @@
+//! `takt plc new`: a project that stands anywhere and needs nothing of the network.
+//!
+//! The SDK is written into the project. A dependency on a registry or on a repository would need the network, and one on the
+//! place where Takt was built would break with it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::Failure;
+
+/// Arguments of `new`.
+#[derive(clap::Args)]
+pub struct New {
+    /// The folder to make; its last part is the program's name.
+    path: PathBuf,
+    /// The language.
+    #[arg(long, value_enum)]
+    lang: Language,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Language {
+    Rust,
+    C,
+    /// IEC 61131-3 Structured Text.
+    St,
+}
+
+/// A file of a project: its path, and its text with NAME where the program's name goes.
+type File = (&'static str, &'static str);
+
+const RUST: &[File] = &[
+    ("Cargo.toml", include_str!("../templates/rust/Cargo.toml.in")),
+    ("Makefile", include_str!("../templates/rust/Makefile")),
+    ("src/lib.rs", include_str!("../templates/rust/lib.rs.in")),
+    ("tests/tank.csv", include_str!("../templates/tank.csv")),
+    (".gitignore", "/target\n*.plc\n*.key\n"),
+    ("README.md", include_str!("../templates/rust/README.md")),
+    ("takt-sdk/Cargo.toml", include_str!("../../../sdk/Cargo.toml")),
+    ("takt-sdk/src/lib.rs", include_str!("../../../sdk/src/lib.rs")),
+    ("takt-sdk/src/call.rs", include_str!("../../../sdk/src/call.rs")),
+    ("takt-sdk/src/declaration.rs", include_str!("../../../sdk/src/declaration.rs")),
+    ("takt-sdk/src/job.rs", include_str!("../../../sdk/src/job.rs")),
+    ("takt-sdk/src/local.rs", include_str!("../../../sdk/src/local.rs")),
+    ("takt-sdk/src/macros.rs", include_str!("../../../sdk/src/macros.rs")),
+    ("takt-sdk/src/object.rs", include_str!("../../../sdk/src/object.rs")),
+    ("takt-sdk/src/point.rs", include_str!("../../../sdk/src/point.rs")),
+    ("takt-sdk/src/runtime.rs", include_str!("../../../sdk/src/runtime.rs")),
+    ("takt-sdk/src/task.rs", include_str!("../../../sdk/src/task.rs")),
+];
+
+const C: &[File] = &[
+    ("Makefile", include_str!("../templates/c/Makefile.in")),
+    ("tank.c", include_str!("../templates/c/tank.c.in")),
+    ("tests/tank.csv", include_str!("../templates/tank.csv")),
+    (".gitignore", "/build\n*.plc\n*.key\n"),
+    ("README.md", include_str!("../templates/c/README.md")),
+    ("takt-sdk/takt.h", include_str!("../../../sdk/c/takt.h")),
+    ("takt-sdk/takt.c", include_str!("../../../sdk/c/takt.c")),
+];
+
+impl New {
+    pub fn run(self) -> Result<(), Failure> {
+        let files = match self.lang {
+            Language::Rust => RUST,
+            Language::C => C,
+            Language::St => {
+                return Err(Failure::input("this takt plc has no compiler for Structured Text"));
+            }
+        };
+        let name = self.path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        let good = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+        if !name.starts_with(|c: char| c.is_ascii_lowercase()) || !name.chars().all(good) {
+            let allowed = "a name has small letters, digits and -, and begins with a letter";
+            return Err(Failure::input(format!("found `{name}`; {allowed}")));
+        }
+        if self.path.exists() {
+            return Err(Failure::input(format!("{} is there already", self.path.display())));
+        }
+        for (file, text) in files {
+            write(&self.path.join(file), &text.replace("NAME", name))?;
+        }
+        println!("{}: see README.md there", self.path.display());
+        Ok(())
+    }
+}
+
+fn write(path: &Path, text: &str) -> Result<(), Failure> {
+    // In the repository the SDK is a member of a workspace that the project is not in.
+    let text: String = text
+        .lines()
+        .filter(|line| !line.starts_with("workspace = "))
+        .flat_map(|line| [line, "\n"])
+        .collect();
+    let folder = path.parent().unwrap_or(Path::new("."));
+    fs::create_dir_all(folder)
+        .and_then(|()| fs::write(path, text))
+        .map_err(|error| Failure::input(format!("cannot write {}: {error}", path.display())))
+}

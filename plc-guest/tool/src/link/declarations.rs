@@ -1,0 +1,296 @@
+//! From the declarations in the object files to the tables of the image.
+
+use takt_program::build::{Builder, Event, Kind, Object, Port, Task, Trap, Type, Variable, When};
+use takt_program::{
+    Area, CodeOffset, Direction, Elementary, Flags, Nanoseconds, ObjectKind, TrapKind, TypeId,
+    Version, address, limit,
+};
+use takt_sdk::declaration::{self, Declaration, kind};
+
+use super::LinkError;
+use super::elf::Program;
+
+const RECORD: usize = size_of::<Declaration>();
+const DEFAULT_STACK: u32 = 16 << 10;
+
+/// One record, with its strings fetched.
+struct Declared {
+    kind: u32,
+    name: String,
+    text: String,
+    address: u64,
+    numbers: [u64; 8],
+}
+
+/// An image in the making with everything that the program declares, its code and its data.
+pub fn builder(program: &Program) -> Result<Builder, LinkError> {
+    let mut declared = read(program)?;
+    // The order of declarations in a file is the compiler's; that of names is the author's.
+    declared.sort_by(|a, b| a.name.to_ascii_lowercase().cmp(&b.name.to_ascii_lowercase()));
+    let mut builder = Builder::new("");
+    builder.code.clone_from(&program.code);
+    builder.constants.clone_from(&program.constants);
+    builder.state.clone_from(&program.state);
+    let too_large = |_| LinkError::Declared {
+        what: "program",
+        name: "state".into(),
+        why: format!("it has {} bytes, the limit is {}", program.state_bytes, limit::STATE_BYTES),
+    };
+    builder.state_bytes = u32::try_from(program.state_bytes).map_err(too_large)?;
+    head(&mut builder, program, &declared)?;
+    let mut maker = Maker { builder, program };
+    for declared in &declared {
+        maker.add(declared)?;
+    }
+    let mut builder = maker.builder;
+    if let Some(at) = program.user_trap.and_then(|address| code_offset(program, address)) {
+        builder.trap(Trap { at, kind: TrapKind::User, place: None });
+    }
+    Ok(builder)
+}
+
+fn read(program: &Program) -> Result<Vec<Declared>, LinkError> {
+    let records = program.declarations.chunks(RECORD).enumerate();
+    records.map(|(index, bytes)| one(program, index, bytes)).collect()
+}
+
+fn one(program: &Program, index: usize, bytes: &[u8]) -> Result<Declared, LinkError> {
+    let broken = |why: String| LinkError::Declaration { index, why };
+    if bytes.len() < RECORD {
+        return Err(broken(format!("it has {} bytes instead of {RECORD}", bytes.len())));
+    }
+    let word = |at: usize| {
+        u64::from_le_bytes(std::array::from_fn(|byte| bytes.get(at + byte).copied().unwrap_or(0)))
+    };
+    let (version, kind) = (word(0) as u32, (word(0) >> 32) as u32);
+    if version != declaration::VERSION {
+        let why = format!("its version is {version}; this tool knows {}", declaration::VERSION);
+        return Err(broken(why));
+    }
+    let string = |at: u64, length: u64, what: &str| {
+        if length == 0 {
+            return Ok(String::new());
+        }
+        let text = program.bytes(at, length).and_then(|bytes| std::str::from_utf8(bytes).ok());
+        text.map(str::to_owned).ok_or_else(|| broken(format!("its {what} is not a constant text")))
+    };
+    Ok(Declared {
+        kind,
+        name: string(word(8), word(16), "name")?,
+        address: word(24),
+        text: string(word(32), word(40), "text")?,
+        numbers: std::array::from_fn(|number| word(48 + 8 * number)),
+    })
+}
+
+/// Name, version and `init`, each of which there is once.
+fn head(builder: &mut Builder, program: &Program, declared: &[Declared]) -> Result<(), LinkError> {
+    let mut programs = declared.iter().filter(|declared| declared.kind == kind::PROGRAM);
+    let head = programs.next().ok_or(LinkError::NoProgram)?;
+    if programs.next().is_some() {
+        return Err(LinkError::Twice { what: "the program" });
+    }
+    let number =
+        |index: usize| narrow(head, "program", "a version or category", head.numbers[index]);
+    builder.name.clone_from(&head.name);
+    builder.version = Version { major: number(0)?, minor: number(1)?, patch: number(2)? };
+    builder.category = narrow(head, "program", "a category", head.numbers[3])?;
+    let mut inits = declared.iter().filter(|declared| declared.kind == kind::INIT);
+    if let Some(init) = inits.next() {
+        builder.init = Some(function(program, init, "init")?);
+    }
+    if inits.next().is_some() {
+        return Err(LinkError::Twice { what: "init" });
+    }
+    Ok(())
+}
+
+struct Maker<'a> {
+    builder: Builder,
+    program: &'a Program,
+}
+
+impl Maker<'_> {
+    fn add(&mut self, declared: &Declared) -> Result<(), LinkError> {
+        let [a, b, ..] = declared.numbers;
+        let bytes = |number| narrow(declared, "object", "a size", number);
+        let object = match declared.kind {
+            kind::PROGRAM | kind::INIT => return Ok(()),
+            kind::CYCLIC | kind::EVENT | kind::FREEWHEELING => return self.task(declared),
+            kind::VARIABLE => return self.variable(declared),
+            kind::PORT_IN | kind::PORT_OUT => {
+                let incoming = declared.kind == kind::PORT_IN;
+                let direction = if incoming { Direction::In } else { Direction::Out };
+                let name = declared.name.clone();
+                let id = self.builder.port(Port { name, direction, message_bytes: bytes(a)? });
+                return self.number(declared, id);
+            }
+            kind::SEMAPHORE => {
+                ObjectKind::Semaphore { ceiling: narrow(declared, "semaphore", "a ceiling", a)? }
+            }
+            kind::QUEUE => ObjectKind::Queue { message_bytes: bytes(a)?, depth: bytes(b)? },
+            kind::MAILBOX => ObjectKind::Mailbox { bytes: bytes(a)? },
+            kind::FLAGS => ObjectKind::Flags,
+            other => {
+                return Err(error(declared, "declaration", format!("there is no kind {other}")));
+            }
+        };
+        let id = self.builder.object(Object { name: declared.name.clone(), kind: object });
+        self.number(declared, id)
+    }
+
+    fn task(&mut self, declared: &Declared) -> Result<(), LinkError> {
+        let [period, offset, priority, budget, deadline, stack, sensitivity, _] = declared.numbers;
+        let some = |time| (time != 0).then_some(Nanoseconds(time));
+        let when = match declared.kind {
+            kind::CYCLIC => {
+                When::Cyclic { period: Nanoseconds(period), offset: Nanoseconds(offset) }
+            }
+            kind::EVENT => When::Event { source: source(declared)?, minimum: Nanoseconds(period) },
+            _ => When::Freewheeling,
+        };
+        self.builder.task(Task {
+            name: declared.name.clone(),
+            when,
+            priority: narrow(declared, "task", "a priority", priority)?,
+            budget: some(budget),
+            deadline: some(deadline),
+            stack_bytes: match narrow(declared, "task", "a stack", stack)? {
+                0 => DEFAULT_STACK,
+                bytes => bytes,
+            },
+            entry: function(self.program, declared, "task")?,
+            sensitivity: narrow(declared, "task", "a sensitivity", sensitivity)?,
+        });
+        Ok(())
+    }
+
+    fn variable(&mut self, declared: &Declared) -> Result<(), LinkError> {
+        let what = "point";
+        let [elements, flags, bit, ..] = declared.numbers;
+        let elementary = Elementary::ALL.iter().find(|ty| ty.keyword() == declared.text);
+        let elementary = *elementary
+            .ok_or_else(|| error(declared, what, format!("there is no type {}", declared.text)))?;
+        let ty = self.type_of(declared, elementary, elements)?;
+        let bytes = u64::from(elementary.bytes()) * elements.max(1);
+        let (area, offset) = self.place(declared, bytes)?;
+        let flags = u16::try_from(flags).ok().and_then(Flags::from_bits);
+        let flags =
+            flags.ok_or_else(|| error(declared, what, "it has flags that there are not".into()))?;
+        let bit: u8 = narrow(declared, what, "a bit", bit)?;
+        let variable = Variable::new(&declared.name, ty, area, offset).with(flags);
+        self.builder.variable(Variable { bit: bit.checked_sub(1), ..variable });
+        let end = offset + bytes as u32;
+        let image = match area {
+            Area::Input => &mut self.builder.input_bytes,
+            Area::Output => &mut self.builder.output_bytes,
+            Area::Marker => &mut self.builder.marker_bytes,
+            Area::State | Area::Constant => return Ok(()),
+        };
+        *image = end.max(*image);
+        Ok(())
+    }
+
+    fn type_of(
+        &mut self,
+        declared: &Declared,
+        elementary: Elementary,
+        elements: u64,
+    ) -> Result<TypeId, LinkError> {
+        let element = self.builder.elementary(elementary);
+        if elements == 0 {
+            return Ok(element);
+        }
+        let count: u32 = narrow(declared, "point", "a number of elements", elements)?;
+        let bytes =
+            count.checked_mul(elementary.bytes()).filter(|bytes| *bytes <= limit::STATE_BYTES);
+        let bytes = bytes.ok_or_else(|| error(declared, "point", "it is too large".into()))?;
+        let array = Kind::Array { element, lower: 0, upper: i64::from(count) - 1 };
+        Ok(self.builder.ty(Type::new(bytes, array)))
+    }
+
+    /// In which area a variable lies, and where in it.
+    fn place(&self, declared: &Declared, bytes: u64) -> Result<(Area, u32), LinkError> {
+        let constants = address::constants(self.program.code.len() as u32);
+        let image = u64::from(limit::PROCESS_IMAGE_BYTES);
+        let areas = [
+            (Area::State, address::STATE, self.program.state_bytes),
+            (Area::Constant, constants, self.program.constants.len() as u64),
+            (Area::Input, address::INPUT, image),
+            (Area::Output, address::OUTPUT, image),
+            (Area::Marker, address::MARKER, image),
+        ];
+        let inside = |&(_, base, size): &(Area, u64, u64)| {
+            let offset = declared.address.checked_sub(base)?;
+            (offset.checked_add(bytes)? <= size).then_some(offset)
+        };
+        let found = areas.iter().find_map(|area| Some((area.0, inside(area)? as u32)));
+        let outside = format!("its address {:#x} is in no memory of the program", declared.address);
+        found.ok_or_else(|| error(declared, "point", outside))
+    }
+
+    /// Writes the number of an object where the program reads it.
+    fn number(&mut self, declared: &Declared, id: u32) -> Result<(), LinkError> {
+        let (area, offset) = self.place(declared, 4)?;
+        let bytes = match area {
+            Area::Constant => &mut self.builder.constants,
+            Area::State => &mut self.builder.state,
+            _ => {
+                return Err(error(
+                    declared,
+                    "object",
+                    "its number lies in the process image".into(),
+                ));
+            }
+        };
+        let offset = offset as usize;
+        if bytes.len() < offset + 4 {
+            bytes.resize(offset + 4, 0);
+        }
+        bytes[offset..offset + 4].copy_from_slice(&id.to_le_bytes());
+        Ok(())
+    }
+}
+
+fn source(declared: &Declared) -> Result<Event, LinkError> {
+    let (kind, name) = declared.text.split_once(':').unwrap_or(("", ""));
+    let name = name.to_owned();
+    match kind {
+        "channel" => Ok(Event::Channel(name)),
+        "doorbell" => Ok(Event::Doorbell(name)),
+        "interrupt" => Ok(Event::Interrupt(name)),
+        "rise" => Ok(Event::Rise(name)),
+        _ => {
+            let allowed = "allowed are channel:, doorbell:, interrupt: and rise: with a name";
+            Err(error(declared, "task", format!("its event is `{}`; {allowed}", declared.text)))
+        }
+    }
+}
+
+fn function(
+    program: &Program,
+    declared: &Declared,
+    what: &'static str,
+) -> Result<CodeOffset, LinkError> {
+    code_offset(program, declared.address)
+        .ok_or_else(|| error(declared, what, "its function is not in the code".into()))
+}
+
+fn code_offset(program: &Program, address: u64) -> Option<CodeOffset> {
+    let offset = address.checked_sub(address::CODE)?;
+    (offset < program.code.len() as u64).then(|| CodeOffset(offset as u32))
+}
+
+fn narrow<T: TryFrom<u64>>(
+    declared: &Declared,
+    what: &'static str,
+    number: &str,
+    value: u64,
+) -> Result<T, LinkError> {
+    T::try_from(value)
+        .map_err(|_| error(declared, what, format!("{value} is too large for {number}")))
+}
+
+fn error(declared: &Declared, what: &'static str, why: String) -> LinkError {
+    LinkError::Declared { what, name: declared.name.clone(), why }
+}

@@ -1,0 +1,110 @@
+//! What is in the linked ELF file, and what must not be.
+
+use std::collections::BTreeMap;
+
+use object::elf::{SHF_ALLOC, SHF_TLS};
+use object::read::elf::ElfFile64;
+use object::{Endianness, Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolKind};
+use takt_program::address;
+
+use super::LinkError;
+
+/// A linked program, with every address final.
+pub struct Program {
+    pub code: Vec<u8>,
+    pub constants: Vec<u8>,
+    pub state: Vec<u8>,
+    pub state_bytes: u64,
+    /// The records of the section `takt_declare`.
+    pub declarations: Vec<u8>,
+    /// Where the place of a fault of the program's own making is.
+    pub user_trap: Option<u64>,
+    /// The sections with debug information, by name.
+    pub debug: BTreeMap<String, Vec<u8>>,
+}
+
+impl Program {
+    /// Bytes of the program at this address, in constants or state.
+    pub fn bytes(&self, at: u64, length: u64) -> Option<&[u8]> {
+        [
+            (address::constants(self.code.len() as u32), &self.constants),
+            (address::STATE, &self.state),
+        ]
+        .into_iter()
+        .find_map(|(base, bytes)| {
+            let from = usize::try_from(at.checked_sub(base)?).ok()?;
+            bytes.get(from..)?.get(..usize::try_from(length).ok()?)
+        })
+    }
+}
+
+/// Reads the file that the linker wrote.
+pub fn read(file: &[u8]) -> Result<Program, LinkError> {
+    let elf = ElfFile64::<Endianness>::parse(file)?;
+    let section = |name| -> Result<Vec<u8>, LinkError> {
+        let found = elf.section_by_name(name);
+        Ok(found.map(|section| section.data()).transpose()?.unwrap_or_default().to_vec())
+    };
+    check_sections(&elf)?;
+    let end =
+        |name| elf.section_by_name(name).filter(|s| s.size() > 0).map(|s| s.address() + s.size());
+    let state_end = end(".bss").or(end(".data")).unwrap_or(address::STATE);
+    let trap = elf.symbols().find(|symbol| symbol.name() == Ok("takt_trap_user"));
+    let mut debug = BTreeMap::new();
+    for section in elf.sections() {
+        if let Ok(name) = section.name()
+            && name.starts_with(".debug_")
+        {
+            debug.insert(name.to_owned(), section.uncompressed_data()?.into_owned());
+        }
+    }
+    Ok(Program {
+        code: section(".text")?,
+        constants: section(".rodata")?,
+        state: section(".data")?,
+        state_bytes: state_end - address::STATE,
+        declarations: section(takt_sdk::declaration::SECTION)?,
+        user_trap: trap.map(|symbol| symbol.address()),
+        debug,
+    })
+}
+
+fn check_sections(elf: &ElfFile64<'_, Endianness>) -> Result<(), LinkError> {
+    const KNOWN: [&str; 5] = [".text", ".rodata", ".data", ".bss", takt_sdk::declaration::SECTION];
+    for section in elf.sections() {
+        let SectionFlags::Elf { sh_flags, .. } = section.flags() else { continue };
+        if sh_flags.0 & SHF_ALLOC.0 == 0 || section.size() == 0 {
+            continue;
+        }
+        let name = section.name()?.to_owned();
+        if name == ".takt.constructors" {
+            return Err(LinkError::Constructors { functions: constructors(elf, section.data()?) });
+        }
+        if sh_flags.0 & SHF_TLS.0 != 0 {
+            let names = elf.symbols().filter(|symbol| symbol.kind() == SymbolKind::Tls);
+            let variables =
+                names.filter_map(|symbol| symbol.name().ok().map(str::to_owned)).collect();
+            return Err(LinkError::ThreadLocal { variables });
+        }
+        if !KNOWN.contains(&name.as_str()) {
+            return Err(LinkError::Section { name });
+        }
+    }
+    Ok(())
+}
+
+/// The names of the functions that the table of constructors has.
+fn constructors(elf: &ElfFile64<'_, Endianness>, table: &[u8]) -> Vec<String> {
+    let name = |address: u64| {
+        let function = elf
+            .symbols()
+            .find(|symbol| symbol.kind() == SymbolKind::Text && symbol.address() == address);
+        function.and_then(|symbol| symbol.name().ok().map(str::to_owned))
+    };
+    let addresses = table.chunks_exact(8).filter_map(|bytes| bytes.try_into().ok());
+    let mut names: Vec<_> = addresses.filter_map(|bytes| name(u64::from_le_bytes(bytes))).collect();
+    if names.is_empty() {
+        names.push("without names".into());
+    }
+    names
+}

@@ -1,0 +1,84 @@
+//! From object files and static libraries to a program image.
+//!
+//! The linking itself is done by the system's linker with a script of ours: it knows relocations, archives
+//! and dead code better than anything that could be written here. What it makes, a static ELF file with everything at
+//! its final address, is then read: the declarations of the program become tables of the image, the segments
+//! become its segments, and the debug information its line map. What the guest's loader does not do is
+//! refused: constructors, thread-local variables, relocations at load time, memory that is writable and
+//! executable.
+
+mod declarations;
+mod elf;
+mod lines;
+mod linker;
+
+use std::path::{Path, PathBuf};
+
+use takt_program::ImageError;
+
+/// Why no image was made.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    #[error("cannot read {}: {source}", .path.display())]
+    Read { path: PathBuf, source: std::io::Error },
+    #[error("cannot make a temporary folder: {0}")]
+    Temporary(std::io::Error),
+    #[error("{} is no object file or static library: {source}", .path.display())]
+    Object { path: PathBuf, source: object::Error },
+    #[error(
+        "no linker: neither ld nor ld.lld is in the PATH, and rustc has no rust-lld; on Debian, install binutils"
+    )]
+    NoLinker,
+    #[error("cannot run {}: {source}", .linker.display())]
+    Run { linker: PathBuf, source: std::io::Error },
+    #[error("{} failed:\n{output}", .linker.display())]
+    Linker { linker: PathBuf, output: String },
+    #[error("these functions and variables are used but nowhere defined: {}{hint}", .symbols.join(", "))]
+    Unresolved { symbols: Vec<String>, hint: &'static str },
+    #[error("the linked program cannot be read: {0}")]
+    Elf(#[from] object::Error),
+    #[error(
+        "section {name} of the object files is not one of a control program; allowed are .text, .rodata, .data, \
+         .bss and their parts (.text.NAME)"
+    )]
+    Section { name: String },
+    #[error(
+        "the program has static constructors: {}; nothing would run them. Set such variables in the \
+         function of TAKT_INIT",
+        .functions.join(", ")
+    )]
+    Constructors { functions: Vec<String> },
+    #[error(
+        "the program has thread-local variables: {}; a control program has no threads",
+        .variables.join(", ")
+    )]
+    ThreadLocal { variables: Vec<String> },
+    #[error("{}: section {name} is writable and executable; a program's code cannot change", .path.display())]
+    WritableCode { path: PathBuf, name: String },
+    #[error("no program is declared: TAKT_PROGRAM(...) in C, takt_sdk::program!(...) in Rust")]
+    NoProgram,
+    #[error("{what} is declared twice")]
+    Twice { what: &'static str },
+    #[error("declaration {index} is broken: {why}")]
+    Declaration { index: usize, why: String },
+    #[error("{what} `{name}`: {why}")]
+    Declared { what: &'static str, name: String, why: String },
+    #[error("the program breaks a rule of images: {0}")]
+    Image(#[from] ImageError),
+}
+
+/// Links these files and gives the image.
+pub fn build(inputs: &[PathBuf]) -> Result<Vec<u8>, LinkError> {
+    let linked = linker::link(inputs)?;
+    let program = elf::read(&linked)?;
+    let mut builder = declarations::builder(&program)?;
+    let here = std::env::current_dir().unwrap_or_default();
+    for line in lines::of(&program, &here) {
+        builder.line(line);
+    }
+    Ok(builder.build()?)
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, LinkError> {
+    std::fs::read(path).map_err(|source| LinkError::Read { path: path.to_owned(), source })
+}

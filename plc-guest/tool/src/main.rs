@@ -1,0 +1,85 @@
+//! `takt plc`: makes, inspects, signs and tests control programs.
+//!
+//! One file of `commands` for each subcommand. What they do lies in `link` (from object files to an image),
+//! `run` (an image on this machine) and `takt-program` (the image itself).
+
+mod commands;
+mod link;
+mod run;
+mod table;
+mod value;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Exit statuses; `--help` tells them.
+mod status {
+    pub const GOOD: u8 = 0;
+    pub const NOT_AS_EXPECTED: u8 = 1;
+    pub const BAD_INPUT: u8 = 2;
+    pub const PROGRAM_FAILED: u8 = 3;
+    pub const HOST_CANNOT: u8 = 4;
+}
+
+const AFTER_HELP: &str = "\
+Exit status: 0 good; 1 the program ran, but not as the table expects, or an image is not signed as asked;
+2 bad file or usage; 3 the program faulted, stopped itself or did not end; 4 this machine cannot.";
+
+/// Makes, inspects, signs and tests control programs.
+#[derive(Parser)]
+#[command(name = "takt plc", version, after_help = AFTER_HELP)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Begin a new program in a new folder.
+    New(commands::new::New),
+    /// Make a program image of object files and static libraries.
+    Build(commands::build::Build),
+    /// Run a program on this machine, cycle by cycle, and compare its outputs with a table.
+    Test(commands::test::Test),
+    /// Show what is in an image.
+    Inspect(commands::inspect::Inspect),
+    /// Check that an image is whole and, if keys are given, signed by one of them.
+    Verify(commands::verify::Verify),
+    /// Sign an image.
+    Sign(commands::sign::Sign),
+    /// Make a pair of keys for signing.
+    Keygen(commands::keygen::Keygen),
+}
+
+/// What a command ends with, if not well: the message has been made for the user.
+struct Failure {
+    status: u8,
+    message: String,
+}
+
+impl Failure {
+    /// A file or an argument is bad.
+    fn input(message: impl ToString) -> Self {
+        Self { status: status::BAD_INPUT, message: message.to_string() }
+    }
+}
+
+fn main() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::New(command) => command.run(),
+        Command::Build(command) => command.run(),
+        Command::Test(command) => command.run(),
+        Command::Inspect(command) => command.run(),
+        Command::Verify(command) => command.run(),
+        Command::Sign(command) => command.run(),
+        Command::Keygen(command) => command.run(),
+    };
+    match result {
+        Ok(()) => ExitCode::from(status::GOOD),
+        Err(Failure { status, message }) => {
+            eprintln!("takt plc: {message}");
+            ExitCode::from(status)
+        }
+    }
+}

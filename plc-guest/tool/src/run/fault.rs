@@ -1,0 +1,149 @@
+//! What a fault is, in words, with the place in the source.
+
+use std::ffi::c_int;
+use std::fmt;
+
+use takt_program::{CodeOffset, Image, address, limit};
+
+use super::HostError;
+use super::child::Stop;
+use super::memory::{Memory, Rights};
+
+/// Why a program does not run on.
+#[derive(Debug)]
+pub enum Failed {
+    /// This machine's fault.
+    Host(HostError),
+    /// The program's.
+    Program(Fault),
+}
+
+impl From<HostError> for Failed {
+    fn from(error: HostError) -> Self {
+        Self::Host(error)
+    }
+}
+
+/// A fault of the program, and where it happened.
+#[derive(Debug)]
+pub struct Fault {
+    /// `init`, or a task's name.
+    pub task: String,
+    /// Jobs of the task before this one.
+    pub cycle: u64,
+    /// Simulated time, in nanoseconds.
+    pub now: u64,
+    /// What happened.
+    pub what: String,
+    /// Where: file and line, or an address.
+    pub place: String,
+    /// The last line of the log in this job, which says why if the program gave up by itself.
+    pub last_words: Option<String>,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { task, cycle, now, what, place, .. } = self;
+        let now = takt_program::Nanoseconds(*now);
+        write!(f, "task {task}, job {cycle}, at {now}: {what}, {place}")?;
+        self.last_words.as_ref().map_or(Ok(()), |words| write!(f, "\n  last log line: {words}"))
+    }
+}
+
+/// What a stop that is no call means.
+pub fn describe(image: &Image<'_>, memory: &Memory, stop: &Stop) -> (String, String) {
+    let (what, rip) = match stop {
+        Stop::Signal { number, code, address, registers } => {
+            let trap = code_offset(image, registers.rip).and_then(|at| image.trap(at));
+            let what = trap.map_or_else(
+                || signal(memory, *number, *code, *address, registers.rip),
+                |trap| trap.kind.words().to_owned(),
+            );
+            (what, registers.rip)
+        }
+        Stop::TimedOut(registers) => ("it did not end in time".into(), registers.rip),
+        Stop::ForeignCall(registers) => {
+            let what = "a call of another operating system (int 0x80 or sysenter)";
+            // The instruction is before the place where it would go on.
+            (what.into(), registers.rip.wrapping_sub(2))
+        }
+        Stop::Call(registers) => ("a call".into(), registers.rip.wrapping_sub(2)),
+        Stop::Gone => {
+            return ("its process is gone".into(), "nothing is known of the place".into());
+        }
+    };
+    let called = match stop {
+        // A jump to nowhere was most often a call: the caller is on the stack.
+        Stop::Signal { registers, .. } if code_offset(image, rip).is_none() => {
+            memory.get(registers.rsp, 8).and_then(|bytes| bytes.try_into().ok())
+        }
+        _ => None,
+    };
+    let caller = called.map(u64::from_le_bytes).filter(|&at| code_offset(image, at).is_some());
+    let place = match caller {
+        // The return address is after the call.
+        Some(at) => format!("called at {}", place(image, at - 1)),
+        None => place(image, rip),
+    };
+    (what, place)
+}
+
+/// File and line of an instruction, or its address.
+pub fn place(image: &Image<'_>, rip: u64) -> String {
+    let Some(at) = code_offset(image, rip) else {
+        return format!("at {rip:#x}, which is not in the code");
+    };
+    let trap = image.trap(at).and_then(|trap| trap.place);
+    if let Some(place) = trap {
+        return format!("{}:{}:{}", place.file, place.line, place.column);
+    }
+    match image.line(at) {
+        Some(line) => format!("{}:{}", line.file, line.line),
+        None => format!("at {rip:#x}; no line is known there"),
+    }
+}
+
+fn code_offset(image: &Image<'_>, rip: u64) -> Option<CodeOffset> {
+    let offset = rip.checked_sub(address::CODE)?;
+    (offset < image.code().len() as u64).then_some(CodeOffset(offset as u32))
+}
+
+fn signal(memory: &Memory, number: c_int, code: c_int, at: u64, rip: u64) -> String {
+    /// A signal of the kernel's own, without an address (asm-generic/siginfo.h).
+    const SI_KERNEL: c_int = 0x80;
+    match number {
+        libc::SIGFPE => "division by zero, or a quotient that does not fit".into(),
+        libc::SIGILL => "illegal instruction".into(),
+        libc::SIGTRAP => "breakpoint or single-step trap".into(),
+        libc::SIGBUS if code != SI_KERNEL => "unaligned access".into(),
+        libc::SIGSEGV | libc::SIGBUS if code == SI_KERNEL => {
+            "privileged instruction, unaligned vector access or impossible address".into()
+        }
+        libc::SIGSEGV if at == rip => match memory.region(at) {
+            Some(_) => format!("jump to {at:#x}, which is data"),
+            None if at < address::PAGE => format!("call of a null function pointer ({at:#x})"),
+            None => format!("jump to {at:#x}, where nothing is"),
+        },
+        libc::SIGSEGV => match memory.region(at) {
+            Some(region) if region.rights == Rights::Execute => format!("write to code at {at:#x}"),
+            Some(_) => format!("write to read-only memory at {at:#x}{}", area(at)),
+            None if at < address::PAGE => format!("null reference ({at:#x})"),
+            None if in_stacks(at) => format!("stack overflow ({at:#x} is below the stack)"),
+            None => format!("access to {at:#x}, where nothing is"),
+        },
+        other => format!("signal {other}"),
+    }
+}
+
+fn area(at: u64) -> &'static str {
+    match at {
+        address::INPUT..address::OUTPUT => ", an input",
+        address::TASK_INFORMATION.. => ", the task information",
+        _ => "",
+    }
+}
+
+fn in_stacks(at: u64) -> bool {
+    let end = address::STACKS + u64::from(limit::TASKS) * address::STACK_SLOT;
+    (address::STACKS..end).contains(&at)
+}

@@ -1,0 +1,232 @@
+//! The kernel's calls, simulated: what a call gives when each job runs to its end before the next begins.
+//!
+//! Nothing can arrive while a job waits, so a wait for what is not there ends at once with "timed out".
+
+use std::collections::VecDeque;
+
+use takt_program::call::{Call, Error, FRESH};
+use takt_program::{Direction, Image, ObjectKind, Task, TaskId, limit};
+
+use super::memory::Memory;
+
+/// What a call leads to.
+pub enum Outcome {
+    /// The program goes on with this in `rax`.
+    Result(i64),
+    /// The job is done.
+    End,
+    /// The program stops itself, with this code.
+    Stop(u64),
+}
+
+enum Object {
+    Semaphore { ceiling: u8, holder: Option<TaskId> },
+    Queue { bytes: u64, depth: usize, messages: VecDeque<Vec<u8>> },
+    Mailbox { bytes: u64, value: Option<Vec<u8>>, seen: Vec<TaskId> },
+    Flags(u32),
+}
+
+struct Port {
+    direction: Direction,
+    bytes: u64,
+}
+
+/// The objects of a program and its log.
+pub struct Kernel {
+    objects: Vec<Object>,
+    ports: Vec<Port>,
+    /// Lines logged in this job.
+    pub log: Vec<String>,
+}
+
+/// Who calls, and when.
+pub struct Caller {
+    pub task: TaskId,
+    pub priority: u8,
+    pub now: u64,
+}
+
+impl Caller {
+    pub fn new(task: &Task<'_>, now: u64) -> Self {
+        Self { task: task.id, priority: task.priority, now }
+    }
+}
+
+impl Kernel {
+    pub fn new(image: &Image<'_>) -> Self {
+        let object = |kind| match kind {
+            ObjectKind::Semaphore { ceiling } => Object::Semaphore { ceiling, holder: None },
+            ObjectKind::Queue { message_bytes, depth } => Object::Queue {
+                bytes: message_bytes.into(),
+                depth: depth as usize,
+                messages: VecDeque::new(),
+            },
+            ObjectKind::Mailbox { bytes } => {
+                Object::Mailbox { bytes: bytes.into(), value: None, seen: Vec::new() }
+            }
+            ObjectKind::Flags => Object::Flags(0),
+        };
+        let port = |port: takt_program::Port<'_>| Port {
+            direction: port.direction,
+            bytes: port.message_bytes.into(),
+        };
+        Self {
+            objects: image.objects().map(|found| object(found.kind)).collect(),
+            ports: image.ports().map(port).collect(),
+            log: Vec::new(),
+        }
+    }
+
+    /// Carries out the call `number` with the arguments from `rdi`, `rsi`, `rdx` and `r10`.
+    pub fn call(
+        &mut self,
+        memory: &Memory,
+        caller: &Caller,
+        number: u64,
+        arguments: [u64; 4],
+    ) -> Outcome {
+        let call = u32::try_from(number).ok().and_then(Call::from_code);
+        let result = match call {
+            None => Err(Error::BadNumber),
+            Some(Call::End) => return Outcome::End,
+            Some(Call::Stop) => return Outcome::Stop(arguments[0]),
+            Some(Call::Time) => Ok(caller.now.cast_signed()),
+            Some(Call::Log) => self.log(memory, arguments),
+            Some(Call::ChannelRead | Call::ChannelWrite) => self.channel(memory, call, arguments),
+            Some(call) => self.object(memory, caller, call, arguments),
+        };
+        Outcome::Result(result.unwrap_or_else(Error::result))
+    }
+
+    /// Gives back what a job did not.
+    pub fn job_ended(&mut self, task: TaskId) {
+        for object in &mut self.objects {
+            if let Object::Semaphore { holder, .. } = object
+                && *holder == Some(task)
+            {
+                *holder = None;
+            }
+        }
+    }
+
+    fn log(&mut self, memory: &Memory, [at, bytes, ..]: [u64; 4]) -> Result<i64, Error> {
+        if bytes > limit::LOG_BYTES.into() {
+            return Err(Error::TooLong);
+        }
+        let text = memory.get(at, bytes).ok_or(Error::BadPointer)?;
+        self.log.push(String::from_utf8_lossy(&text).chars().filter(|c| !c.is_control()).collect());
+        Ok(0)
+    }
+
+    /// There is no other partition: nothing comes, and what goes out is taken.
+    fn channel(
+        &self,
+        memory: &Memory,
+        call: Option<Call>,
+        [id, at, bytes, _]: [u64; 4],
+    ) -> Result<i64, Error> {
+        let port =
+            usize::try_from(id).ok().and_then(|id| self.ports.get(id)).ok_or(Error::BadId)?;
+        let writes = call == Some(Call::ChannelWrite);
+        if writes != (port.direction == Direction::Out) {
+            return Err(Error::BadId);
+        }
+        if !memory.allows(at, bytes, !writes) {
+            return Err(Error::BadPointer);
+        }
+        match (writes, bytes > port.bytes) {
+            (true, true) => Err(Error::TooLong),
+            (true, false) => Ok(0),
+            (false, _) => Err(Error::Empty),
+        }
+    }
+
+    fn object(
+        &mut self,
+        memory: &Memory,
+        caller: &Caller,
+        call: Call,
+        [id, a, b, c]: [u64; 4],
+    ) -> Result<i64, Error> {
+        let object = usize::try_from(id).ok().and_then(|id| self.objects.get_mut(id));
+        match (call, object.ok_or(Error::BadId)?) {
+            (Call::SemaphoreTake, Object::Semaphore { ceiling, holder }) => match holder {
+                _ if caller.priority < *ceiling => Err(Error::Ceiling),
+                Some(holder) if *holder == caller.task => Err(Error::Ceiling),
+                Some(_) => Err(Error::TimedOut),
+                None => {
+                    *holder = Some(caller.task);
+                    Ok(0)
+                }
+            },
+            (Call::SemaphoreGive, Object::Semaphore { holder, .. }) => {
+                let held = *holder == Some(caller.task);
+                if held {
+                    *holder = None
+                }
+                held.then_some(0).ok_or(Error::NotAllowed)
+            }
+            (Call::QueueSend, Object::Queue { bytes, depth, messages }) => {
+                let message = message(memory, a, b, *bytes)?;
+                if messages.len() == *depth {
+                    return Err(Error::Full);
+                }
+                messages.push_back(message);
+                Ok(0)
+            }
+            (Call::QueueReceive, Object::Queue { messages, .. }) => {
+                let none = if c == 0 { Error::Empty } else { Error::TimedOut };
+                let message = messages.front().ok_or(none)?;
+                let length = deliver(memory, a, b, message)?;
+                messages.pop_front();
+                Ok(length)
+            }
+            (Call::MailboxWrite, Object::Mailbox { bytes, value, seen }) => {
+                *value = Some(message(memory, a, b, *bytes)?);
+                seen.clear();
+                Ok(0)
+            }
+            (Call::MailboxRead, Object::Mailbox { value, seen, .. }) => {
+                let length = deliver(memory, a, b, value.as_ref().ok_or(Error::Empty)?)?;
+                let fresh = !seen.contains(&caller.task);
+                if fresh {
+                    seen.push(caller.task);
+                }
+                Ok(length | if fresh { FRESH } else { 0 })
+            }
+            (Call::FlagsSet, Object::Flags(flags)) => {
+                *flags |= a as u32;
+                Ok(0)
+            }
+            (Call::FlagsClear, Object::Flags(flags)) => {
+                *flags &= !(a as u32);
+                Ok(0)
+            }
+            (Call::FlagsWait, Object::Flags(flags)) => {
+                let (mask, found) = (a as u32, *flags & a as u32);
+                let enough = if b == 1 { found == mask } else { found != 0 };
+                enough.then_some(found.into()).ok_or(Error::TimedOut)
+            }
+            _ => Err(Error::BadId),
+        }
+    }
+}
+
+fn message(memory: &Memory, at: u64, bytes: u64, limit: u64) -> Result<Vec<u8>, Error> {
+    if bytes > limit {
+        return Err(Error::TooLong);
+    }
+    memory.get(at, bytes).ok_or(Error::BadPointer)
+}
+
+fn deliver(memory: &Memory, at: u64, room: u64, message: &[u8]) -> Result<i64, Error> {
+    let length = message.len() as u64;
+    if !memory.allows(at, room, true) {
+        return Err(Error::BadPointer);
+    }
+    if length > room {
+        return Err(Error::TooLong);
+    }
+    memory.put(at, message);
+    Ok(length.cast_signed())
+}

@@ -1,0 +1,163 @@
+//! A program in its process: jobs run one after the other.
+
+use std::time::Duration;
+
+use takt_program::{ABI_VERSION, CodeOffset, Image, Start, Task, TaskId, TaskInformation, address};
+
+use super::HostError;
+use super::child::{Child, Registers, Stop};
+use super::fault::{Failed, Fault, describe};
+use super::kernel::{Caller, Kernel, Outcome};
+use super::memory::Memory;
+
+/// The flags register as a function finds it: interrupts on, direction up, no single step. Bit 1 is always set.
+const FLAGS: u64 = 0x202;
+/// SSE as a function finds it: all exceptions masked, round to nearest (System V ABI, section 3.2.1).
+const MXCSR: u32 = 0x1f80;
+/// The x87 likewise: all exceptions masked, 64 bits of precision.
+const X87_CONTROL: u16 = 0x37f;
+
+/// A program that has been loaded.
+pub struct Machine<'a> {
+    image: Image<'a>,
+    memory: Memory,
+    child: Child,
+    kernel: Kernel,
+    registers: Registers,
+    vectors: libc::user_fpregs_struct,
+    /// How long a job may run on this machine.
+    limit: Duration,
+}
+
+/// One job: which, and when.
+pub struct Job<'a> {
+    pub task: Task<'a>,
+    pub cycle: u64,
+    pub now: u64,
+    pub period: u64,
+}
+
+impl<'a> Machine<'a> {
+    /// Loads the program.
+    pub fn new(image: Image<'a>, limit: Duration) -> Result<Self, HostError> {
+        let memory = Memory::new(&image)?;
+        let child = Child::new(&memory)?;
+        let kernel = Kernel::new(&image);
+        let registers = child.registers()?;
+        let mut vectors = child.vectors()?;
+        (vectors.mxcsr, vectors.cwd, vectors.swd, vectors.ftw) = (MXCSR, X87_CONTROL, 0, 0);
+        Ok(Self { image, memory, child, kernel, registers, vectors, limit })
+    }
+
+    /// Bytes of the program's memory.
+    pub fn get(&self, at: u64, bytes: u64) -> Option<Vec<u8>> {
+        self.memory.get(at, bytes)
+    }
+
+    /// Sets bytes of the program's memory.
+    pub fn put(&self, at: u64, bytes: &[u8]) -> bool {
+        self.memory.put(at, bytes)
+    }
+
+    /// Runs `init` for a cold start, if the program has one. Gives what it logged.
+    pub fn init(&mut self) -> Result<Vec<String>, Failed> {
+        let (Some(entry), Some(task)) = (self.image.init(), self.image.task(TaskId(0))) else {
+            return Ok(Vec::new());
+        };
+        let information =
+            TaskInformation { task: TaskInformation::INIT, ..self.information(0, 0, 0) };
+        self.run("init", &task, entry, information)
+    }
+
+    /// Runs a job. Gives what it logged.
+    pub fn job(&mut self, job: &Job<'_>) -> Result<Vec<String>, Failed> {
+        let task = job.task.id.0.into();
+        let information =
+            TaskInformation { task, ..self.information(job.cycle, job.now, job.period) };
+        self.run(job.task.name, &job.task, job.task.entry, information)
+    }
+
+    fn information(&self, cycle: u64, now: u64, period: u64) -> TaskInformation {
+        let (version, start) = (ABI_VERSION.into(), Start::Cold.code());
+        TaskInformation { version, cycle, now, period, start, ..TaskInformation::default() }
+    }
+
+    fn run(
+        &mut self,
+        name: &str,
+        task: &Task<'_>,
+        entry: CodeOffset,
+        information: TaskInformation,
+    ) -> Result<Vec<String>, Failed> {
+        self.memory.put(address::TASK_INFORMATION, &bytes(&information));
+        let stack = address::stack_end(task.id) - 8;
+        self.memory.put(stack, &address::CALL_PAGE.to_le_bytes());
+        self.child.set_vectors(&self.vectors)?;
+        let mut registers = self.registers;
+        (registers.rip, registers.rsp, registers.rdi) =
+            (entry.address(), stack, address::TASK_INFORMATION);
+        // No system call was interrupted, so the kernel has none to restart.
+        (registers.eflags, registers.rbp, registers.orig_rax) = (FLAGS, 0, u64::MAX);
+        let caller = Caller::new(task, information.now);
+        loop {
+            let stop = self.child.run(&registers, self.limit)?;
+            let stop = self.foreign(stop);
+            if let Stop::Call(at_call) = stop {
+                let arguments = [at_call.rdi, at_call.rsi, at_call.rdx, at_call.r10];
+                let number = at_call.orig_rax;
+                match self.kernel.call(&self.memory, &caller, number, arguments) {
+                    Outcome::Result(result) => {
+                        registers = at_call;
+                        (registers.rax, registers.orig_rax) = (result.cast_unsigned(), u64::MAX);
+                    }
+                    Outcome::End => {
+                        self.kernel.job_ended(task.id);
+                        return Ok(std::mem::take(&mut self.kernel.log));
+                    }
+                    Outcome::Stop(code) => {
+                        let (_, place) = describe(&self.image, &self.memory, &stop);
+                        let what = format!("it stopped the program with code {code}");
+                        return Err(self.fault(name, information, what, place));
+                    }
+                }
+            } else {
+                let (what, place) = describe(&self.image, &self.memory, &stop);
+                return Err(self.fault(name, information, what, place));
+            }
+        }
+    }
+
+    /// A stop by a system call, but not by the instruction `syscall`, is not a call of ours.
+    fn foreign(&self, stop: Stop) -> Stop {
+        const SYSCALL: [u8; 2] = [0x0f, 0x05];
+        match stop {
+            Stop::Call(registers)
+                if self.memory.get(registers.rip.wrapping_sub(2), 2).as_deref()
+                    != Some(&SYSCALL) =>
+            {
+                Stop::ForeignCall(registers)
+            }
+            stop => stop,
+        }
+    }
+
+    fn fault(&mut self, task: &str, job: TaskInformation, what: String, place: String) -> Failed {
+        let last_words = std::mem::take(&mut self.kernel.log).pop();
+        let (cycle, now, task) = (job.cycle, job.now, task.to_owned());
+        Failed::Program(Fault { task, cycle, now, what, place, last_words })
+    }
+}
+
+/// The page's content, as the program finds it.
+fn bytes(information: &TaskInformation) -> [u8; 64] {
+    let mut page = [0; 64];
+    let TaskInformation { version, task, cycle, now, period, start, flags, .. } = information;
+    page[0..4].copy_from_slice(&version.to_le_bytes());
+    page[4..8].copy_from_slice(&task.to_le_bytes());
+    page[8..16].copy_from_slice(&cycle.to_le_bytes());
+    page[16..24].copy_from_slice(&now.to_le_bytes());
+    page[24..32].copy_from_slice(&period.to_le_bytes());
+    page[32..36].copy_from_slice(&start.to_le_bytes());
+    page[36..40].copy_from_slice(&flags.to_le_bytes());
+    page
+}

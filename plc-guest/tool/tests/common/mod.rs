@@ -1,0 +1,101 @@
+//! A folder outside of the repository, and programs run in it.
+#![allow(dead_code, reason = "not every test file needs all of it")]
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// How a program ended, and all that it said.
+pub struct Ended {
+    pub status: i32,
+    pub text: String,
+}
+
+impl Ended {
+    #[track_caller]
+    pub fn expect(self, status: i32, says: &str) -> Self {
+        assert_eq!(self.status, status, "{}", self.text);
+        assert!(self.text.contains(says), "expected: {says}\nfound: {}", self.text);
+        self
+    }
+}
+
+/// An empty folder.
+pub struct Folder(tempfile::TempDir);
+
+impl Folder {
+    pub fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    pub fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    pub fn write(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.path().join(name);
+        fs::write(&path, text).unwrap();
+        path
+    }
+
+    pub fn read(&self, name: &str) -> Vec<u8> {
+        fs::read(self.path().join(name)).unwrap()
+    }
+
+    /// `takt plc` with these words.
+    pub fn takt_plc(&self, words: &[&str]) -> Ended {
+        run(Command::new(env!("CARGO_BIN_EXE_takt-plc")).args(words).current_dir(self.path()))
+    }
+
+    /// Another program, which finds `takt` as users have it in their path.
+    pub fn run(&self, program: &str, words: &[&str]) -> Ended {
+        let takt = self.write(
+            "takt",
+            concat!("#!/bin/sh\nshift\nexec ", env!("CARGO_BIN_EXE_takt-plc"), " \"$@\"\n"),
+        );
+        fs::set_permissions(&takt, fs::Permissions::from_mode(0o755)).unwrap();
+        let mut command = Command::new(program);
+        // What cargo has told this test is about the repository.
+        for (name, _) in std::env::vars_os() {
+            let text = name.to_string_lossy();
+            if text.starts_with("CARGO_") && text != "CARGO_HOME" || text.contains("RUSTFLAGS") {
+                command.env_remove(name);
+            }
+        }
+        command.env("TAKT", &takt).env_remove("MAKEFLAGS");
+        run(command.args(words).current_dir(self.path()))
+    }
+
+    /// Compiles and links a C program with the SDK; gives how linking ended. The image is NAME.plc.
+    pub fn c_program(&self, name: &str, source: &str) -> Ended {
+        self.c_program_with(name, source, &[])
+    }
+
+    pub fn c_program_with(&self, name: &str, source: &str, flags: &[&str]) -> Ended {
+        let sdk = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sdk/c");
+        let include = format!("-I{}", sdk.display());
+        let source = self.write(&format!("{name}.c"), source);
+        let runtime = sdk.join("takt.c");
+        for (from, to) in [(source.as_path(), name), (&runtime, "takt")] {
+            let object = format!("{to}.o");
+            let file = from.file_name().unwrap().to_str().unwrap();
+            let from = if to == "takt" { from.to_str().unwrap() } else { file };
+            let mut words =
+                vec!["-O1", "-g", "-std=c11", "-ffreestanding", "-fno-pie", "-fno-builtin"];
+            words.extend(["-fno-stack-protector", "-Wall", "-Wextra", "-Werror", &include]);
+            words.extend(flags);
+            words.extend(["-c", from, "-o", &object]);
+            self.run("gcc", &words).expect(0, "");
+        }
+        let (object, image) = (format!("{name}.o"), format!("{name}.plc"));
+        self.takt_plc(&["build", &object, "takt.o", "-o", &image])
+    }
+}
+
+fn run(command: &mut Command) -> Ended {
+    let output = command.output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
+    let mut text = String::from_utf8_lossy(&output.stdout).into_owned();
+    text.push_str(&String::from_utf8_lossy(&output.stderr));
+    Ended { status: output.status.code().unwrap_or(-1), text }
+}

@@ -1,0 +1,97 @@
+//! Keys, signatures and tables.
+
+mod common;
+
+use common::Folder;
+
+const SOURCE: &str = "#include \"takt.h\"\nTAKT_PROGRAM(\"p\", 1, 2, 3, 9);\n\
+    TAKT_INPUT(INT, x, 0); TAKT_INPUT_BIT(on, 2, 7); TAKT_OUTPUT(REAL, y, 0); TAKT_OUTPUT(UDINT, rises, 4);\n\
+    TAKT_OUTPUT(UDINT, jobs, 8);\n\
+    static void run(const takt_job *job) { y = on() ? x * 0.1f : 0; jobs = (uint32_t)job->cycle; }\n\
+    TAKT_CYCLIC(run, .period = TAKT_MS(2));\n\
+    static void edge(const takt_job *job) { rises = (uint32_t)job->cycle + 1; }\n\
+    TAKT_EVENT(edge, \"rise:on\", .period = TAKT_MS(4), .priority = 1);\n";
+
+fn built() -> Folder {
+    let folder = Folder::new();
+    folder.c_program("p", SOURCE).expect(0, "");
+    folder
+}
+
+#[test]
+fn an_image_is_signed_by_a_key_and_no_other() {
+    let folder = built();
+    folder.takt_plc(&["verify", "p.plc"]).expect(0, "whole, not signed");
+    folder.takt_plc(&["keygen", "a"]).expect(0, "public key a.pub");
+    folder.takt_plc(&["keygen", "b"]).expect(0, "");
+    folder.takt_plc(&["keygen", "a"]).expect(2, "cannot make a.key");
+    folder.takt_plc(&["verify", "p.plc", "--key", "a.pub"]).expect(1, "is not signed");
+    folder.takt_plc(&["sign", "p.plc", "--key", "a.key"]).expect(0, "signed by");
+    folder
+        .takt_plc(&["verify", "p.plc", "--key", "b.pub", "--key", "a.pub"])
+        .expect(0, "signed by");
+    folder.takt_plc(&["verify", "p.plc", "--key", "b.pub"]).expect(1, "none of the keys");
+    folder.takt_plc(&["sign", "p.plc", "--key", "p.plc"]).expect(2, "no private key");
+    let mut bytes = folder.read("p.plc");
+    *bytes.last_mut().unwrap() ^= 1;
+    std::fs::write(folder.path().join("q.plc"), bytes).unwrap();
+    for command in ["verify", "inspect", "test"] {
+        folder.takt_plc(&[command, "q.plc"]).expect(2, "q.plc: at byte");
+    }
+    folder.takt_plc(&["sign", "q.plc", "--key", "a.key"]).expect(2, "q.plc: at byte");
+}
+
+#[test]
+fn a_private_key_is_readable_by_its_owner_only() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = Folder::new();
+    folder.takt_plc(&["keygen", "k"]).expect(0, "");
+    let mode = std::fs::metadata(folder.path().join("k.key")).unwrap().permissions().mode();
+    assert_eq!(mode & 0o777, 0o600);
+}
+
+#[test]
+fn tables_set_inputs_and_compare_outputs() {
+    let folder = built();
+    folder.write("t.csv", "# comment\nx,on,y +-0.001,rises,#why\n-7,TRUE,-0.7,1,first\n,1,-0.7,1,\n,0,0,1,\n8,1,.8,2,\n");
+    folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(0, "4 cycles, 8 ms");
+    folder.write("t.csv", "x,on,y\n1,1,0.1\n1,1,0.3\n");
+    let ended = folder.takt_plc(&["test", "p.plc", "t.csv"]);
+    ended.expect(1, "1 values are not as expected").expect(1, "line 3: y is 0.1");
+}
+
+#[test]
+fn an_event_within_the_least_time_is_served_later() {
+    let folder = built();
+    // Rises in the first row and in the third, 4 ms later; again in the fourth row's 2 ms: served one row later.
+    folder.write("t.csv", "on,rises\n1,1\n0,1\n1,2\n0,2\n1,3\n0,3\n");
+    folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(0, "");
+    folder.write("t.csv", "on,rises,jobs\n1,1,0\n0,1,0\n1,1,1\n0,1,1\n0,2,2\n");
+    folder.takt_plc(&["test", "p.plc", "t.csv", "--step", "1000"]).expect(0, "5 ms");
+}
+
+#[test]
+fn a_row_can_be_longer_than_a_period() {
+    let folder = built();
+    folder.write("t.csv", "jobs\n4\n9\n");
+    folder.takt_plc(&["test", "p.plc", "t.csv", "--step", "10000"]).expect(0, "2 cycles, 20 ms");
+    folder.takt_plc(&["test", "p.plc", "--cycles", "100"]).expect(0, "100 cycles, 200 ms");
+}
+
+#[test]
+fn tables_that_are_wrong_are_told_with_line_and_column() {
+    let folder = built();
+    for (table, says) in [
+        ("", "line 1, column 1: the table is empty"),
+        ("x,no\n", "t.csv, line 1, column 3: the program has no point `no`"),
+        ("x\n40000\n", "line 2, column 1: found `40000`; INT is -32768 to 32767"),
+        ("on\n2\n", "line 2, column 1: found `2`; a BOOL is 0, 1"),
+        ("x,y\n1,1,1\n", "line 2, column 5: the row has more cells"),
+        ("y +-z\n", "line 1, column 1: found `z` after +-"),
+        ("x +-1\n", "line 1, column 1: a value that is set has no tolerance"),
+        ("y[1]\n", "`y[1]` has no part `[1]`"),
+    ] {
+        folder.write("t.csv", table);
+        folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(2, says);
+    }
+}

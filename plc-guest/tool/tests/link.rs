@@ -1,0 +1,113 @@
+//! What does not fit into an image is refused by name.
+
+mod common;
+
+use common::Folder;
+
+const HEAD: &str = "#include \"takt.h\"\nTAKT_PROGRAM(\"p\", 1, 0, 0, 0);\n";
+const RUN: &str = "static void run(const takt_job *job) { (void)job; }\n\
+                   TAKT_CYCLIC(run, .period = TAKT_MS(1));\n";
+
+/// The error for a program that has `more`.
+fn refused(more: &str, says: &[&str]) {
+    let mut ended = Folder::new().c_program("p", &format!("{HEAD}{more}\n{RUN}"));
+    for text in says {
+        ended = ended.expect(2, text);
+    }
+}
+
+#[test]
+fn constructors_are_refused_with_their_names() {
+    let source = "__attribute__((constructor)) static void early(void) { takt_log(\"x\"); }";
+    refused(source, &["static constructors: early", "TAKT_INIT"]);
+}
+
+#[test]
+fn thread_local_variables_are_refused_with_their_names() {
+    refused(
+        "_Thread_local int counter = 1; int *where(void) { return &counter; }\n\
+         static void b(const takt_job *j) { (void)j; *where() = 2; }\n\
+         TAKT_CYCLIC(b, .period = TAKT_MS(2));",
+        &["thread-local variables: counter"],
+    );
+}
+
+#[test]
+fn unresolved_symbols_are_refused_with_their_names() {
+    let source = "double sin(double); double x; void *malloc(size_t);\n\
+                  static void b(const takt_job *j) { (void)j; x = sin(x); malloc(3); }\n\
+                  TAKT_CYCLIC(b, .period = TAKT_MS(2));";
+    refused(source, &["malloc, sin", "no C library"]);
+}
+
+#[test]
+fn sections_of_an_unknown_kind_are_refused() {
+    let source = "__attribute__((section(\"mine\"), used)) int x = 1;\n\
+                  static void b(const takt_job *j) { (void)j; *(volatile int *)&x = 2; }\n\
+                  TAKT_CYCLIC(b, .period = TAKT_MS(2));";
+    refused(source, &["section mine"]);
+}
+
+#[test]
+fn writable_code_is_refused() {
+    let source = "__asm__(\".section .text.w,\\\"awx\\\",@progbits\\n.globl w\\nw: ret\\n.text\");\n\
+                  extern void w(void); static void b(const takt_job *j) { (void)j; w(); }\n\
+                  TAKT_CYCLIC(b, .period = TAKT_MS(2));";
+    refused(source, &["p.o: section .text.w is writable and executable"]);
+}
+
+#[test]
+fn declarations_that_break_a_rule_are_refused() {
+    refused("TAKT_INPUT(REAL, level, 65533);", &["point `level`", "in no memory of the program"]);
+    refused(
+        "static void b(const takt_job *j) { (void)j; } TAKT_CYCLIC(b, .priority = 3);",
+        &["task 0, period: a cyclic task has a period"],
+    );
+    refused(
+        "static void b(const takt_job *j) { (void)j; } TAKT_EVENT(b, \"sun:rise\", .period = 1);",
+        &["task `b`", "`sun:rise`", "allowed are channel:"],
+    );
+    refused(
+        "TAKT_QUEUE(jobs, 5000, 1);",
+        &["object 0, message bytes: found 5000, the limit is 4096"],
+    );
+}
+
+#[test]
+fn a_program_declares_itself() {
+    let ended = Folder::new().c_program("p", "#include \"takt.h\"\nint x;\n");
+    ended.expect(2, "no program is declared");
+}
+
+#[test]
+fn what_is_no_object_file_is_refused() {
+    let folder = Folder::new();
+    folder.write("x.o", "nonsense");
+    folder.takt_plc(&["build", "x.o", "-o", "x.plc"]).expect(2, "x.o is no object file");
+    folder.takt_plc(&["build", "y.o", "-o", "x.plc"]).expect(2, "cannot read y.o");
+    folder.takt_plc(&["build", "x.st", "-o", "x.plc"]).expect(2, "Structured Text");
+}
+
+#[test]
+fn what_a_generator_of_c_emits_is_linked() {
+    let folder = Folder::new();
+    // Globals with initial values in several files, doubles, structures that are copied, function tables, and position-independent code.
+    folder.write("lib.c", "struct big { double x[40]; }; struct big a = {{1, 2}}, b;\nvoid copy(void) { b = a; }\ndouble second(void) { return b.x[1]; }\n");
+    let flags =
+        ["-O2", "-fPIC", "-ffreestanding", "-fno-stack-protector", "-c", "lib.c", "-o", "lib.o"];
+    folder.run("gcc", &flags).expect(0, "");
+    folder.run("ar", &["rcs", "lib.a", "lib.o"]).expect(0, "");
+    let main = "#include \"takt.h\"\nTAKT_PROGRAM(\"p\", 1, 0, 0, 0);\nTAKT_OUTPUT(LREAL, y, 0);\n\
+                void copy(void); double second(void);\n\
+                static double (*const table[])(void) = { second };\n\
+                int row[3] = { 1, 2, 3 }; TAKT_POINT(DINT, row, TAKT_FORCEABLE);\n\
+                static void run(const takt_job *job) { copy(); y = table[job->task]() + row[2]; }\n\
+                TAKT_CYCLIC(run, .period = TAKT_MS(1));\n";
+    folder.c_program_with("p", main, &["-fPIC"]).expect(2, "copy, second");
+    let words = ["build", "p.o", "takt.o", "lib.a", "-o", "p.plc"];
+    folder.takt_plc(&words).expect(0, "");
+    folder.write("t.csv", "y,row[2],set row[2]\n5,3,\n");
+    folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(0, "");
+    folder.write("t.csv", "y,set row[2]\n5.5,3\n7,5\n");
+    folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(1, "line 2: y is 5, expected 5.5");
+}
