@@ -32,6 +32,7 @@ Programs of their own, in the folder of takt:
   ctl     Ask a running takt how it stands, and tell it what to do
   doctor  Say whether this host can keep the promises of a partition file
   top     Show what a running takt does
+  plc     Make, inspect, sign and test control programs
   jitter  Measure how punctual the partitions of a file are, under a load";
 
 /// A PLC and an unmodified Linux side by side on one machine, neither trusting the other.

@@ -26,7 +26,7 @@ struct Declared {
 pub fn builder(program: &Program) -> Result<Builder, LinkError> {
     let mut declared = read(program)?;
     // The order of declarations in a file is the compiler's; that of names is the author's.
-    declared.sort_by(|a, b| a.name.to_ascii_lowercase().cmp(&b.name.to_ascii_lowercase()));
+    declared.sort_by_key(|declared| declared.name.to_ascii_lowercase());
     let mut builder = Builder::new("");
     builder.code.clone_from(&program.code);
     builder.constants.clone_from(&program.constants);
@@ -278,7 +278,7 @@ fn function(
 
 fn code_offset(program: &Program, address: u64) -> Option<CodeOffset> {
     let offset = address.checked_sub(address::CODE)?;
-    (offset < program.code.len() as u64).then(|| CodeOffset(offset as u32))
+    (offset < program.code.len() as u64).then_some(CodeOffset(offset as u32))
 }
 
 fn narrow<T: TryFrom<u64>>(
