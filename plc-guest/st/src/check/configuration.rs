@@ -92,7 +92,10 @@ impl<'a> Checker<'a> {
         }
         for task in &resource.tasks {
             let instances = by_task.remove(&*task.name.key).unwrap_or_default();
-            if instances.is_empty() {
+            let named = |program: &ProgramInstance| {
+                program.task.as_ref().is_some_and(|name| name.key == task.name.key)
+            };
+            if !resource.programs.iter().any(named) {
                 let found = format!("the task `{}` has no program", task.name.text);
                 let one = Diagnostic::new(Code::InvalidTask, task.name.span, found);
                 self.tell(one.allowed("at least one `PROGRAM name WITH task : Program;`"));

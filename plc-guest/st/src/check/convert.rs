@@ -5,7 +5,6 @@
 
 use super::body::Body;
 use super::expression::Operand;
-use super::literal::fits;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Constant, Conversion, Elementary, Expr, ExprKind, Intrinsic, Type, TypeId};
 use crate::source::Span;
@@ -154,7 +153,7 @@ impl Body<'_, '_> {
                 }
                 return Some(self.expr(ty, ExprKind::Constant(value), span));
             }
-            (Constant::Integer(number), Type::Subrange { base, .. }) if fits(*base, *number) => {
+            (Constant::Integer(number), Type::Subrange { base, .. }) => {
                 let base = self.elementary(*base);
                 let expr = self.integer(base, *number, span);
                 let checked = self.checked(expr, ty, span)?;
@@ -265,6 +264,9 @@ impl Body<'_, '_> {
         match (a, b) {
             (Some(a), Some(Elementary::Bool)) if number(a) => {
                 one = one.hint("compare it, such as `<> 0`");
+            }
+            (Some(a), Some(b)) if number(a) && super::types::is_duration(b) => {
+                one = one.hint("a duration has a unit: `T#500ms`");
             }
             (Some(a), Some(b)) if a != b => {
                 one = one.hint(format!("convert it: `{}_TO_{}(...)`", a.name(), b.name()));

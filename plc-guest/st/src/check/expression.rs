@@ -1,6 +1,7 @@
 //! Expressions: what type each has, and what the typed tree of it is.
 
 use super::body::Body;
+use super::place::Access;
 use super::unit::{is_local, is_part};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Constant, Expr, ExprKind, Type, TypeId};
@@ -87,9 +88,7 @@ impl<'a> Body<'_, 'a> {
     fn constant_name(&mut self, name: &Name, hint: Option<TypeId>) -> Option<Option<Operand>> {
         if let Some(variable) = self.variable(name) {
             self.variables[variable].read = true;
-            if let super::unit::Storage::External(global) = self.variables[variable].storage {
-                self.checker.globals[global].read = true;
-            }
+            self.mark_external(name, Access::Read);
             let constant = self.constant_of(variable);
             return Some(constant.map(|(ty, value)| self.constant_operand(ty, value, name.span)));
         }

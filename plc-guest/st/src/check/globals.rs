@@ -64,6 +64,8 @@ impl<'a> Checker<'a> {
             Progress::Begun => {
                 let found = format!("`{}` depends on its own value", entry.name.text);
                 self.error(Code::Recursion, span, found);
+                // Told once: what needs it goes on without its value.
+                self.globals[index].progress = Progress::Done;
                 return;
             }
             Progress::Waiting => entry.progress = Progress::Begun,

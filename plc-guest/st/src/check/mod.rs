@@ -64,7 +64,11 @@ pub fn check(
     checker.refuse_shared_outputs();
     checker.refuse_recursion();
     checker.warn_of_globals();
-    checker.program
+    let program = checker.program;
+    if diagnostics.has_errors() {
+        diagnostics.forget_unused();
+    }
+    program
 }
 
 /// How far something that is resolved on demand is.

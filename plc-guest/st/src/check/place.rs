@@ -15,7 +15,7 @@ use crate::syntax::ast::{Expression, ExpressionKind, Name, SectionKind, UnitKind
 
 /// What a place is needed for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Access {
+pub(super) enum Access {
     Read,
     Write,
 }
@@ -166,7 +166,7 @@ impl<'a> Body<'_, 'a> {
     }
 
     /// What happens to a VAR_EXTERNAL happens to the global variable.
-    fn mark_external(&mut self, name: &Name, access: Access) {
+    pub(super) fn mark_external(&mut self, name: &Name, access: Access) {
         let external =
             self.variable(name).is_some_and(|at| self.variables[at].kind == SectionKind::External);
         if external && let Some(Entry::Global(global)) = self.checker.names.get(&*name.key) {

@@ -140,8 +140,13 @@ impl<'a> Body<'_, 'a> {
                             .is_some_and(|elementary| operand.untyped && is_integer(elementary)),
                     "REAL or LREAL",
                 ),
-                Group::Bits => (is(is_bit_string), "a bit string"),
-                Group::String => (types.is_string(ty), "STRING or WSTRING"),
+                Group::Bits => (is(is_bit_string) || operand.untyped, "a bit string"),
+                Group::String => {
+                    let character =
+                        matches!(elementary, Some(Elementary::Char | Elementary::Wchar))
+                            && function.make == Make::Concatenate;
+                    (types.is_string(ty) || character, "STRING or WSTRING")
+                }
                 Group::Scalar => {
                     (elementary.is_some() || types.is_string(ty), "an elementary value")
                 }
@@ -155,7 +160,13 @@ impl<'a> Body<'_, 'a> {
         };
         if !fits {
             let found = format!("{} for `{}`", self.type_name(ty), function.name);
-            self.tell(Diagnostic::new(Code::TypeMismatch, span, found).allowed(allowed));
+            let mut one = Diagnostic::new(Code::TypeMismatch, span, found).allowed(allowed);
+            if let (Parameter::Same(Group::Real), Some(integer)) = (parameter, elementary)
+                && is_integer(integer)
+            {
+                one = one.hint(format!("convert it: `{}_TO_LREAL(...)`", integer.name()));
+            }
+            self.tell(one);
         }
         fits
     }
@@ -376,7 +387,21 @@ impl<'a> Body<'_, 'a> {
         Some(if wide { types.wstring(capacity) } else { types.string(capacity) })
     }
 
+    /// A character is a string of one.
+    fn character_as_text(&mut self, operand: Operand, span: Span) -> Operand {
+        let ty = match self.plain(operand.expr.ty) {
+            Some(Elementary::Char) => self.checker.program.types.string(1),
+            Some(Elementary::Wchar) => self.checker.program.types.wstring(1),
+            _ => return operand,
+        };
+        self.intrinsic(Intrinsic::FromUnit, vec![operand.expr], ty, span)
+    }
+
     fn concatenate(&mut self, given: Vec<Given>, span: Span) -> Option<Operand> {
+        let given: Vec<Given> = given
+            .into_iter()
+            .map(|(operand, place)| (self.character_as_text(operand, place), place))
+            .collect();
         let first = given.first()?.0.expr.ty;
         for (operand, place) in &given {
             if !self.both_strings(first, operand.expr.ty) {

@@ -73,7 +73,7 @@ impl<'a> Checker<'a> {
             TypeKind::Structure { fields } => {
                 let id = checker.program.types.declare(&ast.name.text, StructureKind::Struct);
                 checker.types[index].id = Some(id);
-                checker.fields(id, fields);
+                checker.fields(id, fields, ast.spec.span);
                 Some(Resolved::from(id))
             }
             _ => {
@@ -98,7 +98,7 @@ impl<'a> Checker<'a> {
         entry.id.map(|ty| Resolved { ty, initial: entry.initial.clone() })
     }
 
-    fn fields(&mut self, id: TypeId, fields: &'a [ast::Variables]) {
+    fn fields(&mut self, id: TypeId, fields: &'a [ast::Variables], span: Span) {
         let mut seen: Vec<&Name> = Vec::new();
         for variables in fields {
             if let Some(address) = &variables.address {
@@ -116,11 +116,8 @@ impl<'a> Checker<'a> {
                 self.field(id, name, resolved.clone(), Section::Variable, Retention::None);
             }
         }
-        if seen.is_empty() {
-            let span = fields.first().map(|field| field.span);
-            if let Some(span) = span {
-                self.error(Code::InvalidDeclaration, span, "a structure without fields");
-            }
+        if fields.is_empty() {
+            self.error(Code::InvalidDeclaration, span, "a structure without fields");
         }
         self.program.types.complete(id);
     }

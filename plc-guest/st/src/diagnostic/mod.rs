@@ -81,7 +81,7 @@ pub struct Diagnostics {
     list: Vec<Diagnostic>,
     /// The number found in each file, by its index.
     per_file: Vec<usize>,
-    errors: bool,
+    errors: usize,
 }
 
 impl Diagnostics {
@@ -99,8 +99,8 @@ impl Diagnostics {
         }
         self.per_file[index] += 1;
         // The first error is kept whatever was warned of before it.
-        let first_error = diagnostic.is_error() && !self.errors;
-        self.errors |= diagnostic.is_error();
+        let first_error = diagnostic.is_error() && self.errors == 0;
+        self.errors += usize::from(diagnostic.is_error());
         if self.per_file[index] <= limits::ERRORS_PER_FILE || first_error {
             self.list.push(diagnostic);
         }
@@ -109,6 +109,12 @@ impl Diagnostics {
     /// Whether anything was found that keeps the program from being built.
     #[must_use]
     pub fn has_errors(&self) -> bool {
+        self.errors > 0
+    }
+
+    /// How many errors were found.
+    #[must_use]
+    pub fn errors(&self) -> usize {
         self.errors
     }
 
@@ -116,7 +122,14 @@ impl Diagnostics {
     #[must_use]
     pub fn left_out(&self, file: FileId) -> usize {
         let counted = self.per_file.get(file.index()).copied().unwrap_or(0);
-        counted - self.list.iter().filter(|one| one.span.file == file).count()
+        counted.saturating_sub(self.list.iter().filter(|one| one.span.file == file).count())
+    }
+
+    /// Takes back the warnings of what is not used. A program with errors uses more than was understood.
+    pub fn forget_unused(&mut self) {
+        self.list.retain(|one| {
+            !matches!(one.code, Code::Unused | Code::NeverAssigned | Code::MissingResult)
+        });
     }
 
     /// Those kept, by file and place.

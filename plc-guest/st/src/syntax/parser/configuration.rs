@@ -34,8 +34,18 @@ impl Parser<'_> {
     fn resource(&mut self) -> Parse<Resource> {
         let open = self.advance();
         let name = self.name("the name of the resource")?;
-        self.expect_keyword(Keyword::On)?;
-        let processor = self.name("the type of the processor")?;
+        // No keyword, because values of enumerations are so often named On.
+        let processor = match self.text(self.current.span).eq_ignore_ascii_case("ON") {
+            true => {
+                self.advance();
+                self.name("the type of the processor")?
+            }
+            // What is within is read all the same.
+            false => {
+                self.missing("ON");
+                name.clone()
+            }
+        };
         let mut resource = empty(Some((name, processor)), open);
         loop {
             if self.at_keyword(Keyword::VarGlobal) {

@@ -132,7 +132,7 @@ impl Parser<'_> {
                 ExpressionKind::Name(Name::new(self.text(span), span))
             }
             TokenKind::Keyword(Keyword::This | Keyword::Super) => {
-                return Err(self.refuse("THIS and SUPER: methods and inheritance"));
+                return Err(self.refuse("THIS or SUPER"));
             }
             _ => match self.literal_value()? {
                 Some(value) => ExpressionKind::Literal(Literal { prefix: None, value }),

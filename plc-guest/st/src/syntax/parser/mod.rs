@@ -78,7 +78,12 @@ impl<'a> Parser<'a> {
         let span = self.current.span;
         if self.current.kind != TokenKind::End {
             self.previous = span;
+            let before = self.diagnostics.errors();
             self.current = self.lexer.next_word(self.diagnostics);
+            if self.diagnostics.errors() > before {
+                // The word, or something before it, is wrong in itself.
+                self.last_error = Some(self.current.span.start);
+            }
         }
         span
     }

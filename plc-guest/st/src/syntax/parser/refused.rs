@@ -8,7 +8,7 @@ use crate::syntax::token::{Keyword, TokenKind};
 impl Parser<'_> {
     /// Tells that `what`, which begins at the current word, is not supported.
     pub(super) fn refuse(&mut self, what: &str) -> Told {
-        let found = format!("{what}: this compiler does not have it");
+        let found = format!("{what}, which this compiler does not have");
         let one = Diagnostic::new(Code::NotSupported, self.current.span, found)
             .allowed("programs, functions and function blocks in Structured Text");
         self.tell(one)

@@ -81,11 +81,8 @@ impl Parser<'_> {
             Keyword::Exit => return self.alone(StatementKind::Exit),
             Keyword::Continue => return self.alone(StatementKind::Continue),
             Keyword::Return => return self.alone(StatementKind::Return),
-            Keyword::Step | Keyword::InitialStep | Keyword::Transition | Keyword::Action => {
-                return Err(self.refuse("Sequential Function Chart"));
-            }
             Keyword::Super | Keyword::This => {
-                return Err(self.refuse("THIS and SUPER: methods and inheritance"));
+                return Err(self.refuse("THIS or SUPER"));
             }
             _ => return self.simple_statement(),
         };
@@ -209,7 +206,11 @@ impl Parser<'_> {
             let one = Diagnostic::new(Code::Syntax, span, "`:=` in a condition")
                 .allowed(format!("a value of type BOOL, then `{}`", behind.text()))
                 .hint("`=` compares; `:=` assigns and is a statement of its own");
-            return Err(self.tell(one));
+            self.tell(one);
+            self.advance();
+            self.expression()?;
+            self.expect_keyword(behind)?;
+            return Ok(condition);
         }
         // The body is there in most cases: it is read, so that its mistakes are told too.
         self.missing(behind.text());
@@ -352,6 +353,10 @@ fn ends_statements(keyword: Keyword) -> bool {
         keyword,
         Else | Elsif
             | Until
+            | Action
+            | InitialStep
+            | Step
+            | Transition
             | EndAction
             | EndCase
             | EndClass

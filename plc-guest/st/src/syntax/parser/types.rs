@@ -2,6 +2,7 @@
 
 use super::{Parse, Parser, Told};
 use crate::diagnostic::{Code, Diagnostic};
+use crate::hir::Elementary;
 use crate::syntax::ast::{
     ArrayRange, Declaration, EnumerationValue, Expression, Name, TypeDeclaration, TypeKind,
     TypeSpec,
@@ -132,7 +133,7 @@ impl Parser<'_> {
             return self.text_type(&name, wide);
         }
         if self.at_sign(Sign::Dot) {
-            self.refuse("a qualified name: namespaces");
+            self.refuse("a qualified name (namespaces)");
             return Err(Told);
         }
         if !self.at_sign(Sign::OpenParenthesis) {
@@ -143,8 +144,12 @@ impl Parser<'_> {
                 self.peek(2),
                 TokenKind::Sign(Sign::Comma | Sign::Assign | Sign::CloseParenthesis)
             );
+        // `fb : TON (PT := T#1s)` looks like an enumeration, but those have an elementary base.
+        let elementary = Elementary::ALL.iter().any(|known| known.name() == &*name.key);
+        if values && !elementary {
+            return Ok(TypeKind::Named(name));
+        }
         if values {
-            // `fb : TON (PT := T#1s)` looks the same; an enumeration has no such base.
             let values = self.enumeration_values()?;
             return Ok(TypeKind::Enumeration { base: Some(name), values });
         }

@@ -24,7 +24,8 @@ impl Parser<'_> {
             Section { kind, constant: None, retention: None, variables: Vec::new(), span: open };
         self.qualifiers(&mut section);
         self.variables(&mut section.variables);
-        self.close(Keyword::EndVar, open)?;
+        // Without it, what follows is read all the same.
+        let _ = self.close(Keyword::EndVar, open);
         self.eat_sign(Sign::Semicolon);
         Ok(Some(section))
     }
@@ -74,9 +75,15 @@ impl Parser<'_> {
             while self.eat_sign(Sign::Semicolon).is_some() {}
             let start = self.current.span;
             match self.current.kind {
+                // A statement: the closing keyword is missing.
+                TokenKind::Identifier if self.peek(1) == TokenKind::Sign(Sign::Assign) => return,
                 TokenKind::Identifier | TokenKind::Keyword(Keyword::At) => {}
                 TokenKind::End => return,
-                TokenKind::Keyword(keyword) if ends_variables(keyword) => return,
+                TokenKind::Keyword(keyword)
+                    if ends_variables(keyword) && self.peek(1) != TokenKind::Sign(Sign::Colon) =>
+                {
+                    return;
+                }
                 _ => {}
             }
             match self.deeper(Self::declared) {
