@@ -46,12 +46,12 @@ impl<'a> Body<'_, 'a> {
             return None;
         };
         if self.variable(name).is_some()
-            || matches!(self.checker.names.get(&*name.key), Some(Entry::Global(_)))
+            || matches!(self.checker.names.get(&name.key), Some(Entry::Global(_)))
         {
             self.instance_as_value(callee);
             return None;
         }
-        let units = match self.checker.names.get(&*name.key).cloned() {
+        let units = match self.checker.names.get(&name.key).cloned() {
             Some(Entry::Units(units)) => units,
             Some(entry) => {
                 self.not_callable(name, &entry);
@@ -109,7 +109,7 @@ impl<'a> Body<'_, 'a> {
         let span = expression.span;
         if let ExpressionKind::Name(name) = &callee.kind
             && self.variable(name).is_none()
-            && !matches!(self.checker.names.get(&*name.key), Some(Entry::Global(_)))
+            && !matches!(self.checker.names.get(&name.key), Some(Entry::Global(_)))
         {
             return self.function_statement(name, expression, arguments, span);
         }
@@ -139,7 +139,7 @@ impl<'a> Body<'_, 'a> {
         arguments: &'a [Argument],
         span: Span,
     ) -> Option<Vec<Statement>> {
-        let unit = match self.checker.names.get(&*name.key) {
+        let unit = match self.checker.names.get(&name.key) {
             Some(Entry::Units(units)) if units.len() == 1 => Some(units[0]),
             _ => None,
         };
@@ -166,7 +166,7 @@ impl<'a> Body<'_, 'a> {
         arguments: &'a [Argument],
         span: Span,
     ) -> Option<Vec<Statement>> {
-        let Some(Entry::Units(units)) = self.checker.names.get(&*name.key).cloned() else {
+        let Some(Entry::Units(units)) = self.checker.names.get(&name.key).cloned() else {
             let found = format!("EN or ENO in a call of `{}`", name.text);
             let one = Diagnostic::new(Code::NotSupported, span, found);
             self.tell(one.allowed("EN and ENO of declared functions and function blocks"));

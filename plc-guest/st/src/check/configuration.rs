@@ -113,7 +113,7 @@ impl<'a> Checker<'a> {
 
     fn instance(&mut self, program: &'a ProgramInstance) -> Option<Instance<'a>> {
         let name = &program.program;
-        let unit = match self.names.get(&*name.key) {
+        let unit = match self.names.get(&name.key) {
             Some(Entry::Units(units)) if self.units[units[0]].ast.kind == UnitKind::Program => {
                 units[0]
             }
@@ -230,7 +230,7 @@ impl<'a> Checker<'a> {
         let bool_type = self.elementary(Elementary::Bool);
         let global = match &value.kind {
             ExpressionKind::Address(address) => self.direct(address),
-            ExpressionKind::Name(name) => match self.names.get(&*name.key) {
+            ExpressionKind::Name(name) => match self.names.get(&name.key) {
                 Some(Entry::Global(index)) => {
                     let entry = &mut self.globals[*index];
                     entry.read = true;

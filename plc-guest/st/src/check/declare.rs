@@ -247,7 +247,7 @@ impl<'a> Body<'_, 'a> {
         }
         let ty = self.type_spec(&variables.spec, None).map(|resolved| resolved.ty);
         let mut storage = Storage::Nowhere;
-        match self.checker.names.get(&*name.key) {
+        match self.checker.names.get(&name.key) {
             Some(Entry::Global(global)) => storage = Storage::External(*global),
             _ => {
                 let found = format!("there is no global variable `{}`", name.text);

@@ -92,7 +92,7 @@ impl<'a> Body<'_, 'a> {
             let constant = self.constant_of(variable);
             return Some(constant.map(|(ty, value)| self.constant_operand(ty, value, name.span)));
         }
-        if let Some(super::Entry::Global(global)) = self.checker.names.get(&*name.key) {
+        if let Some(super::Entry::Global(global)) = self.checker.names.get(&name.key) {
             let global = *global;
             self.checker.resolve_global(global, name.span);
             self.checker.globals[global].read = true;

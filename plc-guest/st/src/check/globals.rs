@@ -58,6 +58,11 @@ impl<'a> Checker<'a> {
 
     /// Resolves a global variable, for which the place at `span` asks.
     pub(super) fn resolve_global(&mut self, index: usize, span: Span) {
+        let library = self.globals[index].library;
+        self.seen_from(library, |checker| checker.resolve_global_here(index, span));
+    }
+
+    fn resolve_global_here(&mut self, index: usize, span: Span) {
         let entry = &mut self.globals[index];
         match entry.progress {
             Progress::Done => return,

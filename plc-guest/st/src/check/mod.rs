@@ -65,9 +65,13 @@ pub fn check(
     checker.refuse_recursion();
     checker.warn_of_globals();
     let program = checker.program;
-    if diagnostics.has_errors() {
-        diagnostics.forget_unused();
-    }
+    // A program with errors uses more than was understood, and a library is not the reader's.
+    let errors = diagnostics.has_errors();
+    diagnostics.keep_warnings(|one| {
+        let unused = matches!(one.code, Code::Unused | Code::NeverAssigned | Code::MissingResult);
+        let library = files.get(one.span.file.index()).is_some_and(|file| file.library);
+        !library && !(errors && unused)
+    });
     program
 }
 
@@ -99,8 +103,7 @@ struct Checker<'a> {
     sources: &'a Sources,
     diagnostics: &'a mut Diagnostics,
     program: Program,
-    /// By key.
-    names: HashMap<&'a str, Entry>,
+    names: names::Names<'a>,
     types: Vec<types::TypeEntry<'a>>,
     units: Vec<unit::UnitEntry<'a>>,
     globals: Vec<globals::GlobalEntry<'a>>,
@@ -133,7 +136,7 @@ impl<'a> Checker<'a> {
             sources,
             diagnostics,
             program,
-            names: HashMap::new(),
+            names: names::Names::default(),
             types: Vec::new(),
             units: Vec::new(),
             globals: Vec::new(),

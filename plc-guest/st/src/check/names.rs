@@ -1,5 +1,7 @@
 //! The names at the top of all files.
 
+use std::collections::HashMap;
+
 use super::globals::GlobalEntry;
 use super::types::TypeEntry;
 use super::unit::UnitEntry;
@@ -9,7 +11,46 @@ use crate::hir::Elementary;
 use crate::source::Span;
 use crate::syntax::ast::{self, Declaration, Name, UnitKind};
 
+/// The names at the top: those of the project, and behind them those of the library.
+///
+/// A project may declare a name that the library has; the library itself goes on with its own.
+#[derive(Debug, Default)]
+pub(super) struct Names<'a> {
+    own: HashMap<&'a str, Entry>,
+    library: HashMap<&'a str, Entry>,
+    /// Whether a declaration of the library is being checked.
+    pub(super) within_library: bool,
+}
+
+impl<'a> Names<'a> {
+    /// What a key means where it is used now.
+    pub(super) fn get(&self, key: &str) -> Option<&Entry> {
+        let own = if self.within_library { None } else { self.own.get(key) };
+        own.or_else(|| self.library.get(key))
+    }
+
+    pub(super) fn contains_key(&self, key: &str) -> bool {
+        self.get(key).is_some()
+    }
+
+    pub(super) fn keys(&self) -> impl Iterator<Item = &'a str> {
+        self.own.keys().chain(self.library.keys()).copied()
+    }
+
+    fn of(&mut self, library: bool) -> &mut HashMap<&'a str, Entry> {
+        if library { &mut self.library } else { &mut self.own }
+    }
+}
+
 impl<'a> Checker<'a> {
+    /// Runs `inner` with the names that a declaration of the project or of the library sees.
+    pub(super) fn seen_from<T>(&mut self, library: bool, inner: impl FnOnce(&mut Self) -> T) -> T {
+        let outer = std::mem::replace(&mut self.names.within_library, library);
+        let result = inner(self);
+        self.names.within_library = outer;
+        result
+    }
+
     /// Takes note of every name, so that declarations can use each other in any order.
     pub(super) fn collect(&mut self, files: &[Input<'a>]) {
         for file in files {
@@ -20,8 +61,8 @@ impl<'a> Checker<'a> {
                             continue;
                         }
                         let entry = Entry::Type(self.types.len());
-                        if self.declare_top(&declaration.name, entry) {
-                            self.types.push(TypeEntry::new(declaration));
+                        if self.declare_top(&declaration.name, entry, file.library) {
+                            self.types.push(TypeEntry::new(declaration, file.library));
                         }
                     }
                     Declaration::Unit(unit) => self.collect_unit(unit, file.library),
@@ -54,7 +95,7 @@ impl<'a> Checker<'a> {
     /// block in the library must not break a project that has one of that name. The project's files come
     /// before those of libraries.
     fn is_own(&self, name: &Name) -> bool {
-        match self.names.get(&*name.key) {
+        match self.names.get(&name.key) {
             Some(Entry::Units(units)) => units.iter().any(|unit| !self.units[*unit].library),
             Some(_) => true,
             None => false,
@@ -66,7 +107,7 @@ impl<'a> Checker<'a> {
             return;
         }
         let index = self.units.len();
-        let overload = match self.names.get(&*unit.name.key) {
+        let overload = match self.names.of(library).get(&*unit.name.key) {
             Some(Entry::Units(others)) if library && unit.kind == UnitKind::Function => {
                 others.iter().all(|other| {
                     self.units[*other].library && self.units[*other].ast.kind == unit.kind
@@ -75,10 +116,11 @@ impl<'a> Checker<'a> {
             _ => false,
         };
         if overload {
-            if let Some(Entry::Units(others)) = self.names.get_mut(&*unit.name.key) {
+            let names = self.names.of(library);
+            if let Some(Entry::Units(others)) = names.get_mut(&*unit.name.key) {
                 others.push(index);
             }
-        } else if !self.declare_top(&unit.name, Entry::Units(vec![index])) {
+        } else if !self.declare_top(&unit.name, Entry::Units(vec![index]), library) {
             return;
         }
         self.units.push(UnitEntry::new(unit, library));
@@ -87,7 +129,7 @@ impl<'a> Checker<'a> {
     fn collect_globals(&mut self, section: &'a ast::Section, library: bool) {
         for variables in &section.variables {
             for name in &variables.names {
-                if self.declare_top(name, Entry::Global(self.globals.len())) {
+                if self.declare_top(name, Entry::Global(self.globals.len()), library) {
                     self.globals.push(GlobalEntry::new(section, variables, name, library));
                 }
             }
@@ -95,12 +137,13 @@ impl<'a> Checker<'a> {
     }
 
     /// Declares a name, unless it is taken.
-    fn declare_top(&mut self, name: &'a Name, entry: Entry) -> bool {
+    fn declare_top(&mut self, name: &'a Name, entry: Entry, library: bool) -> bool {
         if self.refuse_reserved(name) {
             return false;
         }
-        let Some(other) = self.names.get(&*name.key) else {
-            self.names.insert(&name.key, entry);
+        let names = self.names.of(library);
+        let Some(other) = names.get(&*name.key) else {
+            names.insert(&name.key, entry);
             return true;
         };
         let other = match other {

@@ -102,7 +102,7 @@ impl<'a> Body<'_, 'a> {
                 return None;
             }
         }
-        match self.checker.names.get(&*name.key).cloned() {
+        match self.checker.names.get(&name.key).cloned() {
             Some(Entry::Global(global)) => {
                 self.checker.resolve_global(global, name.span);
                 let entry = &mut self.checker.globals[global];
@@ -169,7 +169,7 @@ impl<'a> Body<'_, 'a> {
     pub(super) fn mark_external(&mut self, name: &Name, access: Access) {
         let external =
             self.variable(name).is_some_and(|at| self.variables[at].kind == SectionKind::External);
-        if external && let Some(Entry::Global(global)) = self.checker.names.get(&*name.key) {
+        if external && let Some(Entry::Global(global)) = self.checker.names.get(&name.key) {
             let entry = &mut self.checker.globals[*global];
             entry.read |= access == Access::Read;
             entry.written |= access == Access::Write;
@@ -222,7 +222,7 @@ impl<'a> Body<'_, 'a> {
     ) -> Option<Place> {
         if let ExpressionKind::Name(ty) = &base.kind
             && self.variable(ty).is_none()
-            && let Some(Entry::Type(_)) = self.checker.names.get(&*ty.key)
+            && let Some(Entry::Type(_)) = self.checker.names.get(&ty.key)
         {
             let found = format!("`{}` is a type and no variable", ty.text);
             let hint = format!("a value of an enumeration is written `{}#{}`", ty.text, name.text);

@@ -53,7 +53,7 @@ impl<'a> Body<'_, 'a> {
         let found = format!("there is no function `{}`", name.text);
         let mut one = Diagnostic::new(Code::UnknownName, name.span, found);
         let known = table::FUNCTIONS.iter().map(|function| function.name);
-        let known = known.chain(self.checker.names.keys().copied());
+        let known = known.chain(self.checker.names.keys());
         let known = known.chain(self.variables.iter().map(|variable| &*variable.name.text));
         if let Some(similar) = similar(&name.key, known) {
             one = one.hint(format!("did you mean `{similar}`?"));

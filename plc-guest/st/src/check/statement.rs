@@ -243,7 +243,7 @@ impl<'a> Body<'_, 'a> {
     }
 
     fn global_control(&mut self, name: &Name) -> Option<Place> {
-        let Some(Entry::Global(global)) = self.checker.names.get(&*name.key) else {
+        let Some(Entry::Global(global)) = self.checker.names.get(&name.key) else {
             self.unknown(name);
             return None;
         };

@@ -17,6 +17,7 @@ pub(super) const STATE_BYTES: u64 = 64 << 20;
 /// A declared type.
 pub(super) struct TypeEntry<'a> {
     pub(super) ast: &'a ast::TypeDeclaration,
+    library: bool,
     pub(super) progress: Progress,
     /// A structure has it before its fields are known, so that they can refer to it.
     pub(super) id: Option<TypeId>,
@@ -25,8 +26,8 @@ pub(super) struct TypeEntry<'a> {
 }
 
 impl<'a> TypeEntry<'a> {
-    pub(super) fn new(ast: &'a ast::TypeDeclaration) -> Self {
-        Self { ast, progress: Progress::Waiting, id: None, initial: Constant::Default }
+    pub(super) fn new(ast: &'a ast::TypeDeclaration, library: bool) -> Self {
+        Self { ast, library, progress: Progress::Waiting, id: None, initial: Constant::Default }
     }
 }
 
@@ -52,6 +53,11 @@ impl<'a> Checker<'a> {
     }
 
     fn declared_type(&mut self, index: usize, span: Span) -> Option<Resolved> {
+        let library = self.types[index].library;
+        self.seen_from(library, |checker| checker.declared_type_here(index, span))
+    }
+
+    fn declared_type_here(&mut self, index: usize, span: Span) -> Option<Resolved> {
         let entry = &mut self.types[index];
         match entry.progress {
             Progress::Done => {
@@ -156,7 +162,7 @@ impl<'a> Checker<'a> {
             "WSTRING" => return Some(self.program.types.wstring(STRING_LENGTH).into()),
             _ => {}
         }
-        match self.names.get(&*name.key).cloned() {
+        match self.names.get(&name.key).cloned() {
             Some(Entry::Type(index)) => {
                 let entry = &self.types[index];
                 if by_reference && let (Progress::Begun, Some(ty)) = (entry.progress, entry.id) {
@@ -190,7 +196,7 @@ impl<'a> Checker<'a> {
             None => {
                 let found = format!("there is no type `{}`", name.text);
                 let mut one = Diagnostic::new(Code::UnknownName, name.span, found);
-                let own = self.names.keys().copied();
+                let own = self.names.keys();
                 let all =
                     own.chain(Elementary::ALL.into_iter().map(|known| -> &str { known.name() }));
                 if let Some(similar) = similar(&name.key, all) {

@@ -99,7 +99,8 @@ impl<'a> Checker<'a> {
             }
         }
         while let Some(index) = self.waiting.pop() {
-            self.unit_body(index);
+            let library = self.units[index].library;
+            self.seen_from(library, |checker| checker.unit_body(index));
         }
     }
 
@@ -132,6 +133,11 @@ impl<'a> Checker<'a> {
         span: Span,
         by_reference: bool,
     ) -> Option<()> {
+        let library = self.units[index].library;
+        self.seen_from(library, |checker| checker.declare_unit_here(index, span, by_reference))
+    }
+
+    fn declare_unit_here(&mut self, index: usize, span: Span, by_reference: bool) -> Option<()> {
         let ast = self.units[index].ast;
         match self.units[index].progress {
             Progress::Done => return Some(()),

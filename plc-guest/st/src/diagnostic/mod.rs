@@ -125,11 +125,9 @@ impl Diagnostics {
         counted.saturating_sub(self.list.iter().filter(|one| one.span.file == file).count())
     }
 
-    /// Takes back the warnings of what is not used. A program with errors uses more than was understood.
-    pub fn forget_unused(&mut self) {
-        self.list.retain(|one| {
-            !matches!(one.code, Code::Unused | Code::NeverAssigned | Code::MissingResult)
-        });
+    /// Takes back the warnings for which `keep` is not true.
+    pub fn keep_warnings(&mut self, keep: impl Fn(&Diagnostic) -> bool) {
+        self.list.retain(|one| one.is_error() || keep(one));
     }
 
     /// Those kept, by file and place.

@@ -133,7 +133,7 @@ impl<'a> Body<'_, 'a> {
             _ => "",
         };
         let key = format!("{from}_TO_{}", to.name());
-        let unit = match self.checker.names.get(&*key) {
+        let unit = match self.checker.names.get(&key) {
             Some(Entry::Units(units)) if units.len() == 1 => Some(units[0]),
             _ => None,
         };
