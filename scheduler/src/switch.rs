@@ -83,7 +83,7 @@ pub struct Status {
 
 /// Where requests are left and threads look which schedule holds.
 #[derive(Debug)]
-pub struct SwitchBoard {
+pub struct ScheduleState {
     frame: Nanos,
     schedules: usize,
     word: AtomicU64,
@@ -94,13 +94,13 @@ pub struct SwitchBoard {
     last: AtomicU64,
 }
 
-impl SwitchBoard {
+impl ScheduleState {
     /// A board on which the first of so many schedules holds.
     #[must_use]
-    pub fn new(frame: Nanos, schedules: usize) -> SwitchBoard {
+    pub fn new(frame: Nanos, schedules: usize) -> ScheduleState {
         let first = ScheduleId(0);
         let word = Switch { before: first, after: first, frame: 0 }.pack();
-        SwitchBoard {
+        ScheduleState {
             frame,
             schedules,
             word: AtomicU64::new(word),
@@ -192,7 +192,7 @@ mod tests {
 
     #[test]
     fn a_request_takes_effect_at_the_end_of_the_next_frame() {
-        let board = SwitchBoard::new(FRAME, 2);
+        let board = ScheduleState::new(FRAME, 2);
         board.request(id(1), ms(33)).unwrap();
         assert_eq!(board.switch().schedule_of(1 << 40), id(0), "nobody has adopted it");
         board.adopt(ms(34));
@@ -204,7 +204,7 @@ mod tests {
 
     #[test]
     fn near_a_frames_end_the_guard_before_the_next_one_has_begun() {
-        let board = SwitchBoard::new(FRAME, 2);
+        let board = ScheduleState::new(FRAME, 2);
         board.request(id(1), ms(37)).unwrap();
         board.adopt(ms(38));
         assert_eq!(board.switch().frame, 6);
@@ -212,7 +212,7 @@ mod tests {
 
     #[test]
     fn no_second_request_while_one_is_under_way() {
-        let board = SwitchBoard::new(FRAME, 3);
+        let board = ScheduleState::new(FRAME, 3);
         board.request(id(1), ms(0)).unwrap();
         assert_eq!(board.request(id(2), ms(0)), Err(SwitchError::UnderWay));
         board.adopt(ms(1));
@@ -226,14 +226,14 @@ mod tests {
 
     #[test]
     fn only_schedules_that_exist() {
-        let board = SwitchBoard::new(FRAME, 2);
+        let board = ScheduleState::new(FRAME, 2);
         assert_eq!(board.request(id(2), ms(0)), Err(SwitchError::NoSuchSchedule));
         assert_eq!(board.request(id(0), ms(0)), Err(SwitchError::NoAction));
     }
 
     #[test]
     fn status_tells_current_next_and_last() {
-        let board = SwitchBoard::new(FRAME, 2);
+        let board = ScheduleState::new(FRAME, 2);
         let status = |now| {
             let s = board.status(ms(now));
             (s.current.0, s.next.0, s.last_switch)

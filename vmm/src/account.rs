@@ -23,7 +23,7 @@ use crate::vcpu::Control;
 use crate::vcpu::guest::End;
 use crate::vcpu::guest_timer::Deadlines;
 use crate::vcpu::record::{Detour, Record, WindowRecord};
-use takt_record::Gather;
+use takt_record::WindowAssembler;
 
 /// What a vCPU's thread leaves behind.
 #[derive(Clone, Copy, Debug)]
@@ -57,7 +57,7 @@ pub struct Account {
     /// What its thread recorded; `None` for a background partition.
     pub records: Option<Consumer<Record>>,
     /// Detours whose window is not in the ring yet.
-    pub gather: Gather,
+    pub assembler: WindowAssembler,
     /// True if its guest tells of its scans.
     pub says_done: bool,
     /// What becomes of its errors.
@@ -205,7 +205,7 @@ impl Account {
     ) {
         let Some(records) = &mut self.records else { return };
         while let Ok(record) = records.pop() {
-            let Some((window, detours)) = self.gather.add(&record) else { continue };
+            let Some((window, detours)) = self.assembler.add(&record) else { continue };
             self.occupied = self.occupied.plus(frequency.nanos(window.left.since(window.due)));
             show(&self.name, &window, detours);
             if let Some(releases) = &mut self.releases {

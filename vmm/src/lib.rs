@@ -5,7 +5,6 @@
 
 pub mod account;
 pub mod appliance;
-pub mod board;
 pub mod boot;
 pub mod channels;
 pub mod control;
@@ -23,6 +22,7 @@ pub mod host_watchdog;
 pub mod init_watch;
 pub mod interrupts;
 pub mod kernel_watch;
+pub mod linux_machine;
 pub mod machine;
 pub mod memory;
 pub mod outlet;
@@ -34,7 +34,7 @@ pub mod restart;
 pub mod run;
 pub mod run_error;
 pub mod sandbox;
-pub mod schedule_desk;
+pub mod schedule_requests;
 pub mod screen;
 pub mod supervisor;
 pub mod terminal;

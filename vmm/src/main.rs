@@ -1,6 +1,6 @@
 //! The command line.
 
-mod beside;
+mod subcommand;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -177,7 +177,7 @@ fn command_line(arguments: &[OsString]) -> u8 {
     };
     match cli.command {
         Command::Beside(words) => {
-            eprintln!("takt: {}", beside::run(&words));
+            eprintln!("takt: {}", subcommand::run(&words));
             status::BAD_FILE_OR_USAGE
         }
         Command::Run(run) => run.run(),

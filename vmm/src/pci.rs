@@ -1,7 +1,7 @@
 //! The PCI function of a Linux guest with ports: where its memory lies, and what is in it.
 //!
 //! Memory has to be there before the machine is made, and the machine before it can be connected,
-//! so there are two steps: [`Pci::new`] chooses addresses, [`Card::attach`] fills and connects. A
+//! so there are two steps: [`Pci::new`] chooses addresses, [`PciPortDevice::attach`] fills and connects. A
 //! Linux without ports takes neither and has no PCI at all. The second step is taken at each start.
 
 use kvm_ioctls::VmFd;
@@ -53,19 +53,19 @@ impl<'a> Pci<'a> {
 
     /// What is left to do once there is memory, made of [these views](Self::views).
     #[must_use]
-    pub fn into_card(self) -> Card {
-        Card { bars: self.bars, table: self.ports.table, own: self.ports.own }
+    pub fn into_card(self) -> PciPortDevice {
+        PciPortDevice { bars: self.bars, table: self.ports.table, own: self.ports.own }
     }
 }
 
 /// A function whose memory is there.
-pub struct Card {
+pub struct PciPortDevice {
     bars: Bars,
     table: PortTable,
     own: Vec<OwnRegion>,
 }
 
-impl Card {
+impl PciPortDevice {
     /// Fills the guest's `memory` and connects the function: configuration to the guest's I/O
     /// ports, the interrupt to `bell`. Once for each machine that the guest gets.
     ///

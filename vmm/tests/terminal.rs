@@ -9,11 +9,11 @@ use std::sync::Arc;
 
 use takt::outlet::{Outlet, StandardOutput};
 use takt::sandbox::Mode;
-use takt::schedule_desk::ScheduleDesk;
+use takt::schedule_requests::ScheduleRequests;
 use takt::screen::{self, Screen};
 use takt::supervisor::{Sources, Supervisor, take_signals};
 use takt::terminal;
-use takt_scheduler::switch::SwitchBoard;
+use takt_scheduler::switch::ScheduleState;
 use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 use vmm_sys_util::eventfd::EventFd;
 
@@ -63,8 +63,8 @@ fn a_signal_and_the_escape_end_a_run_and_the_terminal_is_put_back() {
         let bell = EventFd::new(0).unwrap();
         let frequency = TscFrequency::from_khz(1_000_000).unwrap();
         let base = Timebase { epoch: Tsc::now(), frequency };
-        let board = Arc::new(SwitchBoard::new(Nanos::from_millis(1), 1));
-        let desk = ScheduleDesk::new(board, &["only".to_owned()], base);
+        let board = Arc::new(ScheduleState::new(Nanos::from_millis(1), 1));
+        let desk = ScheduleRequests::new(board, &["only".to_owned()], base);
         let sources = Sources::new(signals, bell).unwrap();
         Supervisor::new(Vec::new(), desk, None, screen, None, sources)
     };

@@ -5,13 +5,13 @@
 //! a record of its own, up to [`DETOURS_MAX`] in a window: a guest that exits without end fills
 //! neither the ring nor anybody's memory.
 
-mod gather;
+mod window_assembler;
 mod wire;
 
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::time::Tsc;
 
-pub use gather::Gather;
+pub use window_assembler::WindowAssembler;
 pub use wire::{ClaimedScan, ExitKind, TraceStart, TracedDetour, TracedPartition, TracedWindow};
 
 /// Most detours of one window that are recorded; the others are only counted.

@@ -21,7 +21,7 @@
 //! initramfs is memory anyway and a mount on `/tmp` would hide partition files put there.
 
 mod archive;
-pub mod hurry;
+pub mod expedited_rcu;
 mod result_port;
 
 use std::ffi::{CStr, OsStr, OsString};

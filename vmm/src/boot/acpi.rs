@@ -56,7 +56,7 @@ mod absent {
 
 /// What a machine has beyond what all have.
 #[derive(Clone, Debug, Default)]
-pub struct Fittings {
+pub struct AcpiConfig {
     /// Where the memory of PCI functions may lie, if there is a PCI bus.
     pub pci: Option<RangeInclusive<u32>>,
     /// How many disks there are.
@@ -69,7 +69,7 @@ pub struct Fittings {
 ///
 /// # Errors
 /// If the guest has no memory there.
-pub fn write(memory: &GuestMemoryMmap, fittings: Fittings) -> Result<u64, GuestMemoryError> {
+pub fn write(memory: &GuestMemoryMmap, fittings: AcpiConfig) -> Result<u64, GuestMemoryError> {
     let mut next = ACPI_TABLES + 64;
     let mut put = |table: &dyn Aml| {
         let mut bytes = Vec::new();
@@ -175,7 +175,7 @@ fn watchdog_table(counts: u32) -> Sdt {
 
 /// The machine's description in ACPI's own byte code: how to switch off, the serial port, and the
 /// PCI bus and the disks, if there are any.
-fn dsdt(Fittings { pci, disks, .. }: Fittings) -> Sdt {
+fn dsdt(AcpiConfig { pci, disks, .. }: AcpiConfig) -> Sdt {
     let mut body = Vec::new();
     let off = AcpiPower::SOFT_OFF;
     Name::new(Path::new("_S5_"), &Package::new(vec![&off, &aml::ZERO, &aml::ZERO, &aml::ZERO]))
@@ -275,7 +275,7 @@ mod tests {
 
     fn dsdt_bytes(pci: Option<RangeInclusive<u32>>, disks: u32) -> Vec<u8> {
         let mut bytes = Vec::new();
-        dsdt(Fittings { pci, disks, watchdog: None }).to_aml_bytes(&mut bytes);
+        dsdt(AcpiConfig { pci, disks, watchdog: None }).to_aml_bytes(&mut bytes);
         bytes
     }
 
@@ -334,7 +334,7 @@ mod tests {
     #[test]
     fn every_table_has_its_signature_and_a_good_checksum() {
         let memory = GuestMemoryMmap::from_ranges(&[(GuestAddress(0), 1 << 20)]).unwrap();
-        let fittings = Fittings { pci: Some(PCI_WINDOW), disks: 4, watchdog: Some(500) };
+        let fittings = AcpiConfig { pci: Some(PCI_WINDOW), disks: 4, watchdog: Some(500) };
         let rsdp = write(&memory, fittings).unwrap();
         let word = |at| memory.read_obj::<u32>(GuestAddress(at)).unwrap();
         let long = |at| memory.read_obj::<u64>(GuestAddress(at)).unwrap();

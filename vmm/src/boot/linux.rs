@@ -20,7 +20,7 @@ use takt_devices::power::AcpiPower;
 use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress};
 
-use super::acpi::{self, Fittings};
+use super::acpi::{self, AcpiConfig};
 use super::long_mode::Entry;
 use crate::memory::GuestMemory;
 use takt_plan::kernel::{self, Form, InitrdError, Kernel, KernelError};
@@ -114,7 +114,7 @@ pub fn load(
     kernel: &mut Image,
     initrd: Option<&mut Image>,
     cmdline: &str,
-    fittings: Fittings,
+    fittings: AcpiConfig,
 ) -> Result<Entry, LinuxImageError> {
     let mut parameters = boot_params::default();
     let Loaded { kernel, entry, header } = load_kernel(memory, kernel)?;

@@ -13,7 +13,7 @@ use super::protocol::{
 use crate::account::Account;
 use crate::health::Fault;
 use crate::host_ports::HostPorts;
-use crate::schedule_desk::ScheduleDesk;
+use crate::schedule_requests::ScheduleRequests;
 
 /// What of the event thread an operator sees and changes.
 pub struct Operated<'a> {
@@ -26,7 +26,7 @@ pub struct Operated<'a> {
     /// The ends of channels that are Takt's own.
     pub host_ports: Option<&'a mut HostPorts>,
     /// The schedules.
-    pub desk: &'a ScheduleDesk,
+    pub desk: &'a ScheduleRequests,
     /// What has come of orders: the partition and the outcome.
     pub outcomes: Vec<(String, Outcome)>,
 }

@@ -13,7 +13,7 @@ use crate::account::Account;
 use crate::channels::Channels;
 use crate::config::PartitionFile;
 use crate::host_ports::HostPorts;
-use crate::schedule_desk::ScheduleDesk;
+use crate::schedule_requests::ScheduleRequests;
 use crate::unix_socket::Listener;
 use crate::vcpu::record::{Detour, WindowRecord};
 
@@ -44,7 +44,7 @@ impl Operators {
         &mut self,
         accounts: &mut [Account],
         host_ports: Option<&mut HostPorts>,
-        desk: &ScheduleDesk,
+        desk: &ScheduleRequests,
     ) -> Vec<(String, Outcome)> {
         let Operators { server, facts, channels } = self;
         let mut run =

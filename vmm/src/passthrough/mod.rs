@@ -15,9 +15,9 @@
 
 mod bound;
 pub mod command;
+pub mod emergency_stop;
 pub mod error;
 pub mod guardian;
-pub mod last_work;
 pub mod mapping;
 pub mod pci;
 pub mod ports;
@@ -43,9 +43,9 @@ use crate::memory::MemoryError;
 use crate::sandbox::Mode;
 use crate::vcpu::Control;
 use crate::vcpu::port_access::Width;
+use emergency_stop::Armed;
 use error::DeviceError;
 use guardian::Guardian;
-use last_work::Armed;
 use mapping::Mapping;
 use pci::{Function, Terms};
 use ports::{PortMap, PortRange};

@@ -7,7 +7,7 @@
 //!
 //! All ends of a run come through there, since every thread is let go and joined at its end,
 //! whatever went wrong. What does not is a panic, or a system call that a thread may not make: both
-//! end the process, and [last work](super::last_work) comes before. What takes the process away
+//! end the process, and [last work](super::emergency_stop) comes before. What takes the process away
 //! without asking is the [guardian](super::guardian)'s business.
 //!
 //! Writing allocates nothing, waits for nobody, and may be repeated.

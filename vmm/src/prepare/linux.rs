@@ -9,13 +9,13 @@ use takt_scheduler::table::Role;
 
 use super::spawn::Processor;
 use super::{Preparation, Prepared};
-use crate::board::{self, Board};
 use crate::boot::linux::Image;
 use crate::config::Partition;
 use crate::disk::Drive;
 use crate::event;
 use crate::init_watch::{InitSeen, InitWatch, PanicSeen};
 use crate::kernel_watch::KernelWatch;
+use crate::linux_machine::{self, LinuxMachine};
 use crate::machine;
 use crate::memory::GuestMemory;
 use crate::pci::Pci;
@@ -37,7 +37,7 @@ impl Preparation<'_> {
         let views = pci.as_ref().map(Pci::views).unwrap_or_default();
         let memory = self.clear(|| GuestMemory::for_linux(partition.memory_bytes(), &views))?;
         let irq = event::eventfd()?;
-        let watchdog = partition.watchdog().map(board::timer);
+        let watchdog = partition.watchdog().map(linux_machine::timer);
         let background =
             self.file.schedules().placements()[partition.id().0].role == Role::Background;
         let (writer, output) = self.console_output(background);
@@ -58,7 +58,7 @@ impl Preparation<'_> {
             drives.push(drive);
             disks.push(thread);
         }
-        let mut board = Board {
+        let mut board = LinuxMachine {
             partition: partition.name().to_owned(),
             kvm: machine::open_kvm()?,
             memory: memory.clone(),

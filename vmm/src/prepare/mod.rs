@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use kvm_ioctls::Kvm;
 use takt_scheduler::reservation::CpuReservations;
-use takt_scheduler::switch::SwitchBoard;
+use takt_scheduler::switch::ScheduleState;
 use takt_scheduler::table::{Cpu, PartitionId};
 use takt_scheduler::time::{Timebase, TscFrequency};
 use vmm_sys_util::eventfd::EventFd;
@@ -30,7 +30,7 @@ use crate::run_error::RunError;
 use crate::sandbox::{self, Mode};
 use crate::vcpu::guest_timer::Deadlines;
 use crate::vcpu::thread::{self, Place, Ready, Spawn};
-use crate::vcpu::{Control, kicker};
+use crate::vcpu::{Control, window_enforcer};
 
 /// A partition that is ready to run.
 pub struct Prepared {
@@ -45,7 +45,7 @@ pub struct Prepared {
 }
 
 /// A thread that ends windows, ready to run.
-pub struct Kicker {
+pub struct WindowEnforcer {
     /// Whose windows it ends.
     pub cpu: Cpu,
     /// For stopping it.
@@ -71,7 +71,7 @@ pub struct Preparation<'a> {
     /// Set when the run is over: nobody takes console output any more.
     pub closing: Arc<AtomicBool>,
     /// Which schedule holds.
-    pub board: Arc<SwitchBoard>,
+    pub board: Arc<ScheduleState>,
     /// The first machine's, for all: a kernel refines its figure for some time after it has booted.
     pub frequency: Option<TscFrequency>,
     /// How long it has taken to clear the guests' memory.
@@ -97,7 +97,7 @@ pub struct Finish {
     /// As in [`Preparation`].
     pub closing: Arc<AtomicBool>,
     /// As in [`Preparation`].
-    pub board: Arc<SwitchBoard>,
+    pub board: Arc<ScheduleState>,
     /// As in [`Preparation`].
     pub console: Option<Console>,
     /// `None` if no PLC has any.
@@ -138,7 +138,7 @@ impl Preparation<'_> {
 
     /// The deadlines of the file's Linux, if there are windows of others on its CPU.
     #[must_use]
-    pub fn deadlines(file: &PartitionFile, board: &Arc<SwitchBoard>) -> Option<Arc<Deadlines>> {
+    pub fn deadlines(file: &PartitionFile, board: &Arc<ScheduleState>) -> Option<Arc<Deadlines>> {
         let is_linux = |p: &&Partition| matches!(p.kind(), Kind::Linux { .. });
         let linux = file.partitions().iter().find(is_linux)?;
         let quiet = file.schedules().quiet_on(linux.cpu(), Some(linux.id()))?;
@@ -149,16 +149,16 @@ impl Preparation<'_> {
     ///
     /// # Errors
     /// See [`RunError`].
-    pub fn kickers(&self, prepared: &[Prepared]) -> Result<Vec<Kicker>, RunError> {
+    pub fn window_enforcers(&self, prepared: &[Prepared]) -> Result<Vec<WindowEnforcer>, RunError> {
         let schedules = self.file.schedules();
-        let mut kickers = Vec::new();
+        let mut enforcers = Vec::new();
         for cpu in schedules.cpus() {
             let Some(timetable) = schedules.timetable_on(cpu) else { continue };
             let owner = |p: PartitionId| prepared[p.0].account.control.clone();
             let owners = schedules.tables().iter();
             let owners =
                 owners.map(|t| t.windows_on(cpu).map(|w| owner(w.partition)).collect()).collect();
-            let windows = kicker::Windows {
+            let windows = window_enforcer::Windows {
                 timetable,
                 owners,
                 board: self.board.clone(),
@@ -168,13 +168,13 @@ impl Preparation<'_> {
             let own = control.clone();
             let reservation = CpuReservations::of(schedules, cpu).kicker;
             let domain = self.domains.entry(cpu);
-            let doors = (sandbox::Kind::Kicker, self.mode);
+            let doors = (sandbox::Kind::WindowEnforcer, self.mode);
             let place = Place { cpu, domain, reservation, ports: Vec::new(), doors };
-            let body = move |base: Timebase| kicker::run(&windows, &base, &own);
+            let body = move |base: Timebase| window_enforcer::run(&windows, &base, &own);
             let Cpu(number) = cpu;
             let thread = thread::plain(&format!("kicker-{number}"), place, control.clone(), body)?;
-            kickers.push(Kicker { cpu, control, thread });
+            enforcers.push(WindowEnforcer { cpu, control, thread });
         }
-        Ok(kickers)
+        Ok(enforcers)
     }
 }

@@ -31,7 +31,7 @@ use crate::vcpu::record::Record;
 use crate::vcpu::thread::{self, Place};
 use crate::vcpu::windowed::{Plan, Windowed};
 use crate::vcpu::{Control, background};
-use takt_record::Gather;
+use takt_record::WindowAssembler;
 
 /// Window records that the event thread may be behind.
 const RECORDS: usize = 4096;
@@ -141,7 +141,7 @@ impl Preparation<'_> {
             unshown: 0,
             is_terminal: false,
             records,
-            gather: Gather::default(),
+            assembler: WindowAssembler::default(),
             says_done,
             health,
             releases: None,

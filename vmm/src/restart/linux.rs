@@ -4,9 +4,9 @@
 use std::time::Duration;
 
 use super::{Loader, Revival};
-use crate::board::Board;
 use crate::boot::Start;
 use crate::handoff::{Giver, handoff};
+use crate::linux_machine::LinuxMachine;
 use crate::run_error::RunError;
 use crate::sandbox::Kind;
 use crate::vcpu::exit_count::ExitCount;
@@ -16,7 +16,7 @@ use crate::vcpu::linux::LinuxGuest;
 const LOOK: Duration = Duration::from_millis(100);
 
 /// What loads the Linux on a board anew.
-pub struct LinuxLoader(pub Board);
+pub struct LinuxLoader(pub LinuxMachine);
 
 impl Loader for LinuxLoader {
     type Guest = LinuxGuest;

@@ -7,7 +7,7 @@ use std::thread;
 use std::time::Duration;
 
 use crate::account::Account;
-use crate::prepare::Kicker;
+use crate::prepare::WindowEnforcer;
 use crate::run_error::RunError;
 use crate::sandbox;
 
@@ -35,7 +35,7 @@ impl Steps {
 pub(super) fn provoke(
     name: &str,
     accounts: &[Account],
-    kickers: &[Kicker],
+    kickers: &[WindowEnforcer],
 ) -> Result<(), RunError> {
     let account = accounts.iter().find(|account| account.name == name);
     let control = match name {
@@ -53,7 +53,7 @@ pub(super) fn panic_after(time: Duration, mode: sandbox::Mode) -> Result<(), Run
     const NAME: &str = "panic";
     let (report, reported) = channel();
     let body = move || {
-        let entered = sandbox::enter(sandbox::Kind::Kicker, mode, NAME, &[]);
+        let entered = sandbox::enter(sandbox::Kind::WindowEnforcer, mode, NAME, &[]);
         let failed = entered.is_err();
         if report.send(entered.map(drop)).is_ok() && !failed {
             thread::sleep(time);

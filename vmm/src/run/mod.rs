@@ -20,7 +20,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use takt_scheduler::switch::SwitchBoard;
+use takt_scheduler::switch::ScheduleState;
 use takt_scheduler::table::Cpu;
 use takt_scheduler::time::{Nanos, Tsc, TscFrequency};
 
@@ -30,7 +30,7 @@ use output::Output;
 use start::Started;
 
 use crate::account::Account;
-use crate::appliance::{self, hurry::Hurry};
+use crate::appliance::{self, expedited_rcu::ExpeditedRcu};
 use crate::channels::Channels;
 use crate::config::{HostPort, PartitionFile};
 use crate::control::Operators;
@@ -42,7 +42,7 @@ use crate::interrupts::Interrupts;
 use crate::machine::{self, MachineError};
 use crate::outlet::Trace;
 use crate::outlet::{Outlet, StandardOutput};
-use crate::passthrough::{Devices, last_work};
+use crate::passthrough::{Devices, emergency_stop};
 use crate::prepare::{Finish, Preparation};
 use crate::report::{self, Host, Report};
 use crate::run_error::RunError;
@@ -61,7 +61,7 @@ use crate::vcpu::{Control, kick, thread};
 pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> {
     let steps = Steps::new(options.fail_at);
     sandbox::prepare(|| {
-        let written = last_work::do_it();
+        let written = emergency_stop::do_it();
         terminal::restore();
         written
     })?;
@@ -90,7 +90,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let operators =
         control.map(|listener| Operators::new(listener, file, &channels)).transpose()?;
     steps.pass()?;
-    let hurry = Hurry::begin();
+    let hurry = ExpeditedRcu::begin();
     // Dropped after all threads have been let go.
     let domains = Domains::set_up(file.schedules())?;
     steps.pass()?;
@@ -99,7 +99,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let spawn = |name: &str, kind, work: Box<dyn FnOnce() + Send>| {
         thread::detached(name, (kind, options.seccomp), work)
     };
-    let board = Arc::new(SwitchBoard::new(schedules.frame(), schedules.tables().len()));
+    let board = Arc::new(ScheduleState::new(schedules.frame(), schedules.tables().len()));
     let mut preparation = Preparation {
         file,
         kvm: machine::open_kvm()?,
@@ -124,7 +124,8 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         prepared.push(preparation.partition(partition)?);
         steps.pass()?;
     }
-    let kickers = if options.without_kick { Vec::new() } else { preparation.kickers(&prepared)? };
+    let kickers =
+        if options.without_kick { Vec::new() } else { preparation.window_enforcers(&prepared)? };
     steps.pass()?;
     let Some(frequency) = preparation.frequency else {
         return Err(MachineError::Missing("a machine to run").into());
@@ -220,7 +221,7 @@ struct Run<'a> {
     /// How long it took to clear the guests' memory.
     clearing: Duration,
     closing: Arc<AtomicBool>,
-    board: Arc<SwitchBoard>,
+    board: Arc<ScheduleState>,
     /// Until the supervisor has them.
     host_ports: Option<HostPorts>,
     /// Until the supervisor has it.

@@ -18,18 +18,18 @@ use crate::host_watchdog::HostWatchdog;
 use crate::init_watch::{Console, InitSeen};
 use crate::outlet::Trace;
 use crate::outlet::{LaneWriter, Outlet};
-use crate::prepare::{Kicker, Prepared};
+use crate::prepare::{Prepared, WindowEnforcer};
 use crate::report;
 use crate::run_error::RunError;
 use crate::sandbox;
-use crate::schedule_desk::ScheduleDesk;
+use crate::schedule_requests::ScheduleRequests;
 use crate::screen::Screen;
 use crate::supervisor::{Sources, Supervisor};
 use crate::vcpu::Control;
 use crate::vcpu::thread::{Ready, Running};
 
 /// From the moment that all threads wait to the epoch: time to tell this many of them, and for each to
-/// fall asleep until its first window. One that is late begins with its next window; a kicker that is
+/// fall asleep until its first window. One that is late begins with its next window; a window enforcer that is
 /// late lets windows go on, so there is time to spare.
 const fn start_delay(threads: usize) -> Nanos {
     Nanos::from_micros(1000 + 100 * threads as u64)
@@ -62,7 +62,7 @@ impl Run<'_> {
     pub(super) fn start(
         &mut self,
         prepared: Vec<Prepared>,
-        kickers: Vec<Kicker>,
+        kickers: Vec<WindowEnforcer>,
         console: Option<Console>,
         mut screen: Screen,
         sources: Sources,
@@ -90,8 +90,10 @@ impl Run<'_> {
         self.steps.pass()?;
 
         self.enforcers = kickers.iter().map(|k| (k.cpu, k.control.clone())).collect();
-        let (kickers, mut controls): (Vec<_>, Vec<_>) =
-            kickers.into_iter().map(|Kicker { control, thread, .. }| (thread, control)).unzip();
+        let (kickers, mut controls): (Vec<_>, Vec<_>) = kickers
+            .into_iter()
+            .map(|WindowEnforcer { control, thread, .. }| (thread, control))
+            .unzip();
         controls.extend(accounts.iter().map(|account| account.control.clone()));
         let (mut bells, mut disk_threads) = (Vec::new(), Vec::new());
         for DiskThread { control, bell, thread } in disks {
@@ -119,7 +121,7 @@ impl Run<'_> {
             account.start(base, self.options.samples.is_some());
         }
         let trace = self.trace_outlet.clone().map(|outlet| self.begin_trace(outlet, base));
-        let desk = ScheduleDesk::new(self.board.clone(), self.file.schedule_names(), base);
+        let desk = ScheduleRequests::new(self.board.clone(), self.file.schedule_names(), base);
         let mut supervisor = Supervisor::new(accounts, desk, trace, screen, console, sources);
         supervisor.host_ports = self.host_ports.take();
         supervisor.operators = self.operators.take();
@@ -149,7 +151,7 @@ impl Run<'_> {
     fn watchdog(
         &self,
         accounts: &[Account],
-        kickers: &[Kicker],
+        kickers: &[WindowEnforcer],
     ) -> Result<Option<HostWatchdog>, RunError> {
         let Some(time) = self.file.watchdog() else { return Ok(None) };
         let windowed = accounts.iter().filter(|account| account.records.is_some());

@@ -13,7 +13,7 @@ pub enum Kind {
     /// Runs the vCPU of a Linux.
     Linux,
     /// Ends windows.
-    Kicker,
+    WindowEnforcer,
     /// Loads a Linux anew.
     Loader,
     /// Loads a PLC anew.
@@ -45,7 +45,7 @@ impl Kind {
         match self {
             Kind::Plc => include_bytes!(concat!(env!("OUT_DIR"), "/plc.bpf")),
             Kind::Linux => include_bytes!(concat!(env!("OUT_DIR"), "/linux.bpf")),
-            Kind::Kicker => include_bytes!(concat!(env!("OUT_DIR"), "/kicker.bpf")),
+            Kind::WindowEnforcer => include_bytes!(concat!(env!("OUT_DIR"), "/kicker.bpf")),
             Kind::Loader => include_bytes!(concat!(env!("OUT_DIR"), "/loader.bpf")),
             Kind::PlcLoader => include_bytes!(concat!(env!("OUT_DIR"), "/plc-loader.bpf")),
             Kind::Writer => include_bytes!(concat!(env!("OUT_DIR"), "/writer.bpf")),

@@ -9,7 +9,7 @@ use crate::sandbox::privileges;
 const KINDS: [Kind; 10] = [
     Kind::Plc,
     Kind::Linux,
-    Kind::Kicker,
+    Kind::WindowEnforcer,
     Kind::Loader,
     Kind::PlcLoader,
     Kind::Disk,
@@ -128,7 +128,9 @@ fn nobody_but_the_guardian_takes_ports() {
 /// make this call: see `crate::handoff`.
 #[test]
 fn no_thread_with_windows_gives_its_processor_away_nor_does_what_loads_its_guest() {
-    for kind in [Kind::Plc, Kind::Linux, Kind::Kicker, Kind::Disk, Kind::Loader, Kind::PlcLoader] {
+    for kind in
+        [Kind::Plc, Kind::Linux, Kind::WindowEnforcer, Kind::Disk, Kind::Loader, Kind::PlcLoader]
+    {
         assert!(!allows(kind, libc::SYS_sched_yield, [0; 6]), "{kind:?}");
     }
 }

@@ -49,14 +49,15 @@ fn cannot(what: &'static str) -> impl FnOnce(io::Error) -> SandboxError {
     move |source| SandboxError { what, source }
 }
 
-/// What no thread of the process needs, from its start on. `last_work` is done before a forbidden
+/// What no thread of the process needs, from its start on. `emergency_stop` is done before a forbidden
 /// system call ends the process, and tells whether all of it is; it must be safe in a signal handler.
 ///
 /// # Errors
 /// See [`SandboxError`].
-pub fn prepare(last_work: fn() -> bool) -> Result<(), SandboxError> {
+pub fn prepare(emergency_stop: fn() -> bool) -> Result<(), SandboxError> {
     privileges::keep_memory_private().map_err(cannot("keep the process's memory to itself"))?;
-    violation::install(last_work).map_err(cannot("install the handler of forbidden system calls"))
+    violation::install(emergency_stop)
+        .map_err(cannot("install the handler of forbidden system calls"))
 }
 
 /// Shuts the calling thread in for the rest of its life: it goes on without privileges, with the

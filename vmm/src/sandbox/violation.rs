@@ -38,13 +38,13 @@ pub fn set_name(name: &str) {
     NAME.set((bytes, length));
 }
 
-/// Installs the handler, which calls `last_work` first: it must be safe in a signal handler, and tells
+/// Installs the handler, which calls `emergency_stop` first: it must be safe in a signal handler, and tells
 /// whether it has been done.
 ///
 /// # Errors
 /// What `sigaction` says.
-pub fn install(last_work: fn() -> bool) -> io::Result<()> {
-    LAST_WORK.get_or_init(|| last_work);
+pub fn install(emergency_stop: fn() -> bool) -> io::Result<()> {
+    LAST_WORK.get_or_init(|| emergency_stop);
     register_signal_handler(libc::SIGSYS, handler)
         .map_err(|e| io::Error::from_raw_os_error(e.errno()))
 }
@@ -62,7 +62,7 @@ struct Forbidden {
 }
 
 extern "C" fn handler(_: c_int, info: *mut libc::siginfo_t, _: *mut c_void) {
-    let done = LAST_WORK.get().is_none_or(|last_work| last_work());
+    let done = LAST_WORK.get().is_none_or(|emergency_stop| emergency_stop());
     // SAFETY: the kernel hands a filled-in structure to a handler with SA_SIGINFO, which lives as
     // long as the handler runs; this is how its first bytes are laid out for this signal.
     let (call, instruction) = unsafe {

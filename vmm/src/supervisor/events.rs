@@ -9,9 +9,9 @@ use event_manager::{EventOps, EventSet, Events, MutEventSubscriber};
 
 use super::Supervisor;
 use crate::account::Account;
-use crate::board;
 use crate::host_ports::HostPorts;
 use crate::interrupts::Interrupts;
+use crate::linux_machine;
 use crate::terminal::Key;
 
 const STDIN: RawFd = libc::STDIN_FILENO;
@@ -54,7 +54,7 @@ impl MutEventSubscriber for Supervisor {
             self.screen.tick(Instant::now());
             self.drain();
             self.tell_losses();
-            self.accounts.iter().for_each(|a| a.look_for_silence(board::clock()));
+            self.accounts.iter().for_each(|a| a.look_for_silence(linux_machine::clock()));
             self.look_at_kernels();
             self.watch_clock();
             self.watch_schedule();

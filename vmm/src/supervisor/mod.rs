@@ -36,7 +36,7 @@ use crate::init_watch::Console;
 use crate::interrupts::Interrupts;
 use crate::outlet::Trace;
 use crate::restart::Restart;
-use crate::schedule_desk::ScheduleDesk;
+use crate::schedule_requests::ScheduleRequests;
 use crate::screen::Screen;
 use crate::vcpu::guest::End;
 use error::{SupervisorError, cannot};
@@ -65,7 +65,7 @@ pub struct Supervisor {
     pub clock: Option<HostClock>,
     /// The windows of the CPU that this thread runs on, if there are any.
     pub quiet: Option<QuietTimes>,
-    desk: ScheduleDesk,
+    desk: ScheduleRequests,
     /// True if a signal has ended the run: who sent it waits.
     pub ended_by_signal: bool,
     console: Option<Console>,
@@ -87,7 +87,7 @@ impl Supervisor {
     #[must_use]
     pub fn new(
         accounts: Vec<Account>,
-        desk: ScheduleDesk,
+        desk: ScheduleRequests,
         trace: Option<Trace>,
         screen: Screen,
         console: Option<Console>,

@@ -18,7 +18,7 @@ use std::sync::{Arc, OnceLock};
 use kvm_bindings::{Msrs, kvm_msr_entry};
 use kvm_ioctls::{VcpuFd, WriteMsrExit};
 use takt_scheduler::quiet::QuietTimes;
-use takt_scheduler::switch::SwitchBoard;
+use takt_scheduler::switch::ScheduleState;
 use takt_scheduler::time::{Timebase, Tsc};
 
 use super::Control;
@@ -28,7 +28,7 @@ use crate::machine::msr::TSC_DEADLINE;
 /// What the threads of one CPU know of a Linux's timer.
 pub struct Deadlines {
     quiet: QuietTimes,
-    board: Arc<SwitchBoard>,
+    board: Arc<ScheduleState>,
     /// Of the thread of Linux's vCPU, once there is one.
     thread: OnceLock<Arc<Control>>,
     /// The deadline that waits for the end of a quiet time, as a TSC value; 0 if none does.
@@ -60,7 +60,7 @@ pub struct Told {
 impl Deadlines {
     /// For a Linux whose deadlines are to stay out of these times.
     #[must_use]
-    pub fn new(quiet: QuietTimes, board: Arc<SwitchBoard>) -> Self {
+    pub fn new(quiet: QuietTimes, board: Arc<ScheduleState>) -> Self {
         Self {
             quiet,
             board,
@@ -246,7 +246,7 @@ mod tests {
         };
         let schedules = Schedules::new(FRAME, &[plc], &[&[window]]).unwrap();
         let quiet = schedules.quiet_on(Cpu(0), None).unwrap();
-        let deadlines = Deadlines::new(quiet, Arc::new(SwitchBoard::new(FRAME, 1)));
+        let deadlines = Deadlines::new(quiet, Arc::new(ScheduleState::new(FRAME, 1)));
         let frequency = TscFrequency::from_khz(2_399_987).unwrap();
         let base = Timebase { epoch: Tsc::now(), frequency };
         (GuestTimer::new(Arc::new(deadlines)).unwrap(), base)

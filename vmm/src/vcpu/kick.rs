@@ -4,7 +4,7 @@
 //! handled and forgotten, and the guest entered with nobody left to end it. So the handler sets
 //! `kvm_run.immediate_exit`, which makes that next `KVM_RUN` return at once. The protocol:
 //!
-//! 1. the kicker makes its reason visible (window's end passed, stop flag set), then signals;
+//! 1. the window enforcer makes its reason visible (window's end passed, stop flag set), then signals;
 //! 2. the vCPU's thread clears `immediate_exit`, *then* looks for reasons, then enters.
 //!
 //! A kick before the clearing is seen in step 2 by its reason; a kick after it leaves

@@ -13,7 +13,7 @@
 //! ```
 //!
 //! A windowed vCPU is taken out of its guest by its own doorbell ("done"), or by the kick at its
-//! window's end ([`kicker`]). Either way it sleeps to its next release, and the processor falls to
+//! window's end ([`window_enforcer`]). Either way it sleeps to its next release, and the processor falls to
 //! the background partition by itself, because nothing of a higher class is runnable.
 //!
 //! What the thread of a windowed vCPU may do between its start and its end is little: sleep, run
@@ -26,13 +26,13 @@ pub mod first_state;
 pub mod guest;
 pub mod guest_timer;
 pub mod kick;
-pub mod kicker;
 pub mod linux;
 pub mod plc;
 pub mod port_access;
 pub mod probe;
 pub mod thread;
 pub mod tick;
+pub mod window_enforcer;
 pub mod windowed;
 
 pub use takt_record as record;

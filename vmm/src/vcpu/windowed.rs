@@ -10,7 +10,7 @@ use std::sync::Arc;
 use kvm_ioctls::VcpuExit;
 use rtrb::Producer;
 use takt_scheduler::sleep::{Sleeper, Woken};
-use takt_scheduler::switch::{Switch, SwitchBoard};
+use takt_scheduler::switch::{ScheduleState, Switch};
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use takt_scheduler::timetable::{Slot, Timetable};
 
@@ -33,7 +33,7 @@ pub struct Plan {
     /// Its windows.
     pub timetable: Timetable,
     /// Which schedule holds.
-    pub board: Arc<SwitchBoard>,
+    pub board: Arc<ScheduleState>,
     /// How long before a window the thread wakes.
     pub guard: Nanos,
     /// For tests: the wake-up for the release of this number comes late.

@@ -4,7 +4,7 @@
 use std::cell::LazyCell;
 use std::thread_local;
 
-use takt::boot::acpi::Fittings;
+use takt::boot::acpi::AcpiConfig;
 use takt::boot::plc::PlcImage;
 use takt::boot::{StartMode, linux};
 use takt::memory::GuestMemory;
@@ -47,6 +47,6 @@ pub fn linux(data: &[u8]) {
     };
     LINUX.with(|memory| {
         let disk = Some(&mut initrd);
-        let _ = linux::load(memory, &mut kernel, disk, "console=ttyS0", Fittings::default());
+        let _ = linux::load(memory, &mut kernel, disk, "console=ttyS0", AcpiConfig::default());
     });
 }

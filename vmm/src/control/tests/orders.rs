@@ -16,7 +16,7 @@ use crate::terminal::Lines;
 use crate::vcpu::first_state::FirstState;
 use crate::vcpu::guest::End;
 use crate::vcpu::plc::PlcGuest;
-use takt_record::Gather;
+use takt_record::WindowAssembler;
 
 const RAM: u64 = 4 << 20;
 
@@ -39,7 +39,7 @@ fn account() -> (Account, Revivals<PlcGuest>) {
         unshown: 0,
         is_terminal: false,
         records: None,
-        gather: Gather::default(),
+        assembler: WindowAssembler::default(),
         says_done: true,
         health: Watch::new(Table::PLC).0,
         releases: None,

@@ -4,12 +4,12 @@ use std::fmt;
 use std::sync::Arc;
 
 use takt_scheduler::schedules::ScheduleId;
-use takt_scheduler::switch::{Status, Switch, SwitchBoard, SwitchError};
+use takt_scheduler::switch::{ScheduleState, Status, Switch, SwitchError};
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 
-/// The operator's side of the [`SwitchBoard`].
-pub struct ScheduleDesk {
-    board: Arc<SwitchBoard>,
+/// The operator's side of the [`ScheduleState`].
+pub struct ScheduleRequests {
+    board: Arc<ScheduleState>,
     names: Vec<String>,
     base: Timebase,
     /// The last switch that was told of.
@@ -35,10 +35,10 @@ impl fmt::Display for Switched {
     }
 }
 
-impl ScheduleDesk {
+impl ScheduleRequests {
     /// A desk for the schedules of these names.
     #[must_use]
-    pub fn new(board: Arc<SwitchBoard>, names: &[String], base: Timebase) -> Self {
+    pub fn new(board: Arc<ScheduleState>, names: &[String], base: Timebase) -> Self {
         Self { board, names: names.to_vec(), base, told: None }
     }
 
@@ -109,11 +109,11 @@ mod tests {
     #[test]
     fn a_switch_is_promised_and_told_once() {
         let frame = Nanos::from_micros(100);
-        let board = Arc::new(SwitchBoard::new(frame, 2));
+        let board = Arc::new(ScheduleState::new(frame, 2));
         let frequency = TscFrequency::from_khz(1_000_000).unwrap();
         let base = Timebase { epoch: Tsc::now(), frequency };
         let names = ["production".to_owned(), "maintenance".to_owned()];
-        let mut desk = ScheduleDesk::new(board.clone(), &names, base);
+        let mut desk = ScheduleRequests::new(board.clone(), &names, base);
         assert_eq!(desk.poll(), None);
         assert!(desk.ask_for_next().starts_with("schedule \"maintenance\" will hold"));
         assert!(desk.ask_for_next().contains("under way"));

@@ -8,19 +8,19 @@ use crate::{DETOURS_MAX, Detour, Record, WindowRecord};
 
 /// Gathers the detours of one partition's next window. Its memory is fixed.
 #[derive(Debug)]
-pub struct Gather {
+pub struct WindowAssembler {
     detours: Vec<Detour>,
     /// True if the window of these detours was handed out.
     complete: bool,
 }
 
-impl Default for Gather {
+impl Default for WindowAssembler {
     fn default() -> Self {
         Self { detours: Vec::with_capacity(DETOURS_MAX as usize), complete: false }
     }
 }
 
-impl Gather {
+impl WindowAssembler {
     /// Takes the next record. Gives a window with its detours, in the order of time and none
     /// within another, once it is whole.
     pub fn add(&mut self, record: &Record) -> Option<(WindowRecord, &[Detour])> {
@@ -95,7 +95,7 @@ mod tests {
 
     #[test]
     fn a_window_comes_with_its_own_detours_only() {
-        let mut gather = Gather::default();
+        let mut gather = WindowAssembler::default();
         assert!(gather.add(&detour(110, 120)).is_none());
         assert!(gather.add(&detour(130, 140)).is_none());
         assert_eq!(lefts(gather.add(&window(100, 200))), [110, 130]);
@@ -104,7 +104,7 @@ mod tests {
 
     #[test]
     fn detours_of_a_window_that_was_lost_are_not_those_of_the_next() {
-        let mut gather = Gather::default();
+        let mut gather = WindowAssembler::default();
         for n in 0..u64::from(DETOURS_MAX) {
             gather.add(&detour(100 + 2 * n, 101 + 2 * n));
         }
@@ -115,7 +115,7 @@ mod tests {
 
     #[test]
     fn detours_that_cannot_be_are_dropped() {
-        let mut gather = Gather::default();
+        let mut gather = WindowAssembler::default();
         for (left, entered) in [(150, 140), (110, 130), (120, 125), (0, u64::MAX), (130, 200)] {
             gather.add(&detour(left, entered));
         }

@@ -17,7 +17,7 @@ use vm_memory::{Bytes, GuestAddress};
 use vmm_sys_util::eventfd::EventFd;
 
 use crate::boot;
-use crate::boot::acpi::{Fittings, POWER_PORT, SERIAL_IRQ, SERIAL_PORT, WATCHDOG_PORT};
+use crate::boot::acpi::{AcpiConfig, POWER_PORT, SERIAL_IRQ, SERIAL_PORT, WATCHDOG_PORT};
 use crate::boot::linux::Image;
 use crate::boot::long_mode::{self, StartError};
 use crate::disk::Drive;
@@ -26,7 +26,7 @@ use crate::machine::{self, Machine, MachineError, TimerOwner};
 use takt_plan::linux_map::{HOLE_END, HOLE_START, PCI_WINDOW};
 
 use crate::memory::GuestMemory;
-use crate::pci::Card;
+use crate::pci::PciPortDevice;
 use crate::run_error::RunError;
 use crate::vcpu::guest_timer::{Deadlines, GuestTimer};
 use crate::vcpu::kick;
@@ -47,7 +47,7 @@ pub fn clock() -> u64 {
 }
 
 /// What outlives a start.
-pub struct Board {
+pub struct LinuxMachine {
     /// Name of the partition.
     pub partition: String,
     /// For making machines.
@@ -65,7 +65,7 @@ pub struct Board {
     /// Its interrupt.
     pub irq: EventFd,
     /// Its PCI function, if it has ports.
-    pub card: Option<Card>,
+    pub card: Option<PciPortDevice>,
     /// What sources ring to wake it.
     pub bell: EventFd,
     /// Its disks, by their numbers.
@@ -80,7 +80,7 @@ pub struct Board {
     pub vm: Option<VmFd>,
 }
 
-impl Board {
+impl LinuxMachine {
     /// Loads the images into memory, which is zero, and makes the machine for them. Returns its
     /// processor, about to execute the first instruction.
     ///
@@ -88,7 +88,7 @@ impl Board {
     /// See [`RunError`].
     pub fn start(&mut self) -> Result<(VcpuFd, LinuxGuest), RunError> {
         self.vm = None;
-        let fittings = Fittings {
+        let fittings = AcpiConfig {
             pci: self.card.as_ref().map(|_| PCI_WINDOW),
             disks: self.drives.len() as u32,
             watchdog: self.watchdog.as_ref().map(Timer::most),

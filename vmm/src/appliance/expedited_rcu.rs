@@ -1,4 +1,4 @@
-//! A kernel in a hurry, for as long as nothing runs that could be disturbed.
+//! Expedited RCU grace periods, for as long as nothing runs that could be disturbed.
 //!
 //! Whatever a machine gets from KVM (memory slots, routes of interrupts, doorbells, its first thread)
 //! takes a grace period: KVM waits until no processor can still see what was there before. A kernel
@@ -28,17 +28,17 @@ const SETTINGS: [(&str, &str); 2] =
 
 /// While it lives, grace periods are short, for the thread that has it. Dropping it sets what was set
 /// before.
-pub struct Hurry {
+pub struct ExpeditedRcu {
     before: Vec<(fs::File, String)>,
     /// Whether the thread is of a real-time class for so long.
     real_time: bool,
 }
 
-impl Hurry {
+impl ExpeditedRcu {
     /// Begins to hurry, if this is the appliance. A kernel that knows no hurry starts guests as well,
     /// only later.
     #[must_use]
-    pub fn begin() -> Hurry {
+    pub fn begin() -> ExpeditedRcu {
         let appliance = Path::new(MODULE_LIST).exists();
         // In turn with threads of the kernel's that have this priority too, since to clear memory takes
         // seconds; and not for the threads that it starts.
@@ -46,7 +46,7 @@ impl Hurry {
         Self::by(if appliance { &SETTINGS } else { &[] }, real_time)
     }
 
-    fn by(settings: &[(&str, &str)], real_time: bool) -> Hurry {
+    fn by(settings: &[(&str, &str)], real_time: bool) -> ExpeditedRcu {
         let mut before = Vec::new();
         for (path, hurried) in settings {
             let Ok(was) = fs::read_to_string(path) else { continue };
@@ -55,7 +55,7 @@ impl Hurry {
                 before.push((file, was));
             }
         }
-        Hurry { before, real_time }
+        ExpeditedRcu { before, real_time }
     }
 }
 
@@ -66,7 +66,7 @@ fn class(policy: libc::c_int, priority: libc::c_int) -> bool {
     unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) == 0 }
 }
 
-impl Drop for Hurry {
+impl Drop for ExpeditedRcu {
     fn drop(&mut self) {
         for (file, was) in &mut self.before {
             // What could be set can be set back.
@@ -84,11 +84,12 @@ mod tests {
 
     #[test]
     fn what_was_set_before_is_set_again() {
-        let file = std::env::temp_dir().join(format!("takt-hurry-{}", std::process::id()));
+        let file = std::env::temp_dir().join(format!("takt-expedited-{}", std::process::id()));
         fs::write(&file, "1\n").unwrap();
-        let hurry = Hurry::by(&[("/no/such/setting", "0"), (file.to_str().unwrap(), "0")], false);
+        let expedited =
+            ExpeditedRcu::by(&[("/no/such/setting", "0"), (file.to_str().unwrap(), "0")], false);
         assert_eq!(fs::read_to_string(&file).unwrap(), "0\n");
-        drop(hurry);
+        drop(expedited);
         // The kernel takes each write for itself; a plain file keeps them one behind the other.
         assert_eq!(fs::read_to_string(&file).unwrap(), "01");
         fs::remove_file(file).unwrap();

@@ -11,7 +11,7 @@
 use std::sync::Arc;
 
 use takt_scheduler::sleep::{Sleeper, Woken};
-use takt_scheduler::switch::SwitchBoard;
+use takt_scheduler::switch::ScheduleState;
 use takt_scheduler::time::{Timebase, Tsc};
 use takt_scheduler::timetable::{Slot, Timetable};
 
@@ -25,7 +25,7 @@ pub struct Windows {
     /// Owner of each window of a frame, in the same order, by schedule.
     pub owners: Vec<Vec<Arc<Control>>>,
     /// Which schedule holds.
-    pub board: Arc<SwitchBoard>,
+    pub board: Arc<ScheduleState>,
     /// Of a Linux, which go by the schedule.
     pub deadlines: Option<Arc<Deadlines>>,
 }
