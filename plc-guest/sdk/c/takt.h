@@ -11,13 +11,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* What a task is told about its job. Times are nanoseconds. */
+/* What a task is told about its job. Times are in nanoseconds. */
 typedef struct {
     uint32_t version;     /* 1 */
     uint32_t task;        /* number of the task; UINT32_MAX in init */
     uint64_t cycle;       /* jobs of this task that were released before this one */
-    uint64_t now;         /* scheduled release since the partition's start */
-    uint64_t period;      /* since this task's last release; 0 in its first job */
+    uint64_t now_ns;      /* scheduled release since the partition's start */
+    uint64_t period_ns;   /* since this task's last release; 0 in its first job */
     uint32_t start;       /* 0 after a cold start, 1 after a warm one */
     uint32_t flags;       /* 0 */
     uint64_t reserved[3]; /* 0 */

@@ -11,9 +11,9 @@ pub struct Job {
     /// Jobs of this task that were released before this one.
     pub cycle: u64,
     /// The scheduled release: nanoseconds since the partition's start.
-    pub now: u64,
+    pub now_ns: u64,
     /// Nanoseconds since this task's last release; 0 in its first job.
-    pub period: u64,
+    pub period_ns: u64,
     /// 0 after a cold start, 1 after a warm one.
     pub start: u32,
     /// Zero in this version.
@@ -26,7 +26,7 @@ impl Job {
     /// Seconds since this task's last release; 0 in its first job.
     #[must_use]
     pub fn elapsed(&self) -> f64 {
-        self.period as f64 * 1e-9
+        self.period_ns as f64 * 1e-9
     }
 
     /// Whether RETAIN variables have the values from before the stop.

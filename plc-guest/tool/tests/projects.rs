@@ -74,6 +74,33 @@ fn a_c_project_is_made_built_inspected_and_tested() {
 }
 
 #[test]
+fn function_blocks_are_used_in_c() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "filter", "--lang", "c"]).expect(0, "");
+    let source = r#"#include "takt.h"
+#include "blocks.h"
+TAKT_PROGRAM("filter", 0, 1, 0, 0);
+TAKT_INPUT(LREAL, measured, 0);
+TAKT_OUTPUT(LREAL, valve, 0);
+static struct takt_pid level = {.tuning = {.proportional = 4.0, .high = 10.0}};
+static void control(const takt_job *job) {
+    valve = takt_pid_update(&level, 1.5, measured, job->period_ns);
+}
+TAKT_CYCLIC(control, .period = TAKT_MS(10));
+"#;
+    folder.write("filter/tank.c", source);
+    folder.write("filter/tests/tank.csv", "measured,valve\n1,2\n0.5,4\n");
+    folder.run("make", &["-C", "filter", "test"]).expect(0, "2 cycles, 20 ms");
+}
+
+#[test]
+fn the_rust_project_is_tested_by_make() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "two-tanks", "--lang", "rust"]).expect(0, "");
+    folder.run("make", &["-C", "two-tanks", "test"]).expect(0, "two-tanks: 11 cycles, 110 ms");
+}
+
+#[test]
 fn rust_and_c_make_the_same_control_program() {
     let folder = Folder::new();
     folder.takt_plc(&["new", "a", "--lang", "rust"]).expect(0, "");

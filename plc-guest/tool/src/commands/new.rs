@@ -57,6 +57,7 @@ const C: &[File] = &[
     ("README.md", include_str!("../templates/c/README.md")),
     ("takt-sdk/takt.h", include_str!("../../../sdk/c/takt.h")),
     ("takt-sdk/takt.c", include_str!("../../../sdk/c/takt.c")),
+    ("takt-sdk/blocks.h", include_str!("../../../blocks/c/blocks.h")),
 ];
 
 impl New {
@@ -78,7 +79,13 @@ impl New {
             return Err(Failure::input(format!("{} is there already", self.path.display())));
         }
         for (file, text) in files {
-            write(&self.path.join(file), &text.replace("NAME", name))?;
+            // The SDK is taken as it is.
+            let text = if file.starts_with("takt-sdk/") {
+                (*text).into()
+            } else {
+                text.replace("NAME", name)
+            };
+            write(&self.path.join(file), &text)?;
         }
         println!("{}: see README.md there", self.path.display());
         Ok(())
