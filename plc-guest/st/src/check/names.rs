@@ -57,9 +57,6 @@ impl<'a> Checker<'a> {
             for declaration in &file.tree.declarations {
                 match declaration {
                     Declaration::Type(declaration) => {
-                        if file.library && self.is_own(&declaration.name) {
-                            continue;
-                        }
                         let entry = Entry::Type(self.types.len());
                         if self.declare_top(&declaration.name, entry, file.library) {
                             self.types.push(TypeEntry::new(declaration, file.library));
@@ -91,21 +88,7 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Whether the project declares this name itself, which hides what a library has under it: a new
-    /// block in the library must not break a project that has one of that name. The project's files come
-    /// before those of libraries.
-    fn is_own(&self, name: &Name) -> bool {
-        match self.names.get(&name.key) {
-            Some(Entry::Units(units)) => units.iter().any(|unit| !self.units[*unit].library),
-            Some(_) => true,
-            None => false,
-        }
-    }
-
     fn collect_unit(&mut self, unit: &'a ast::Unit, library: bool) {
-        if library && self.is_own(&unit.name) {
-            return;
-        }
         let index = self.units.len();
         let overload = match self.names.of(library).get(&*unit.name.key) {
             Some(Entry::Units(others)) if library && unit.kind == UnitKind::Function => {

@@ -147,9 +147,7 @@ impl<'a> Body<'_, 'a> {
                             && function.make == Make::Concatenate;
                     (types.is_string(ty) || character, "STRING or WSTRING")
                 }
-                Group::Scalar => {
-                    (elementary.is_some() || types.is_string(ty), "an elementary value")
-                }
+                Group::Scalar => (elementary.is_some(), "an elementary value that is no string"),
                 Group::Any => (
                     types.scalar(ty).is_some() || types.is_string(ty),
                     "an elementary value, an enumeration or a reference",
@@ -239,6 +237,15 @@ impl<'a> Body<'_, 'a> {
                 Some(self.intrinsic(intrinsic, list, ty, span))
             }
             Make::Concatenate => self.concatenate(given, span),
+            Make::Unit => {
+                let (position, place) = given.pop()?;
+                let (text, _) = given.pop()?;
+                let wide =
+                    matches!(self.checker.program.types.get(text.expr.ty), Type::WString { .. });
+                let ty = self.elementary(if wide { Elementary::Word } else { Elementary::Byte });
+                let position = self.as_long(position, place)?;
+                Some(self.intrinsic(Intrinsic::UnitAt, vec![text.expr, position], ty, span))
+            }
             Make::Measure(intrinsic) => {
                 if let [(a, _), (b, place)] = &given[..]
                     && !self.both_strings(a.expr.ty, b.expr.ty)
@@ -293,6 +300,12 @@ impl<'a> Body<'_, 'a> {
         let Some(mut ty) = first else {
             // Numbers alone: what is needed, if they fit.
             let (operand, _) = given.first()?;
+            if self.checker.program.types.is_string(operand.expr.ty) {
+                // Text alone: the longest. One of another kind is told where it is converted.
+                let all = given.iter().map(|(operand, _)| operand.expr.ty);
+                let strings = all.filter(|ty| self.both_strings(*ty, operand.expr.ty));
+                return strings.reduce(|a, b| self.longer(a, b));
+            }
             let hinted = hint.filter(|hint| {
                 let number = self
                     .plain(*hint)
@@ -302,16 +315,15 @@ impl<'a> Body<'_, 'a> {
             let long = self.elementary(Elementary::Lreal);
             let reals = given.iter().any(|(operand, _)| operand.expr.ty == long);
             let own = if real || reals { long } else { self.widest(given)? };
-            let text = self.checker.program.types.is_string(operand.expr.ty);
-            return Some(if text { operand.expr.ty } else { hinted.unwrap_or(own) });
+            return Some(hinted.unwrap_or(own));
         };
         for (operand, span) in given {
             let next = operand.expr.ty;
-            if next == ty || operand.untyped && self.fits(operand, ty, false) {
-                continue;
-            }
             if self.both_strings(ty, next) {
                 ty = self.longer(ty, next);
+                continue;
+            }
+            if next == ty || operand.untyped && self.fits(operand, ty, false) {
                 continue;
             }
             let joined = match (self.plain(ty), self.plain(next)) {

@@ -43,7 +43,7 @@ pub(super) enum Group {
     Bits,
     /// ANY_STRING
     String,
-    /// ANY_ELEMENTARY
+    /// ANY_ELEMENTARY without strings: there is no intrinsic that chooses between two of them by order.
     Scalar,
     /// ANY but what has parts.
     Any,
@@ -78,6 +78,8 @@ pub(super) enum Make {
     Text(Intrinsic),
     /// CONCAT
     Concatenate,
+    /// The code of a character of a string, for the library: BYTE of STRING, WORD of WSTRING.
+    Unit,
     /// A number about strings.
     Measure(Intrinsic),
     /// TRUNC
@@ -169,7 +171,7 @@ const fn shift(name: &'static str, intrinsic: Intrinsic) -> Function {
     fixed(name, &["IN", "N"], &[BITS, INTEGER], Make::Shift(intrinsic))
 }
 
-/// All of them. The names of the last three are Takt's own.
+/// All of them. The names of the last four are Takt's own.
 pub(super) static FUNCTIONS: &[Function] = &[
     fixed("ABS", IN, &[NUMBER], Make::Intrinsic(Intrinsic::Abs)),
     numeric("SQRT", Intrinsic::Sqrt),
@@ -215,6 +217,7 @@ pub(super) static FUNCTIONS: &[Function] = &[
     fixed("MID", &["IN", "L", "P"], &[STRING, INTEGER, INTEGER], Make::Text(Intrinsic::Mid)),
     extensible("CONCAT", TWO, &[STRING, STRING], Make::Concatenate),
     fixed("FIND", TWO, &[STRING, STRING], Make::Measure(Intrinsic::Find)),
+    fixed("TAKT_UNIT_AT", &["IN", "P"], &[STRING, INTEGER], Make::Unit),
     fixed("RELEASE_TIME", &[], &[], Make::Clock(Intrinsic::Now, Elementary::Time)),
     fixed("RELEASE_INTERVAL", &[], &[], Make::Clock(Intrinsic::Elapsed, Elementary::Time)),
     fixed("RELEASE_COUNT", &[], &[], Make::Clock(Intrinsic::Cycle, Elementary::Ulint)),
