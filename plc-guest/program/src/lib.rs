@@ -24,7 +24,9 @@ pub mod call;
 pub mod limit;
 
 mod bytes;
+mod check_types;
 mod code;
+mod elementary;
 mod error;
 #[cfg(feature = "hash")]
 mod hash;
@@ -47,6 +49,7 @@ mod variable;
 #[cfg(feature = "build")]
 pub mod build;
 
+pub use elementary::Elementary;
 pub use error::{Defect, ImageError};
 pub use image::{Image, Version};
 pub use layout::{ABI_VERSION, FORMAT_VERSION, HEADER_BYTES, MAGIC};
@@ -56,6 +59,6 @@ pub use section::SectionKind;
 pub use source::{Line, Place, Trap, TrapKind};
 pub use task::{EventSource, Task, TaskKind};
 pub use task_information::{Start, TaskInformation};
-pub use types::{Elementary, Enumerator, Field, Type, TypeKind};
+pub use types::{Enumerator, Field, Type, TypeKind};
 pub use units::{CodeOffset, Nanoseconds, TaskId, TypeId};
 pub use variable::{Area, Flags, Variable};

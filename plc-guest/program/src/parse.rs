@@ -11,7 +11,7 @@ use crate::layout::{
     requirements, section,
 };
 use crate::section::{self as sections, KINDS, Section, SectionKind};
-use crate::{bytes::Record, limit, object, port, source, task, types, variable};
+use crate::{bytes::Record, check_types, limit, object, port, source, task, variable};
 
 impl<'a> Image<'a> {
     /// Checks `file` and gives what is in it. The hash is not compared: see [`Image::verify`].
@@ -93,7 +93,7 @@ fn check_content(image: &Image<'_>, whence: Where) -> Result<(), ImageError> {
         "it must be inside of the code",
     )?;
     check_requirements(image)?;
-    types::check(image)?;
+    check_types::check(image)?;
     variable::check(image)?;
     task::check(image)?;
     object::check(image)?;

@@ -1,12 +1,13 @@
 //! Tasks: what is run, when, and how urgently.
 
 use crate::bytes::Record;
+use crate::elementary::Elementary;
 use crate::error::{ImageError, Where};
 use crate::image::Image;
 use crate::layout::task;
 use crate::parse::is_code;
 use crate::section::SectionKind;
-use crate::types::{Elementary, TypeKind};
+use crate::types::TypeKind;
 use crate::units::{CodeOffset, Nanoseconds, TaskId};
 use crate::{address, limit};
 

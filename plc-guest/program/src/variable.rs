@@ -2,13 +2,14 @@
 
 use crate::bytes::Record;
 use crate::code::codes;
+use crate::elementary::Elementary;
 use crate::error::{ImageError, Where};
 use crate::image::Image;
 use crate::layout::{NO_BIT, NO_TASK, variable};
 use crate::name::order;
 use crate::section::SectionKind;
 use crate::source::Place;
-use crate::types::{Elementary, TypeKind};
+use crate::types::TypeKind;
 use crate::units::{TaskId, TypeId};
 
 codes! {

@@ -94,6 +94,11 @@ struct takt_declaration {
     TAKT_DECLARE_(task_##function, 4, #function, (const volatile void *)function, source,         \
                   .task = { __VA_ARGS__ })
 
+/* TAKT_WRITES(control, valve): which task writes a point. Each output of a program with several tasks needs one,
+ * so that no two tasks write the same. */
+#define TAKT_WRITES(function, point)                                                              \
+    TAKT_DECLARE_(writes_##point, 13, #function, 0, #point, .numbers = { 0 })
+
 /* TAKT_FREEWHEELING(rest, .priority = 255) */
 #define TAKT_FREEWHEELING(function, ...)                                                          \
     TAKT_DECLARE_(task_##function, 5, #function, (const volatile void *)function, "",             \

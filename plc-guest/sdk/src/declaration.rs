@@ -60,6 +60,8 @@ pub mod kind {
     pub const PORT_IN: u32 = 11;
     /// A channel port that the program writes: bytes of a message.
     pub const PORT_OUT: u32 = 12;
+    /// Which task writes an output: the name is the task's, the text is the point's.
+    pub const WRITES: u32 = 13;
 }
 
 /// Flags of a variable: the bits of the image.

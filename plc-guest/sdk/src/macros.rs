@@ -105,6 +105,18 @@ macro_rules! output {
     };
 }
 
+/// Declares which task writes a point: `writes!("control", "valve");`. Each output of a program with several tasks
+/// needs one, so that no two tasks write the same.
+#[macro_export]
+macro_rules! writes {
+    ($task:literal, $point:literal) => {
+        $crate::__declare!(
+            $crate::declaration::Declaration::new($crate::declaration::kind::WRITES, $task)
+                .text($point)
+        );
+    };
+}
+
 /// Declares a bit of the input image: `input_bit!(START, "start", 8, 0);` is `%IX8.0`.
 #[macro_export]
 macro_rules! input_bit {

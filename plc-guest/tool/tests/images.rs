@@ -10,7 +10,8 @@ const SOURCE: &str = "#include \"takt.h\"\nTAKT_PROGRAM(\"p\", 1, 2, 3, 9);\n\
     static void run(const takt_job *job) { y = on() ? x * 0.1f : 0; jobs = (uint32_t)job->cycle; }\n\
     TAKT_CYCLIC(run, .period = TAKT_MS(2));\n\
     static void edge(const takt_job *job) { rises = (uint32_t)job->cycle + 1; }\n\
-    TAKT_EVENT(edge, \"rise:on\", .period = TAKT_MS(4), .priority = 1);\n";
+    TAKT_EVENT(edge, \"rise:on\", .period = TAKT_MS(4), .priority = 1);\n\
+    TAKT_WRITES(run, y); TAKT_WRITES(run, jobs); TAKT_WRITES(edge, rises);\n";
 
 fn built() -> Folder {
     let folder = Folder::new();

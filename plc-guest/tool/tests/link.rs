@@ -58,7 +58,7 @@ fn writable_code_is_refused() {
 
 #[test]
 fn declarations_that_break_a_rule_are_refused() {
-    refused("TAKT_INPUT(REAL, level, 65533);", &["point `level`", "in no memory of the program"]);
+    refused("TAKT_OUTPUT(REAL, level, 65533);", &["point `level`", "in no memory of the program"]);
     refused(
         "static void b(const takt_job *j) { (void)j; } TAKT_CYCLIC(b, .priority = 3);",
         &["task 0, period: a cyclic task has a period"],
@@ -71,6 +71,20 @@ fn declarations_that_break_a_rule_are_refused() {
         "TAKT_QUEUE(jobs, 5000, 1);",
         &["object 0, message bytes: found 5000, the limit is 4096"],
     );
+}
+
+#[test]
+fn an_output_has_one_writer() {
+    let two = "static void b(const takt_job *j) { (void)j; } TAKT_CYCLIC(b, .period = 9);\n\
+               TAKT_OUTPUT(REAL, y, 0);";
+    refused(two, &["output `y`", "say which one writes it (TAKT_WRITES"]);
+    refused(&format!("{two} TAKT_WRITES(c, y);"), &["point `y`: there is no task `c`"]);
+    refused(&format!("{two} TAKT_WRITES(b, y); TAKT_WRITES(b, z);"), &["point `z`: task `b`"]);
+    let folder = Folder::new();
+    folder.c_program("p", &format!("{HEAD}{two} TAKT_WRITES(b, y);\n{RUN}")).expect(0, "");
+    folder.takt_plc(&["inspect", "p.plc", "--json"]).expect(0, "\"writer\": \"b\"");
+    folder.c_program("q", &format!("{HEAD}TAKT_OUTPUT(REAL, y, 0);\n{RUN}")).expect(0, "");
+    folder.takt_plc(&["inspect", "q.plc", "--json"]).expect(0, "\"writer\": \"run\"");
 }
 
 #[test]

@@ -2,29 +2,20 @@
 
 use takt_program::build::{Builder, Event, Kind, Object, Port, Task, Trap, Type, Variable, When};
 use takt_program::{
-    Area, CodeOffset, Direction, Elementary, Flags, Nanoseconds, ObjectKind, TrapKind, TypeId,
-    Version, address, limit,
+    Area, CodeOffset, Direction, Elementary, Flags, Nanoseconds, ObjectKind, TaskId, TrapKind,
+    TypeId, Version, address, limit,
 };
-use takt_sdk::declaration::{self, Declaration, kind};
+use takt_sdk::declaration::kind;
 
 use super::LinkError;
+use super::declared::{self, Declared};
 use super::elf::Program;
 
-const RECORD: usize = size_of::<Declaration>();
 const DEFAULT_STACK: u32 = 16 << 10;
-
-/// One record, with its strings fetched.
-struct Declared {
-    kind: u32,
-    name: String,
-    text: String,
-    address: u64,
-    numbers: [u64; 8],
-}
 
 /// An image in the making with everything that the program declares, its code and its data.
 pub fn builder(program: &Program) -> Result<Builder, LinkError> {
-    let mut declared = read(program)?;
+    let mut declared = declared::read(program)?;
     // The order of declarations in a file is the compiler's; that of names is the author's.
     declared.sort_by_key(|declared| declared.name.to_ascii_lowercase());
     let mut builder = Builder::new("");
@@ -38,49 +29,19 @@ pub fn builder(program: &Program) -> Result<Builder, LinkError> {
     };
     builder.state_bytes = u32::try_from(program.state_bytes).map_err(too_large)?;
     head(&mut builder, program, &declared)?;
-    let mut maker = Maker { builder, program };
+    let mut maker = Maker { builder, program, tasks: Vec::new(), writers: Vec::new() };
     for declared in &declared {
-        maker.add(declared)?;
+        maker.task_or_writer(declared)?;
     }
+    for declared in &declared {
+        maker.rest(declared)?;
+    }
+    maker.check_writers()?;
     let mut builder = maker.builder;
     if let Some(at) = program.user_trap.and_then(|address| code_offset(program, address)) {
         builder.trap(Trap { at, kind: TrapKind::User, place: None });
     }
     Ok(builder)
-}
-
-fn read(program: &Program) -> Result<Vec<Declared>, LinkError> {
-    let records = program.declarations.chunks(RECORD).enumerate();
-    records.map(|(index, bytes)| one(program, index, bytes)).collect()
-}
-
-fn one(program: &Program, index: usize, bytes: &[u8]) -> Result<Declared, LinkError> {
-    let broken = |why: String| LinkError::Declaration { index, why };
-    if bytes.len() < RECORD {
-        return Err(broken(format!("it has {} bytes instead of {RECORD}", bytes.len())));
-    }
-    let word = |at: usize| {
-        u64::from_le_bytes(std::array::from_fn(|byte| bytes.get(at + byte).copied().unwrap_or(0)))
-    };
-    let (version, kind) = (word(0) as u32, (word(0) >> 32) as u32);
-    if version != declaration::VERSION {
-        let why = format!("its version is {version}; this tool knows {}", declaration::VERSION);
-        return Err(broken(why));
-    }
-    let string = |at: u64, length: u64, what: &str| {
-        if length == 0 {
-            return Ok(String::new());
-        }
-        let text = program.bytes(at, length).and_then(|bytes| std::str::from_utf8(bytes).ok());
-        text.map(str::to_owned).ok_or_else(|| broken(format!("its {what} is not a constant text")))
-    };
-    Ok(Declared {
-        kind,
-        name: string(word(8), word(16), "name")?,
-        address: word(24),
-        text: string(word(32), word(40), "text")?,
-        numbers: std::array::from_fn(|number| word(48 + 8 * number)),
-    })
 }
 
 /// Name, version and `init`, each of which there is once.
@@ -91,10 +52,10 @@ fn head(builder: &mut Builder, program: &Program, declared: &[Declared]) -> Resu
         return Err(LinkError::Twice { what: "the program" });
     }
     let number =
-        |index: usize| narrow(head, "program", "a version or category", head.numbers[index]);
+        |index: usize| head.narrow("program", "a version or category", head.numbers[index]);
     builder.name.clone_from(&head.name);
     builder.version = Version { major: number(0)?, minor: number(1)?, patch: number(2)? };
-    builder.category = narrow(head, "program", "a category", head.numbers[3])?;
+    builder.category = head.narrow("program", "a category", head.numbers[3])?;
     let mut inits = declared.iter().filter(|declared| declared.kind == kind::INIT);
     if let Some(init) = inits.next() {
         builder.init = Some(function(program, init, "init")?);
@@ -108,15 +69,72 @@ fn head(builder: &mut Builder, program: &Program, declared: &[Declared]) -> Resu
 struct Maker<'a> {
     builder: Builder,
     program: &'a Program,
+    /// The names of the tasks.
+    tasks: Vec<String>,
+    /// Which task writes which point, and whether there is such a point.
+    writers: Vec<Writer>,
+}
+
+struct Writer {
+    task: String,
+    point: String,
+    found: bool,
 }
 
 impl Maker<'_> {
-    fn add(&mut self, declared: &Declared) -> Result<(), LinkError> {
+    fn task_or_writer(&mut self, declared: &Declared) -> Result<(), LinkError> {
+        let (task, point) = (declared.name.clone(), declared.text.clone());
+        match declared.kind {
+            kind::CYCLIC | kind::EVENT | kind::FREEWHEELING => self.task(declared),
+            kind::WRITES if self.writers.iter().any(|writer| writer.point == point) => {
+                let why = "two writers are declared for it; an output has one".into();
+                Err(LinkError::Declared { what: "point", name: point, why })
+            }
+            kind::WRITES => {
+                self.writers.push(Writer { task, point, found: false });
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// A declared writer is of a point that there is.
+    fn check_writers(&self) -> Result<(), LinkError> {
+        match self.writers.iter().find(|writer| !writer.found) {
+            None => Ok(()),
+            Some(Writer { point, task, .. }) => {
+                let why = format!("task `{task}` is said to write it, but there is no such point");
+                Err(LinkError::Declared { what: "point", name: point.clone(), why })
+            }
+        }
+    }
+
+    /// The task that writes a point: the declared one, or the only one there is for an output.
+    fn writer(&mut self, declared: &Declared, area: Area) -> Result<Option<TaskId>, LinkError> {
+        let told = self.writers.iter_mut().find(|writer| writer.point == declared.name);
+        if let Some(writer) = told {
+            writer.found = true;
+            let index = self.tasks.iter().position(|task| *task == writer.task);
+            let unknown = || format!("there is no task `{}` to write it", writer.task);
+            let index = index.ok_or_else(|| declared.error("point", unknown()))?;
+            return Ok(Some(TaskId(index as u16)));
+        }
+        match (area, self.tasks.len()) {
+            (Area::Output, 1) => Ok(Some(TaskId(0))),
+            (Area::Output, _) => {
+                let why = "the program has several tasks: say which one writes it (TAKT_WRITES in C, writes! in Rust)";
+                Err(declared.error("output", why.into()))
+            }
+            _ => Ok(None),
+        }
+    }
+
+    fn rest(&mut self, declared: &Declared) -> Result<(), LinkError> {
         let [a, b, ..] = declared.numbers;
-        let bytes = |number| narrow(declared, "object", "a size", number);
+        let bytes = |number| declared.narrow("object", "a size", number);
         let object = match declared.kind {
-            kind::PROGRAM | kind::INIT => return Ok(()),
-            kind::CYCLIC | kind::EVENT | kind::FREEWHEELING => return self.task(declared),
+            kind::PROGRAM | kind::INIT | kind::WRITES => return Ok(()),
+            kind::CYCLIC | kind::EVENT | kind::FREEWHEELING => return Ok(()),
             kind::VARIABLE => return self.variable(declared),
             kind::PORT_IN | kind::PORT_OUT => {
                 let incoming = declared.kind == kind::PORT_IN;
@@ -126,13 +144,13 @@ impl Maker<'_> {
                 return self.number(declared, id);
             }
             kind::SEMAPHORE => {
-                ObjectKind::Semaphore { ceiling: narrow(declared, "semaphore", "a ceiling", a)? }
+                ObjectKind::Semaphore { ceiling: declared.narrow("semaphore", "a ceiling", a)? }
             }
             kind::QUEUE => ObjectKind::Queue { message_bytes: bytes(a)?, depth: bytes(b)? },
             kind::MAILBOX => ObjectKind::Mailbox { bytes: bytes(a)? },
             kind::FLAGS => ObjectKind::Flags,
             other => {
-                return Err(error(declared, "declaration", format!("there is no kind {other}")));
+                return Err(declared.error("declaration", format!("there is no kind {other}")));
             }
         };
         let id = self.builder.object(Object { name: declared.name.clone(), kind: object });
@@ -149,18 +167,19 @@ impl Maker<'_> {
             kind::EVENT => When::Event { source: source(declared)?, minimum: Nanoseconds(period) },
             _ => When::Freewheeling,
         };
+        self.tasks.push(declared.name.clone());
         self.builder.task(Task {
             name: declared.name.clone(),
             when,
-            priority: narrow(declared, "task", "a priority", priority)?,
+            priority: declared.narrow("task", "a priority", priority)?,
             budget: some(budget),
             deadline: some(deadline),
-            stack_bytes: match narrow(declared, "task", "a stack", stack)? {
+            stack_bytes: match declared.narrow("task", "a stack", stack)? {
                 0 => DEFAULT_STACK,
                 bytes => bytes,
             },
             entry: function(self.program, declared, "task")?,
-            sensitivity: narrow(declared, "task", "a sensitivity", sensitivity)?,
+            sensitivity: declared.narrow("task", "a sensitivity", sensitivity)?,
         });
         Ok(())
     }
@@ -170,16 +189,17 @@ impl Maker<'_> {
         let [elements, flags, bit, ..] = declared.numbers;
         let elementary = Elementary::ALL.iter().find(|ty| ty.keyword() == declared.text);
         let elementary = *elementary
-            .ok_or_else(|| error(declared, what, format!("there is no type {}", declared.text)))?;
+            .ok_or_else(|| declared.error(what, format!("there is no type {}", declared.text)))?;
         let ty = self.type_of(declared, elementary, elements)?;
         let bytes = u64::from(elementary.bytes()) * elements.max(1);
         let (area, offset) = self.place(declared, bytes)?;
         let flags = u16::try_from(flags).ok().and_then(Flags::from_bits);
         let flags =
-            flags.ok_or_else(|| error(declared, what, "it has flags that there are not".into()))?;
-        let bit: u8 = narrow(declared, what, "a bit", bit)?;
+            flags.ok_or_else(|| declared.error(what, "it has flags that there are not".into()))?;
+        let bit: u8 = declared.narrow(what, "a bit", bit)?;
+        let writer = self.writer(declared, area)?;
         let variable = Variable::new(&declared.name, ty, area, offset).with(flags);
-        self.builder.variable(Variable { bit: bit.checked_sub(1), ..variable });
+        self.builder.variable(Variable { bit: bit.checked_sub(1), writer, ..variable });
         let end = offset + bytes as u32;
         let image = match area {
             Area::Input => &mut self.builder.input_bytes,
@@ -201,10 +221,10 @@ impl Maker<'_> {
         if elements == 0 {
             return Ok(element);
         }
-        let count: u32 = narrow(declared, "point", "a number of elements", elements)?;
+        let count: u32 = declared.narrow("point", "a number of elements", elements)?;
         let bytes =
             count.checked_mul(elementary.bytes()).filter(|bytes| *bytes <= limit::STATE_BYTES);
-        let bytes = bytes.ok_or_else(|| error(declared, "point", "it is too large".into()))?;
+        let bytes = bytes.ok_or_else(|| declared.error("point", "it is too large".into()))?;
         let array = Kind::Array { element, lower: 0, upper: i64::from(count) - 1 };
         Ok(self.builder.ty(Type::new(bytes, array)))
     }
@@ -226,7 +246,7 @@ impl Maker<'_> {
         };
         let found = areas.iter().find_map(|area| Some((area.0, inside(area)? as u32)));
         let outside = format!("its address {:#x} is in no memory of the program", declared.address);
-        found.ok_or_else(|| error(declared, "point", outside))
+        found.ok_or_else(|| declared.error("point", outside))
     }
 
     /// Writes the number of an object where the program reads it.
@@ -236,11 +256,7 @@ impl Maker<'_> {
             Area::Constant => &mut self.builder.constants,
             Area::State => &mut self.builder.state,
             _ => {
-                return Err(error(
-                    declared,
-                    "object",
-                    "its number lies in the process image".into(),
-                ));
+                return Err(declared.error("object", "its number lies in the process image".into()));
             }
         };
         let offset = offset as usize;
@@ -262,7 +278,7 @@ fn source(declared: &Declared) -> Result<Event, LinkError> {
         "rise" => Ok(Event::Rise(name)),
         _ => {
             let allowed = "allowed are channel:, doorbell:, interrupt: and rise: with a name";
-            Err(error(declared, "task", format!("its event is `{}`; {allowed}", declared.text)))
+            Err(declared.error("task", format!("its event is `{}`; {allowed}", declared.text)))
         }
     }
 }
@@ -273,24 +289,10 @@ fn function(
     what: &'static str,
 ) -> Result<CodeOffset, LinkError> {
     code_offset(program, declared.address)
-        .ok_or_else(|| error(declared, what, "its function is not in the code".into()))
+        .ok_or_else(|| declared.error(what, "its function is not in the code".into()))
 }
 
 fn code_offset(program: &Program, address: u64) -> Option<CodeOffset> {
     let offset = address.checked_sub(address::CODE)?;
     (offset < program.code.len() as u64).then_some(CodeOffset(offset as u32))
-}
-
-fn narrow<T: TryFrom<u64>>(
-    declared: &Declared,
-    what: &'static str,
-    number: &str,
-    value: u64,
-) -> Result<T, LinkError> {
-    T::try_from(value)
-        .map_err(|_| error(declared, what, format!("{value} is too large for {number}")))
-}
-
-fn error(declared: &Declared, what: &'static str, why: String) -> LinkError {
-    LinkError::Declared { what, name: declared.name.clone(), why }
 }

@@ -8,6 +8,7 @@
 //! executable.
 
 mod declarations;
+mod declared;
 mod elf;
 mod lines;
 mod linker;
