@@ -66,7 +66,7 @@ fn metadata(file: &[u8]) -> usize {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(4000))]
+    #![proptest_config(ProptestConfig::with_cases(1000))]
 
     #[test]
     fn numbers_of_any_value_do_no_harm(
