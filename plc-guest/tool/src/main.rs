@@ -23,7 +23,8 @@ mod status {
 }
 
 const AFTER_HELP: &str = "\
-Exit status: 0 good; 1 the program ran, but not as the table expects, or an image is not signed as asked;
+Exit status: 0 good; 1 the program ran, but not as the table expects, an image is not signed as asked, or
+a part of a project was refused;
 2 bad file or usage; 3 the program faulted, stopped itself or did not end; 4 this machine cannot.";
 
 /// Makes, inspects, signs and tests control programs.
@@ -38,6 +39,8 @@ struct Cli {
 enum Command {
     /// Begin a new program in a new folder.
     New(commands::new::New),
+    /// Take the Structured Text of a PLCopen XML project.
+    Import(commands::import::Import),
     /// Make a program image of object files and static libraries.
     Build(commands::build::Build),
     /// Run a program on this machine, cycle by cycle, and compare its outputs with a table.
@@ -68,6 +71,7 @@ impl Failure {
 fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::New(command) => command.run(),
+        Command::Import(command) => command.run(),
         Command::Build(command) => command.run(),
         Command::Test(command) => command.run(),
         Command::Inspect(command) => command.run(),

@@ -1,0 +1,49 @@
+//! `takt plc import`: the Structured Text of a PLCopen XML project.
+
+use std::path::PathBuf;
+
+use super::{read, write};
+use crate::{Failure, status};
+
+/// Arguments of `import`.
+#[derive(clap::Args)]
+pub struct Import {
+    /// The project, as another tool exported it.
+    project: PathBuf,
+    /// The folder that the source files go to; it is made, and must not be there yet.
+    folder: PathBuf,
+}
+
+impl Import {
+    pub fn run(self) -> Result<(), Failure> {
+        let project = self.project.display();
+        let text = String::from_utf8(read(&self.project)?)
+            .map_err(|error| Failure::input(format!("{project} is no text: {error}")))?;
+        let import = takt_plcopen::import(&text)
+            .map_err(|error| Failure::input(format!("{project}: {error}")))?;
+        let folder = self.folder.display();
+        // Nothing of what is there can be lost.
+        std::fs::create_dir(&self.folder)
+            .map_err(|error| Failure::input(format!("cannot make {folder}: {error}")))?;
+        for file in &import.files {
+            let path = self.folder.join(&file.name);
+            write(&path, file.text.as_bytes())?;
+            println!("{}", path.display());
+        }
+        for name in &import.ignored {
+            eprintln!("takt plc: {project}: ignored: {}", name.escape_debug());
+        }
+        for defect in &import.refused {
+            eprintln!("takt plc: {project}:{defect}");
+        }
+        match import.refused.len() {
+            0 => Ok(()),
+            refused => Err(Failure {
+                status: status::NOT_AS_EXPECTED,
+                message: format!(
+                    "{project}: {refused} parts were refused, the rest is in {folder}"
+                ),
+            }),
+        }
+    }
+}

@@ -1,0 +1,40 @@
+//! `takt plc import`.
+
+mod common;
+
+use common::Folder;
+
+const PROJECT: &str = "<project><types><pous>\
+    <pou name=\"Good\" pouType=\"program\"><body><ST>;</ST></body></pou>\
+    <pou name=\"Drawn\" pouType=\"program\"><body><LD/></body></pou>\
+    </pous></types></project>";
+
+#[test]
+fn what_is_structured_text_is_written_and_the_rest_is_named() {
+    let folder = Folder::new();
+    folder.write("plant.xml", PROJECT);
+    let ended = folder.takt_plc(&["import", "plant.xml", "plant"]);
+    ended
+        .expect(1, "plant.xml:1:129: program Drawn: its body is LD")
+        .expect(1, "1 parts were refused");
+    assert_eq!(folder.read("plant/Good.st"), b"PROGRAM Good\n;\nEND_PROGRAM\n");
+    assert!(!folder.path().join("plant/Drawn.st").exists());
+}
+
+#[test]
+fn nothing_that_is_there_is_written_over() {
+    let folder = Folder::new();
+    folder.write("plant.xml", PROJECT);
+    std::fs::create_dir(folder.path().join("plant")).unwrap();
+    folder.takt_plc(&["import", "plant.xml", "plant"]).expect(2, "cannot make plant");
+    assert!(!folder.path().join("plant/Good.st").exists());
+}
+
+#[test]
+fn what_is_no_project_makes_no_folder() {
+    let folder = Folder::new();
+    folder.write("plant.xml", "<svg/>");
+    folder.takt_plc(&["import", "plant.xml", "plant"]).expect(2, "not a PLCopen <project>");
+    folder.takt_plc(&["import", "none.xml", "plant"]).expect(2, "cannot read none.xml");
+    assert!(!folder.path().join("plant").exists());
+}
