@@ -8,6 +8,7 @@
 //! 6.3 (transposed direct form II); R. Bristow-Johnson, "Audio EQ Cookbook", W3C Working Group Note,
 //! 2021 (the designs, by bilinear transform).
 
+use crate::math::sine_and_cosine;
 use core::f64::consts::{FRAC_1_SQRT_2, TAU};
 
 /// `H(z) = (b0 + b1 z⁻¹ + b2 z⁻²) / (1 + a1 z⁻¹ + a2 z⁻²)`.
@@ -58,7 +59,7 @@ impl Coefficients {
     }
 
     fn angle(frequency: f64, quality: f64) -> (f64, f64) {
-        let (sin, cos) = libm::sincos(TAU * frequency);
+        let (sin, cos) = sine_and_cosine(TAU * frequency);
         (cos, sin / (2.0 * quality))
     }
 

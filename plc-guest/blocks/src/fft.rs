@@ -10,16 +10,15 @@
 //! series", *Mathematics of Computation* 19 (1965); A. V. Oppenheim, R. W. Schafer, *Discrete-Time Signal
 //! Processing*, 3rd edition, section 9.2.
 
-use thiserror::Error;
+use crate::math::square_root;
+use core::fmt;
 
 /// Why a transform was refused. Nothing was changed.
-#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FftError {
     /// A length that is no power of two.
-    #[error("{0} values: not a power of two from 1 to 2^31")]
     Length(usize),
     /// Real and imaginary parts of different number.
-    #[error("{real} real parts, but {imaginary} imaginary parts")]
     Parts {
         /// How many real parts.
         real: usize,
@@ -27,6 +26,21 @@ pub enum FftError {
         imaginary: usize,
     },
 }
+
+impl fmt::Display for FftError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Length(length) => {
+                write!(f, "{length} values: not a power of two from 1 to 2^31")
+            }
+            Self::Parts { real, imaginary } => {
+                write!(f, "{real} real parts, but {imaginary} imaginary parts")
+            }
+        }
+    }
+}
+
+impl core::error::Error for FftError {}
 
 /// A complex number.
 #[derive(Clone, Copy)]
@@ -111,7 +125,7 @@ fn roots() -> [Complex; STAGES] {
     roots[1] = Complex(0.0, -1.0);
     for k in 2..STAGES {
         let Complex(cos, sin) = roots[k - 1];
-        let half_cos = libm::sqrt((1.0 + cos) / 2.0);
+        let half_cos = square_root((1.0 + cos) / 2.0);
         // From sin 2a = 2 sin a cos a: no difference of near numbers.
         roots[k] = Complex(half_cos, sin / (2.0 * half_cos));
     }

@@ -18,7 +18,6 @@
 //! `docs/blocks.md` has the table of all blocks, with inputs, outputs, formula and reference.
 
 #![no_std]
-#![forbid(unsafe_code)]
 
 pub mod alarm;
 pub mod biquad;
@@ -32,6 +31,7 @@ pub mod fir;
 pub mod hysteresis;
 pub mod lag;
 pub mod limit;
+mod math;
 pub mod multiplexer;
 pub mod pid;
 pub mod ramp;

@@ -6,6 +6,8 @@
 //! Reference: N. J. Higham, *Accuracy and Stability of Numerical Algorithms*, 2nd edition, section 1.9
 //! (the two-pass formula of the variance).
 
+use crate::math::square_root;
+
 /// See the [module](self).
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,7 +77,7 @@ impl<const N: usize> Statistics<N> {
     /// Root of the [variance](Self::variance).
     #[must_use]
     pub fn standard_deviation(&self) -> f64 {
-        libm::sqrt(self.variance())
+        square_root(self.variance())
     }
 
     /// The least value; 0 without values.

@@ -94,6 +94,31 @@ TAKT_CYCLIC(control, .period = TAKT_MS(10));
 }
 
 #[test]
+fn function_blocks_are_used_in_rust() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "filter", "--lang", "rust"]).expect(0, "");
+    let source = r#"#![no_std]
+use core::time::Duration;
+use takt_blocks::{Pid, Statistics, Tuning};
+use takt_sdk::{Cyclic, Job};
+takt_sdk::program!("filter", 0, 1, 0);
+takt_sdk::input!(MEASURED: f64, "measured", 0);
+takt_sdk::output!(VALVE: f64, "valve", 0);
+takt_sdk::task!("control", control, Cyclic::DEFAULT);
+fn control(job: &Job) {
+    let mut level = Pid::new(Tuning { proportional: 4.0, high: 10.0, ..Tuning::default() });
+    let mut spread = Statistics::<4>::new();
+    spread.update(MEASURED.get());
+    let elapsed = Duration::from_nanos(job.period_ns);
+    VALVE.set(level.update(1.5, MEASURED.get(), elapsed) + spread.standard_deviation());
+}
+"#;
+    folder.write("filter/src/lib.rs", source);
+    folder.write("filter/tests/tank.csv", "measured,valve\n1,2\n0.5,4\n");
+    folder.run("make", &["-C", "filter", "test"]).expect(0, "2 cycles");
+}
+
+#[test]
 fn the_rust_project_is_tested_by_make() {
     let folder = Folder::new();
     folder.takt_plc(&["new", "two-tanks", "--lang", "rust"]).expect(0, "");

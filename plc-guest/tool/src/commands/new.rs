@@ -47,6 +47,29 @@ const RUST: &[File] = &[
     ("takt-sdk/src/point.rs", include_str!("../../../sdk/src/point.rs")),
     ("takt-sdk/src/runtime.rs", include_str!("../../../sdk/src/runtime.rs")),
     ("takt-sdk/src/task.rs", include_str!("../../../sdk/src/task.rs")),
+    ("takt-blocks/Cargo.toml", include_str!("../../../blocks/Cargo.toml")),
+    ("takt-blocks/src/alarm.rs", include_str!("../../../blocks/src/alarm.rs")),
+    ("takt-blocks/src/biquad.rs", include_str!("../../../blocks/src/biquad.rs")),
+    ("takt-blocks/src/bistable.rs", include_str!("../../../blocks/src/bistable.rs")),
+    ("takt-blocks/src/counter.rs", include_str!("../../../blocks/src/counter.rs")),
+    ("takt-blocks/src/dead_band.rs", include_str!("../../../blocks/src/dead_band.rs")),
+    ("takt-blocks/src/delay.rs", include_str!("../../../blocks/src/delay.rs")),
+    ("takt-blocks/src/edge.rs", include_str!("../../../blocks/src/edge.rs")),
+    ("takt-blocks/src/fft.rs", include_str!("../../../blocks/src/fft.rs")),
+    ("takt-blocks/src/fir.rs", include_str!("../../../blocks/src/fir.rs")),
+    ("takt-blocks/src/hysteresis.rs", include_str!("../../../blocks/src/hysteresis.rs")),
+    ("takt-blocks/src/lag.rs", include_str!("../../../blocks/src/lag.rs")),
+    ("takt-blocks/src/lib.rs", include_str!("../../../blocks/src/lib.rs")),
+    ("takt-blocks/src/limit.rs", include_str!("../../../blocks/src/limit.rs")),
+    ("takt-blocks/src/math.rs", include_str!("../../../blocks/src/math.rs")),
+    ("takt-blocks/src/multiplexer.rs", include_str!("../../../blocks/src/multiplexer.rs")),
+    ("takt-blocks/src/pid.rs", include_str!("../../../blocks/src/pid.rs")),
+    ("takt-blocks/src/ramp.rs", include_str!("../../../blocks/src/ramp.rs")),
+    ("takt-blocks/src/scale.rs", include_str!("../../../blocks/src/scale.rs")),
+    ("takt-blocks/src/second_order.rs", include_str!("../../../blocks/src/second_order.rs")),
+    ("takt-blocks/src/statistics.rs", include_str!("../../../blocks/src/statistics.rs")),
+    ("takt-blocks/src/time.rs", include_str!("../../../blocks/src/time.rs")),
+    ("takt-blocks/src/timer.rs", include_str!("../../../blocks/src/timer.rs")),
 ];
 
 const C: &[File] = &[
@@ -93,10 +116,16 @@ impl New {
 }
 
 fn write(path: &Path, text: &str) -> Result<(), Failure> {
-    // In the repository the SDK is a member of a workspace that the project is not in.
+    // In the repository the SDK is a member of a workspace that the project is not in, and has tests.
+    let mut tests = false;
     let text: String = text
         .lines()
-        .filter(|line| !line.starts_with("workspace = "))
+        .filter(|line| {
+            if line.starts_with('[') {
+                tests = *line == "[dev-dependencies]";
+            }
+            !tests && !line.starts_with("workspace = ")
+        })
         .flat_map(|line| [line, "\n"])
         .collect();
     let folder = path.parent().unwrap_or(Path::new("."));
