@@ -72,6 +72,26 @@ fn an_event_within_the_least_time_is_served_later() {
 }
 
 #[test]
+fn a_task_that_writes_the_output_of_another_is_told() {
+    let folder = Folder::new();
+    let source = "#include \"takt.h\"\nTAKT_PROGRAM(\"p\", 1, 0, 0, 0);\n\
+        TAKT_INPUT(UINT, who, 0); TAKT_OUTPUT_BIT(lamp, 0, 0); TAKT_OUTPUT_BIT(horn, 0, 1);\n\
+        static void a(const takt_job *j) { lamp(j->cycle & 1); if (who == 1) horn(true); }\n\
+        static void b(const takt_job *j) { (void)j; horn(who == 2); }\n\
+        TAKT_CYCLIC(a, .period = TAKT_MS(1)); TAKT_CYCLIC(b, .period = TAKT_MS(1), .priority = 1);\n\
+        TAKT_WRITES(a, lamp); TAKT_WRITES(b, horn);\n";
+    folder.c_program("p", source).expect(0, "");
+    folder.write("good.csv", "who,lamp,horn\n2,0,1\n0,1,0\n");
+    folder.takt_plc(&["test", "p.plc", "good.csv"]).expect(0, "2 cycles");
+    folder.write("bad.csv", "who\n0\n1\n");
+    let ended = folder.takt_plc(&["test", "p.plc", "bad.csv"]);
+    ended.expect(
+        3,
+        "task a, job 1, at 1 ms: it changed the output `horn`, which another task writes",
+    );
+}
+
+#[test]
 fn a_row_can_be_longer_than_a_period() {
     let folder = built();
     folder.write("t.csv", "jobs\n4\n9\n");

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use takt_program::{ABI_VERSION, CodeOffset, Image, Start, Task, TaskId, TaskInformation, address};
+use takt_program::{
+    ABI_VERSION, Area, CodeOffset, Image, Start, Task, TaskId, TaskInformation, address,
+};
 
 use super::HostError;
 use super::child::{Child, Registers, Stop};
@@ -74,7 +76,39 @@ impl<'a> Machine<'a> {
         let task = job.task.id.0.into();
         let information =
             TaskInformation { task, ..self.information(job.cycle, job.now, job.period) };
-        self.run(job.task.name, &job.task, job.task.entry, information)
+        let before = self.outputs();
+        let lines = self.run(job.task.name, &job.task, job.task.entry, information)?;
+        match self.foreign_output(&before, job.task.id) {
+            None => Ok(lines),
+            Some(name) => {
+                let what = format!("it changed the output `{name}`, which another task writes");
+                Err(self.fault(job.task.name, information, what, "somewhere in the job".into()))
+            }
+        }
+    }
+
+    /// The output image.
+    fn outputs(&self) -> Vec<u8> {
+        let bytes = self.image.area_bytes(Area::Output).into();
+        self.memory.get(address::OUTPUT, bytes).unwrap_or_default()
+    }
+
+    /// An output of another task that is not as it was.
+    fn foreign_output(&self, before: &[u8], task: TaskId) -> Option<&'a str> {
+        let after = self.outputs();
+        let outputs = self.image.variables().filter(|variable| variable.area == Area::Output);
+        let mut foreign =
+            outputs.filter(|output| output.writer.is_some_and(|writer| writer != task));
+        let changed = foreign.find(|output| {
+            let mask = output.bit.map_or(u8::MAX, |bit| 1 << bit);
+            let from = output.offset as usize;
+            let bytes = from..from + output.bytes as usize;
+            bytes.into_iter().any(|at| {
+                let [old, new] = [before, &after].map(|image| image.get(at).copied().unwrap_or(0));
+                (old ^ new) & mask != 0
+            })
+        });
+        changed.map(|output| output.name)
     }
 
     fn information(&self, cycle: u64, now: u64, period: u64) -> TaskInformation {
