@@ -369,6 +369,59 @@ static inline double takt_biquad_update(struct takt_biquad *b, double input) {
     return b->output;
 }
 
+/* Sine and cosine of an angle from 0 to pi, within 2e-15: Taylor series at a sixteenth of the angle, then the
+ * formulas of the double angle. versine is 1 - cos. */
+static inline void takt_sine_and_versine(double angle, double *sine, double *versine) {
+    const double small = angle / 16.0, square = small * small;
+    double s = 1.0, v = 1.0;
+    int k;
+    for (k = 6; k >= 1; k--) {
+        s = 1.0 - square / (2.0 * k * (2.0 * k + 1.0)) * s;
+        v = 1.0 - square / ((2.0 * k + 1.0) * (2.0 * k + 2.0)) * v;
+    }
+    s *= small;
+    v *= square / 2.0;
+    for (k = 0; k < 4; k++) {
+        const double next = 2.0 * s * (1.0 - v);
+        v = 2.0 * s * s;
+        s = next;
+    }
+    *sine = s;
+    *versine = v;
+}
+
+enum takt_pass { TAKT_LOW_PASS, TAKT_HIGH_PASS, TAKT_BAND_PASS, TAKT_NOTCH };
+
+/* frequency is the corner or centre divided by the sampling frequency, above 0 and below 0.5; quality is
+ * positive, and 0.70710678 for a Butterworth filter. */
+static inline struct takt_coefficients takt_design(enum takt_pass pass, double frequency, double quality) {
+    double sine, versine, cosine, alpha, a0, b0, b1, b2;
+    takt_sine_and_versine(6.283185307179586 * frequency, &sine, &versine);
+    cosine = 1.0 - versine;
+    alpha = sine / (2.0 * quality);
+    a0 = 1.0 + alpha;
+    switch (pass) {
+    case TAKT_LOW_PASS:
+        b1 = 1.0 - cosine;
+        b0 = b2 = b1 / 2.0;
+        break;
+    case TAKT_HIGH_PASS:
+        b1 = -(1.0 + cosine);
+        b0 = b2 = -b1 / 2.0;
+        break;
+    case TAKT_BAND_PASS:
+        b0 = alpha;
+        b1 = 0.0;
+        b2 = -alpha;
+        break;
+    default:
+        b0 = b2 = 1.0;
+        b1 = -2.0 * cosine;
+        break;
+    }
+    return (struct takt_coefficients){b0 / a0, b1 / a0, b2 / a0, -2.0 * cosine / a0, (1.0 - alpha) / a0};
+}
+
 /* struct NAME, a FIR filter of N coefficients, and double NAME_update(struct NAME *, double). */
 #define TAKT_FIR(NAME, N)                                                                                    \
     struct NAME {                                                                                            \

@@ -179,6 +179,26 @@ fn sizes(program: &mut String) {
     }
 }
 
+/// Designs of sections: those of Rust, whose gains have a test of their own.
+fn designs(program: &mut String) {
+    for frequency in [0.001, 0.05, 0.25, 0.4999] {
+        let quality = biquad::BUTTERWORTH;
+        for (pass, design) in [
+            ("TAKT_LOW_PASS", Coefficients::low_pass(frequency, quality)),
+            ("TAKT_HIGH_PASS", Coefficients::high_pass(frequency, quality)),
+            ("TAKT_BAND_PASS", Coefficients::band_pass(frequency, quality)),
+            ("TAKT_NOTCH", Coefficients::notch(frequency, quality)),
+        ] {
+            let call = format!("takt_design({pass}, {frequency:?}, {quality:?})");
+            let Coefficients { b0, b1, b2, a1, a2 } = design;
+            for (name, value) in [("b0", b0), ("b1", b1), ("b2", b2), ("a1", a1), ("a2", a2)] {
+                writeln!(program, "#line 1 \"{pass} at {frequency}\"").unwrap();
+                writeln!(program, "CHECK({call}.{name}, {value:?}, 1e-15);").unwrap();
+            }
+        }
+    }
+}
+
 #[test]
 fn the_blocks_in_c_give_the_values_of_the_tables() {
     let mut program = String::from(
@@ -199,6 +219,7 @@ fn the_blocks_in_c_give_the_values_of_the_tables() {
             case(&mut program, &file, &table, each);
         }
     }
+    designs(&mut program);
     program.push_str("return failures != 0;\n}\n");
 
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
