@@ -11,7 +11,7 @@ use super::disturbances::provoke;
 use super::epoch::Epoch;
 use super::{Run, nanos};
 use crate::account::Account;
-use crate::config::Partition;
+use crate::config::{Partition, Trust};
 use crate::disk::DiskThread;
 use crate::host_clock::HostClock;
 use crate::host_watchdog::HostWatchdog;
@@ -139,6 +139,17 @@ impl Run<'_> {
         let (file, names) = (self.file.name(), names.join(", "));
         screen.line("takt", &format!("{file}: starting {names}; Ctrl-] q ends the run"));
         screen.line("takt", &starting.to_string());
+        for partition in self.file.partitions() {
+            let unsigned = partition.programs().iter().filter(|p| p.trust == Trust::Unsigned);
+            let unsigned: Vec<&str> = unsigned.map(|program| program.name.as_str()).collect();
+            if !unsigned.is_empty() {
+                let names = unsigned.join(", ");
+                screen.line(
+                    "takt",
+                    &format!("{}: programs without a signature: {names}", partition.name()),
+                );
+            }
+        }
         if self.options.without_kick {
             screen.line("takt", "TEST: windows are not ended by kicks");
         }
