@@ -10,6 +10,7 @@
 
 pub mod check;
 pub mod diagnostic;
+pub mod files;
 pub mod hir;
 pub mod library;
 pub mod limits;

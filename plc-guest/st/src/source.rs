@@ -69,12 +69,13 @@ impl fmt::Display for Position {
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum SourceError {
     /// More than [`limits::FILE_BYTES`].
-    #[error("{name}: {bytes} bytes; a source has at most {}", limits::FILE_BYTES)]
+    #[error(
+        "{name}: more than {} bytes, which is the most that a source may have",
+        limits::FILE_BYTES
+    )]
     TooLarge {
         /// The file's name.
         name: String,
-        /// What it has.
-        bytes: usize,
     },
     /// Not text.
     #[error(
@@ -175,7 +176,7 @@ impl Sources {
     /// If it is too large, not text, or one too many.
     pub fn add(&mut self, name: &str, bytes: &[u8]) -> Result<FileId, SourceError> {
         if bytes.len() > limits::FILE_BYTES {
-            return Err(SourceError::TooLarge { name: name.into(), bytes: bytes.len() });
+            return Err(SourceError::TooLarge { name: name.into() });
         }
         if self.files.len() >= limits::FILES {
             return Err(SourceError::TooMany { name: name.into() });

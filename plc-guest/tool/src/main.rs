@@ -41,6 +41,8 @@ enum Command {
     New(commands::new::New),
     /// Take the Structured Text of a PLCopen XML project.
     Import(commands::import::Import),
+    /// Check sources in Structured Text without building them.
+    Check(commands::check::Check),
     /// Make a program image of object files and static libraries.
     Build(commands::build::Build),
     /// Run a program on this machine, cycle by cycle, and compare its outputs with a table.
@@ -72,6 +74,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::New(command) => command.run(),
         Command::Import(command) => command.run(),
+        Command::Check(command) => command.run(),
         Command::Build(command) => command.run(),
         Command::Test(command) => command.run(),
         Command::Inspect(command) => command.run(),

@@ -99,7 +99,7 @@ impl<'a> Body<'_, 'a> {
             let constant = self.checker.globals[global].constant.clone();
             return Some(constant.map(|(ty, value)| self.constant_operand(ty, value, name.span)));
         }
-        let known = self.checker.names.contains_key(&*name.key);
+        let known = self.checker.names.contains_key(&name.key);
         let values = match self.checker.enumeration_values.get(&*name.key) {
             Some(values) if !known => values.clone(),
             _ => return Some(None),

@@ -70,7 +70,7 @@ pub fn check(
     diagnostics.keep_warnings(|one| {
         let unused = matches!(one.code, Code::Unused | Code::NeverAssigned | Code::MissingResult);
         let library = files.get(one.span.file.index()).is_some_and(|file| file.library);
-        !library && !(errors && unused)
+        !(library || errors && unused)
     });
     program
 }

@@ -1,6 +1,7 @@
 //! The subcommands, one file each.
 
 pub mod build;
+pub mod check;
 pub mod import;
 pub mod inspect;
 pub mod keygen;

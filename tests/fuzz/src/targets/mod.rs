@@ -9,3 +9,4 @@ pub mod partition_file;
 pub mod plc_exits;
 pub mod program_image;
 mod scratch;
+pub mod structured_text;

@@ -1,0 +1,109 @@
+//! The files of a project on disk.
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use crate::limits;
+use crate::source::{SourceError, Sources};
+
+/// How deep folders are followed.
+const FOLDERS: u32 = 16;
+
+/// Why the files of a project cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum FilesError {
+    /// The system refuses.
+    #[error("cannot read {}: {error}", path.display())]
+    Read {
+        /// What.
+        path: PathBuf,
+        /// Why.
+        error: std::io::Error,
+    },
+    /// It is no source.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// A folder without any source.
+    #[error("{}: no file in this folder ends with .st", path.display())]
+    Empty {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// Folders too deep within each other, perhaps by a link to a folder above.
+    #[error("{}: folders more than {FOLDERS} deep", path.display())]
+    TooDeep {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// Not a regular file or a folder.
+    #[error("{}: neither a file nor a folder", path.display())]
+    Special {
+        /// What.
+        path: PathBuf,
+    },
+}
+
+/// Reads files, and of folders all that end with `.st`, those of folders within them too, in the order
+/// of their names. Messages show them as they are written here.
+///
+/// # Errors
+///
+/// At the first that cannot be a source.
+pub fn read(paths: &[PathBuf]) -> Result<Sources, FilesError> {
+    let mut sources = Sources::new();
+    for path in paths {
+        let metadata = path.metadata().map_err(|error| cannot_read(path, error))?;
+        if metadata.is_dir() {
+            let mut files = Vec::new();
+            collect(path, FOLDERS, &mut files)?;
+            if files.is_empty() {
+                return Err(FilesError::Empty { path: path.clone() });
+            }
+            for file in files {
+                add(&mut sources, &file)?;
+            }
+        } else if metadata.is_file() {
+            add(&mut sources, path)?;
+        } else {
+            return Err(FilesError::Special { path: path.clone() });
+        }
+    }
+    Ok(sources)
+}
+
+fn cannot_read(path: &Path, error: std::io::Error) -> FilesError {
+    FilesError::Read { path: path.into(), error }
+}
+
+fn collect(folder: &Path, depth: u32, files: &mut Vec<PathBuf>) -> Result<(), FilesError> {
+    if depth == 0 {
+        return Err(FilesError::TooDeep { path: folder.into() });
+    }
+    let entries = std::fs::read_dir(folder).map_err(|error| cannot_read(folder, error))?;
+    let mut paths = Vec::new();
+    for entry in entries {
+        paths.push(entry.map_err(|error| cannot_read(folder, error))?.path());
+    }
+    paths.sort();
+    for path in paths {
+        let is_source =
+            path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("st"));
+        if path.is_dir() {
+            collect(&path, depth - 1, files)?;
+        } else if is_source && path.is_file() {
+            files.push(path);
+        }
+    }
+    Ok(())
+}
+
+fn add(sources: &mut Sources, path: &Path) -> Result<(), FilesError> {
+    let file = std::fs::File::open(path).map_err(|error| cannot_read(path, error))?;
+    let mut bytes = Vec::new();
+    // One byte more than allowed is enough to know that it is too large.
+    file.take(limits::FILE_BYTES as u64 + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|error| cannot_read(path, error))?;
+    sources.add(&path.display().to_string(), &bytes)?;
+    Ok(())
+}
