@@ -1,0 +1,58 @@
+//! The page on Structured Text (docs/st.md) tells what the compiler does: its examples have the messages
+//! that it shows, and its rows name every case.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use takt_st::diagnostic::text;
+use takt_st::project;
+use takt_st::source::Sources;
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn page() -> String {
+    std::fs::read_to_string(root().join("../../docs/st.md")).expect("the page is there")
+}
+
+/// What stands between two fences.
+fn fenced<'p>(page: &'p str, fence: &str) -> Vec<&'p str> {
+    let parts = page.split(fence).skip(1);
+    parts.map(|part| part.split("```").next().unwrap_or_default()).collect()
+}
+
+#[test]
+fn every_example_has_the_messages_that_the_compiler_shows() {
+    let page = page();
+    let (sources, messages) = (fenced(&page, "```st\n"), fenced(&page, "```text\n"));
+    assert_eq!((sources.len(), messages.len()), (10, 10));
+    for (source, expected) in sources.into_iter().zip(messages) {
+        let mut files = Sources::new();
+        files.add("main.st", source.as_bytes()).expect("it is a source");
+        let checked = project::check("page", &mut files).expect("there is a thread");
+        let told: String =
+            checked.diagnostics.iter().map(|one| text::to_string(&files, one)).collect();
+        assert_eq!(told, expected, "{source}");
+    }
+}
+
+#[test]
+fn the_rows_name_cases_that_are_there() {
+    let page = page();
+    let topics: BTreeSet<String> = std::fs::read_dir(root().join("tests/cases"))
+        .expect("there are cases")
+        .map(|entry| entry.expect("it can be listed").file_name().to_string_lossy().into_owned())
+        .collect();
+    let named: BTreeSet<&str> = page
+        .split('`')
+        .skip(1)
+        .step_by(2)
+        .filter(|name| name.split_once('/').is_some_and(|(topic, _)| topics.contains(topic)))
+        .collect();
+    assert!(named.len() > 70, "only {} cases are named", named.len());
+    for name in named {
+        let path = root().join("tests/cases").join(name).with_extension("st");
+        assert!(path.is_file(), "{name} is named and not there");
+    }
+}
