@@ -4,6 +4,9 @@
 //! neither a task state segment nor gates. Segmentation itself does nothing in long mode; the only
 //! content here is which handler and which stack belong to which exception.
 //!
+//! A guest that runs programs at ring 3 also finds their segments here, and says where an entry from
+//! there finds its stack. The order of the user's segments is the one that `syscall`'s register demands.
+//!
 //! Formats: AMD64 Architecture Programmer's Manual, volume 2, sections 4.8 and 12.2.5.
 
 use crate::exception::{STUBS, VECTORS};
@@ -14,16 +17,25 @@ use core::arch::asm;
 const CODE: u16 = 8;
 const DATA: u16 = 16;
 const TASK: u16 = 24;
+/// Code segment of ring 0, for `syscall`.
+pub const KERNEL_CODE: u16 = CODE;
+/// Data segment of ring 3, as a selector with that ring.
+pub const USER_DATA: u16 = 40 | 3;
+/// Code segment of ring 3, as a selector with that ring.
+pub const USER_CODE: u16 = 48 | 3;
 
 /// Present, ring 0, 64-bit code; already marked as accessed, so that the processor need not.
 const CODE_DESCRIPTOR: u64 = 0x00af_9b00_0000_ffff;
 const DATA_DESCRIPTOR: u64 = 0x00cf_9300_0000_ffff;
+/// The same for ring 3.
+const USER_DATA_DESCRIPTOR: u64 = 0x00cf_f300_0000_ffff;
+const USER_CODE_DESCRIPTOR: u64 = 0x00af_fb00_0000_ffff;
 /// Present, ring 0, available 64-bit task state segment.
 const TASK_TYPE: u64 = 0x89;
 /// Present, ring 0, 64-bit interrupt gate: it keeps interrupts off in the handler.
 const GATE_TYPE: u64 = 0x8e;
 
-/// The task state segment. Only the interrupt stack table is used.
+/// The task state segment. The stack of ring 0 and the interrupt stack table are used.
 #[repr(C, packed(4))]
 struct TaskState {
     reserved_0: u32,
@@ -44,13 +56,21 @@ const _: () = assert!(size_of::<TaskState>() == TASK_BYTES as usize);
 
 #[repr(C, align(16))]
 struct Descriptors {
-    segments: [u64; 5],
+    segments: [u64; 7],
     gates: [[u64; 2]; GATES],
     task: TaskState,
 }
 
 static mut DESCRIPTORS: Descriptors = Descriptors {
-    segments: [0, CODE_DESCRIPTOR, DATA_DESCRIPTOR, 0, 0],
+    segments: [
+        0,
+        CODE_DESCRIPTOR,
+        DATA_DESCRIPTOR,
+        0,
+        0,
+        USER_DATA_DESCRIPTOR,
+        USER_CODE_DESCRIPTOR,
+    ],
     gates: [[0; 2]; GATES],
     task: TaskState {
         reserved_0: 0,
@@ -94,7 +114,7 @@ pub(crate) unsafe fn install() {
     stacks[..tops.len()].copy_from_slice(&tops);
     all.task.interrupt_stacks = stacks;
     let task = task_descriptor((&raw const all.task) as u64);
-    all.segments[usize::from(TASK) / 8..].copy_from_slice(&task);
+    all.segments[usize::from(TASK) / 8..][..task.len()].copy_from_slice(&task);
     for (vector, (slot, stub)) in all.gates.iter_mut().zip(STUBS).enumerate() {
         *slot = gate(stub as usize as u64, Kind::of(vector) as u64);
     }
@@ -128,6 +148,31 @@ pub(crate) unsafe fn install() {
             task = in(reg) TASK,
             scratch = out(reg) _,
         );
+    }
+}
+
+/// Makes `handler` the one of `vector`, on the stack of ring 0 if the interrupt comes from ring 3 and on the
+/// same stack otherwise.
+///
+/// # Safety
+///
+/// `handler` must be one, which ends with `iretq` or never returns to where it came from.
+pub unsafe fn set_gate(vector: u8, handler: unsafe extern "C" fn()) {
+    let gate = gate(handler as usize as u64, SAME_STACK);
+    // SAFETY: one thread, with interrupts off; only the processor reads it, at an interrupt.
+    unsafe { DESCRIPTORS.gates[usize::from(vector)] = gate };
+}
+
+/// Where interrupts from ring 3 find their stack: below this address.
+///
+/// # Safety
+///
+/// There must be room for what a handler pushes, until this is called again.
+pub unsafe fn set_ring_0_stack(top: u64) {
+    // SAFETY: as in `set_gate`; the field is not aligned.
+    unsafe {
+        let stacks = &raw mut DESCRIPTORS.task.privilege_stacks;
+        stacks.cast::<u64>().write_unaligned(top);
     }
 }
 

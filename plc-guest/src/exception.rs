@@ -1,12 +1,17 @@
 //! Processor exceptions: record, report, stop.
 //!
-//! A PLC guest never repairs an exception. Every one means that the control program is wrong, and
+//! A guest never repairs an exception of its own. Every one means that the control program is wrong, and
 //! a wrong program must not go on controlling; what to do about it is the health monitor's table,
 //! not the guest's. So the handler writes what the processor told it into the status page and
 //! calls the host, which does not run the guest again. Registers are not saved.
+//!
+//! One of a program at ring 3 is that program's error only. A guest that runs such programs gives a
+//! handler for it ([`set_user_handler`]). Non-maskable interrupts, double faults and machine checks are
+//! nobody's: they end the guest wherever they come from.
 
 use crate::{pages, port};
 use core::arch::{asm, naked_asm};
+use core::sync::atomic::{AtomicU64, Ordering};
 use takt_abi::{Exception, port::EXCEPTION};
 
 /// Number of vectors that the architecture reserves for exceptions.
@@ -48,18 +53,41 @@ pub(crate) const STUBS: [extern "C" fn(); VECTORS] = [
     plain::<31>,
 ];
 
-/// What lies on the exception stack when [`report`] begins: two words of the stubs, then the
-/// frame of the processor.
+/// What lies on the exception stack when a handler begins: two words of the stubs, then the frame of
+/// the processor.
 #[repr(C)]
-struct Frame {
-    vector: u64,
-    error_code: u64,
-    rip: u64,
-    cs: u64,
-    rflags: u64,
-    rsp: u64,
-    ss: u64,
+#[derive(Clone, Copy, Debug)]
+pub struct Frame {
+    /// Vector, 0 to 31.
+    pub vector: u64,
+    /// Error code, 0 where there is none.
+    pub error_code: u64,
+    /// Interrupted instruction.
+    pub rip: u64,
+    /// Code segment; its lowest two bits are the ring.
+    pub cs: u64,
+    /// Flags.
+    pub rflags: u64,
+    /// Stack pointer.
+    pub rsp: u64,
+    /// Stack segment.
+    pub ss: u64,
 }
+
+/// Takes an exception of ring 3, on the exception's stack. It must not return.
+pub type UserHandler = unsafe extern "C" fn(&Frame) -> !;
+
+/// [`UserHandler`] as an address; 0: there is none.
+static USER_HANDLER: AtomicU64 = AtomicU64::new(0);
+
+/// Sets what becomes of exceptions of ring 3.
+pub fn set_user_handler(handler: UserHandler) {
+    USER_HANDLER.store(handler as usize as u64, Ordering::Relaxed);
+}
+
+/// Vectors that are not the interrupted program's doing: non-maskable interrupt, double fault, machine
+/// check.
+const FATAL: u64 = 1 << 2 | 1 << 8 | 1 << 18;
 
 /// A vector for which the processor pushes no error code.
 #[unsafe(naked)]
@@ -87,7 +115,21 @@ extern "C" fn common() {
         "mov rdi, rsp",
         "xor ebp, ebp",
         "and rsp, -16",
+        "test byte ptr [rdi + {cs}], 3",
+        "jz 2f",
+        "mov ecx, [rdi]",
+        "mov eax, {fatal}",
+        "bt eax, ecx",
+        "jc 2f",
+        "mov rax, [rip + {user}]",
+        "test rax, rax",
+        "jz 2f",
+        "call rax",
+        "2:",
         "call {report}",
+        cs = const core::mem::offset_of!(Frame, cs),
+        fatal = const FATAL,
+        user = sym USER_HANDLER,
         report = sym report,
     )
 }

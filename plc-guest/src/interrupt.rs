@@ -77,6 +77,8 @@ pub(crate) fn stub(vector: u8) -> u64 {
 global_asm!(
     ".pushsection .text.takt_interrupts, \"ax\"",
     ".balign {stub_bytes}",
+    // Its user may be compiled into another object.
+    ".globl takt_interrupt_stubs",
     "takt_interrupt_stubs:",
     ".set takt_vector, {first}",
     ".rept {spurious} - {first}",

@@ -3,7 +3,7 @@
 //! Takt starts a PLC partition in long mode with nothing around it: no firmware, no interrupt
 //! controller, no operating system. This crate is the rest. It takes the processor into a state in
 //! which a stray pointer or an endless recursion is *reported* instead of corrupting the control
-//! program ([`boot`], `exception`, [`paging`]), and it runs a [`cycle::Program`] once per release
+//! program ([`boot`], [`exception`], [`paging`]), and it runs a [`cycle::Program`] once per release
 //! of the schedule ([`cycle`]).
 //!
 //! There is no allocator and no second thread, and no interrupt but at the moment at which a program
@@ -25,9 +25,9 @@ pub mod console;
 pub mod control;
 pub mod cycle;
 #[cfg(not(test))]
-mod descriptor;
+pub mod descriptor;
 #[cfg(not(test))]
-mod exception;
+pub mod exception;
 pub mod health;
 #[cfg(not(test))]
 pub mod interrupt;

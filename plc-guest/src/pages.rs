@@ -36,6 +36,13 @@ pub fn information() -> Information {
     }
 }
 
+/// The number of the release that the page is about: it has changed when a window has begun.
+#[must_use]
+pub fn release() -> u64 {
+    // SAFETY: as in `information`.
+    unsafe { read_volatile(&raw const (*INFORMATION).release) }
+}
+
 /// Tells the host that the scan of `release` started at `tsc`.
 pub fn publish_start(release: u64, tsc: u64) {
     // SAFETY: the host provides the page as memory at this address, `boot` maps it writable, and
