@@ -1,0 +1,274 @@
+//! What programs ask for.
+//!
+//! Numbers, pointers and lengths come from a program and may be anything. A pointer is looked up in the
+//! areas of that program, with the right that the call needs, before a byte is touched, and memory is then reached
+//! by its physical address: no call can make the kernel fault. Every call takes a bounded time: the largest
+//! copy is one message.
+
+use super::context::Context;
+use super::kernel::Kernel;
+use super::memory::Area;
+use takt_abi::program as table;
+use takt_kernel::objects::{ObjectId, Received, Seen, Sent};
+use takt_kernel::task::{ProgramId, TaskId};
+use takt_kernel::time::Span;
+use takt_plc_guest::console::print;
+use takt_plc_guest::cycle;
+use takt_program::ObjectKind;
+use takt_program::call::{Call, Error, FRESH};
+use takt_program::limit;
+
+/// Before each message in memory: its length.
+const HEADER: u64 = 16;
+
+/// The arguments of a call.
+struct Arguments {
+    first: u64,
+    second: u64,
+    third: u64,
+    fourth: u64,
+}
+
+impl Arguments {
+    const fn of(context: &Context) -> Self {
+        Self { first: context.rdi, second: context.rsi, third: context.rdx, fourth: context.r10 }
+    }
+}
+
+/// The result of a call that is over, or none while its task waits.
+type Answer = Result<Option<i64>, Error>;
+const DONE: Answer = Ok(Some(0));
+
+impl Kernel {
+    /// The running task has made a call.
+    pub fn call(&mut self, task: TaskId) {
+        let context = &self.contexts[task.index()];
+        let (number, arguments) = (context.rax, Arguments::of(context));
+        let call = u32::try_from(number).ok().and_then(Call::from_code);
+        let answer = match call {
+            None => Err(Error::BadNumber),
+            Some(Call::End) => return self.end(task),
+            Some(Call::Stop) => return self.stop(task, arguments.first),
+            Some(call) => self.answer(task, call, &arguments),
+        };
+        match answer {
+            Ok(None) => {}
+            Ok(Some(result)) => self.contexts[task.index()].rax = result as u64,
+            Err(error) => self.contexts[task.index()].rax = error.result() as u64,
+        }
+    }
+
+    fn answer(&mut self, task: TaskId, call: Call, a: &Arguments) -> Answer {
+        let program = ProgramId(self.places[task.index()].program);
+        match call {
+            Call::End | Call::Stop => Err(Error::BadNumber),
+            Call::Time => Ok(Some(self.now().0 as i64)),
+            Call::Log => self.log(program, task, a.first, a.second),
+            Call::ChannelRead => self.channel_read(program, a),
+            Call::ChannelWrite => self.channel_write(program, a),
+            _ => {
+                let object = self.scheduler.object_of(program, a.first)?;
+                self.object_call(program, call, object, a)
+            }
+        }
+    }
+
+    fn object_call(
+        &mut self,
+        program: ProgramId,
+        call: Call,
+        id: ObjectId,
+        a: &Arguments,
+    ) -> Answer {
+        let now = self.now();
+        let mask = u32::try_from(a.second).map_err(|_| Error::NotAllowed);
+        match call {
+            Call::SemaphoreTake => self.scheduler.take(id)?,
+            Call::SemaphoreGive => self.scheduler.give(id)?,
+            Call::QueueSend => self.queue_send(program, id, a)?,
+            Call::QueueReceive => return self.queue_receive(program, id, a),
+            Call::MailboxWrite => self.mailbox_write(program, id, a)?,
+            Call::MailboxRead => return self.mailbox_read(program, id, a),
+            Call::FlagsSet => self.scheduler.set_flags(id, mask?)?,
+            Call::FlagsClear => self.scheduler.clear_flags(id, mask?)?,
+            Call::FlagsWait => {
+                let all = match a.third {
+                    0 => false,
+                    1 => true,
+                    _ => return Err(Error::NotAllowed),
+                };
+                let timeout = Span(a.fourth);
+                return match self.scheduler.wait_flags(id, mask?, all, now, timeout)? {
+                    Seen::Flags(flags) => Ok(Some(i64::from(flags))),
+                    Seen::Waits => Ok(None),
+                };
+            }
+            _ => return Err(Error::BadNumber),
+        }
+        DONE
+    }
+
+    fn queue_send(&mut self, program: ProgramId, id: ObjectId, a: &Arguments) -> Result<(), Error> {
+        let ObjectKind::Queue { message_bytes, .. } = self.kind(program, a.first)? else {
+            return Err(Error::BadId);
+        };
+        let message = self.message(program, a.second, a.third, message_bytes)?;
+        match self.scheduler.send(id)? {
+            Sent::Slot(slot) => self.slot(program, a.first, message_bytes, slot).put(message),
+            Sent::To(receiver) => {
+                // The receiver's buffer was looked at when it began to wait, and is large enough.
+                let context = &mut self.contexts[receiver.index()];
+                let buffer = context.rsi;
+                context.rax = message.bytes();
+                let to = self.memory(program, buffer, message.bytes(), true)?;
+                to.copy_from(message);
+            }
+        }
+        Ok(())
+    }
+
+    fn queue_receive(&mut self, program: ProgramId, id: ObjectId, a: &Arguments) -> Answer {
+        let ObjectKind::Queue { message_bytes, .. } = self.kind(program, a.first)? else {
+            return Err(Error::BadId);
+        };
+        let buffer = self.buffer(program, a.second, a.third, message_bytes)?;
+        match self.scheduler.receive(id, self.now(), Span(a.fourth))? {
+            Received::Slot(slot) => {
+                let length = self.slot(program, a.first, message_bytes, slot).get(buffer);
+                Ok(Some(length))
+            }
+            Received::Waits => Ok(None),
+        }
+    }
+
+    fn mailbox_write(
+        &mut self,
+        program: ProgramId,
+        id: ObjectId,
+        a: &Arguments,
+    ) -> Result<(), Error> {
+        let ObjectKind::Mailbox { bytes } = self.kind(program, a.first)? else {
+            return Err(Error::BadId);
+        };
+        let message = self.message(program, a.second, a.third, bytes)?;
+        self.scheduler.write(id)?;
+        self.slot(program, a.first, bytes, 0).put(message);
+        Ok(())
+    }
+
+    fn mailbox_read(&mut self, program: ProgramId, id: ObjectId, a: &Arguments) -> Answer {
+        let ObjectKind::Mailbox { bytes } = self.kind(program, a.first)? else {
+            return Err(Error::BadId);
+        };
+        let buffer = self.buffer(program, a.second, a.third, bytes)?;
+        let fresh = self.scheduler.read(id)?;
+        let length = self.slot(program, a.first, bytes, 0).get(buffer);
+        Ok(Some(if fresh { length | FRESH } else { length }))
+    }
+
+    fn channel_read(&mut self, program: ProgramId, a: &Arguments) -> Answer {
+        let to = self.memory(program, a.second, a.third, true)?;
+        let message = self.ports.read(program.0, a.first, cycle::now())?;
+        if message.len() as u64 > to.bytes() {
+            return Err(Error::TooLong);
+        }
+        to.write(message);
+        Ok(Some(message.len() as i64))
+    }
+
+    fn channel_write(&mut self, program: ProgramId, a: &Arguments) -> Answer {
+        let from = self.message(program, a.second, a.third, limit::MESSAGE_BYTES)?;
+        let bytes = from.bytes() as usize;
+        from.read(self.ports.buffer(bytes).ok_or(Error::TooLong)?);
+        self.ports.write(program.0, a.first, bytes, cycle::now())?;
+        DONE
+    }
+
+    fn log(&mut self, program: ProgramId, task: TaskId, pointer: u64, bytes: u64) -> Answer {
+        let from = self.message(program, pointer, bytes, limit::LOG_BYTES)?;
+        let mut buffer = [0; limit::LOG_BYTES as usize];
+        from.read(&mut buffer);
+        let now = self.now();
+        let number = self.places[task.index()].number;
+        let Some(program) = &mut self.programs[program.index()] else {
+            return Err(Error::NotAllowed);
+        };
+        let Some(dropped) = program.lines.take(now) else { return Err(Error::Full) };
+        let text = core::str::from_utf8(&buffer[..bytes as usize]).unwrap_or("(not UTF-8)");
+        if dropped > 0 {
+            print(format_args!("{}: {dropped} lines were too many", program.name()));
+        }
+        print(format_args!("{}.{}: {text}", program.name(), program.task_name(number)));
+        DONE
+    }
+
+    /// The program stops itself.
+    fn stop(&mut self, task: TaskId, code: u64) {
+        let place = self.places[task.index()];
+        if let Some(program) = &self.programs[usize::from(place.program)] {
+            print(format_args!(
+                "program {}, task {}: stops itself, code {code}",
+                program.name(),
+                program.task_name(place.number)
+            ));
+        }
+        self.scheduler.stop(ProgramId(place.program));
+    }
+
+    fn kind(&self, program: ProgramId, number: u64) -> Result<ObjectKind, Error> {
+        let program = self.programs[program.index()].as_ref().ok_or(Error::BadId)?;
+        let object = program.image.objects().nth(number as usize).ok_or(Error::BadId)?;
+        Ok(object.kind)
+    }
+
+    fn memory(&self, program: ProgramId, at: u64, bytes: u64, write: bool) -> Result<Area, Error> {
+        let program = self.programs[program.index()].as_ref().ok_or(Error::BadPointer)?;
+        program.memory(at, bytes, write).ok_or(Error::BadPointer)
+    }
+
+    /// A message of the program's, with at most so many bytes.
+    fn message(&self, program: ProgramId, at: u64, bytes: u64, most: u32) -> Result<Area, Error> {
+        if bytes > u64::from(most) {
+            return Err(Error::TooLong);
+        }
+        self.memory(program, at, bytes, false)
+    }
+
+    /// A buffer of the program's, with room for the longest message.
+    fn buffer(&self, program: ProgramId, at: u64, bytes: u64, most: u32) -> Result<Area, Error> {
+        if bytes < u64::from(most) {
+            return Err(Error::TooLong);
+        }
+        self.memory(program, at, bytes, true)
+    }
+
+    /// Where an object keeps a message.
+    fn slot(&self, program: ProgramId, number: u64, message_bytes: u32, slot: u32) -> Slot {
+        let area = self.programs[program.index()].as_ref().and_then(|p| {
+            let each = table::queue_bytes(message_bytes, 0);
+            p.messages.get(number as usize)?.part(u64::from(slot) * each, each)
+        });
+        Slot(area.unwrap_or(Area::NONE))
+    }
+}
+
+/// A message in memory, behind its length.
+struct Slot(Area);
+
+impl Slot {
+    fn put(&self, message: Area) {
+        self.0.set_word(0, message.bytes());
+        if let Some(to) = self.0.part(HEADER, message.bytes()) {
+            to.copy_from(message);
+        }
+    }
+
+    /// Copies the message; returns its length.
+    fn get(&self, buffer: Area) -> i64 {
+        let bytes = self.0.word(0);
+        if let Some(from) = self.0.part(HEADER, bytes) {
+            buffer.copy_from(from);
+        }
+        bytes as i64
+    }
+}

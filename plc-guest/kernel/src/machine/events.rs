@@ -1,0 +1,82 @@
+//! What event tasks wait for.
+//!
+//! The kernel looks for events whenever it decides who runs: at the start of each window, and at each call and
+//! end of a job. So an event is seen at the latest with the next window, which is what the analysis of the
+//! tasks reckons with. Nothing interrupts a task for it.
+
+use super::memory::Area;
+use super::ports::Ports;
+use super::program::Program;
+use super::{PROGRAMS, Scheduler};
+use takt_kernel::task::TaskId;
+use takt_kernel::time::Instant;
+
+/// Most event tasks of a partition.
+pub const EVENTS: usize = 32;
+
+/// What a task waits for.
+#[derive(Clone, Copy, Debug)]
+pub enum Source {
+    /// A message at this port of the program.
+    Port(u8),
+    /// That this bit becomes one.
+    Rise {
+        /// The byte.
+        byte: Area,
+        /// What of it.
+        mask: u8,
+        /// What it was.
+        last: bool,
+    },
+}
+
+/// All event tasks.
+#[derive(Debug)]
+pub struct Events {
+    all: [Option<(TaskId, u8, Source)>; EVENTS],
+}
+
+impl Events {
+    /// There are none.
+    pub const NONE: Self = Self { all: [None; EVENTS] };
+
+    /// One more; false if there is no room.
+    pub fn add(&mut self, task: TaskId, program: u8, source: Source) -> bool {
+        let slot = self.all.iter_mut().find(|slot| slot.is_none());
+        let free = slot.is_some();
+        if let Some(slot) = slot {
+            *slot = Some((task, program, source));
+        }
+        free
+    }
+
+    /// Looks at all sources.
+    pub fn poll(
+        &mut self,
+        scheduler: &mut Scheduler,
+        programs: &[Option<Program>; PROGRAMS],
+        ports: &mut Ports,
+        now: Instant,
+    ) {
+        for (task, program, source) in self.all.iter_mut().map_while(Option::as_mut) {
+            let happened = match source {
+                Source::Port(number) => {
+                    let tsc = takt_plc_guest::cycle::now();
+                    ports.has_news(*program, u64::from(*number), tsc)
+                }
+                Source::Rise { byte, mask, last } => {
+                    let loading =
+                        programs[usize::from(*program)].as_ref().is_none_or(Program::is_loading);
+                    let mut value = [0];
+                    byte.read(&mut value);
+                    let is = value[0] & *mask != 0 && !loading;
+                    let was = core::mem::replace(last, is);
+                    is && !was
+                }
+            };
+            if happened {
+                scheduler.signal(*task, now);
+            }
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! What is told of errors of tasks.
+//!
+//! A line says which program and task it was, what happened, where in the source if the image knows, and
+//! what follows. It costs one exit of the partition's window, and only errors have it.
+
+use super::context::Fault;
+use super::kernel::Kernel;
+use super::program::Program;
+use core::fmt;
+use takt_abi::exception_name;
+use takt_abi::program::action;
+use takt_kernel::task::TaskId;
+use takt_plc_guest::console::print;
+use takt_program::address::CODE;
+use takt_program::{CodeOffset, Place};
+
+/// Vectors that have more to say than their name.
+const INVALID_OPCODE: u64 = 6;
+const PAGE_FAULT: u64 = 14;
+/// Bits of the error code of a page fault: written, fetched (AMD64 volume 2, section 8.2.15).
+const WRITTEN: u64 = 1 << 1;
+const FETCHED: u64 = 1 << 4;
+
+impl Program {
+    /// The name of a task of the image; of the initialisation without a number.
+    pub fn task_name(&self, number: Option<u16>) -> &'static str {
+        let task = number.and_then(|number| self.image.tasks().nth(number.into()));
+        match (number, task) {
+            (_, Some(task)) => task.name,
+            (None, _) => "init",
+            (Some(_), None) => "?",
+        }
+    }
+}
+
+/// What follows from an error.
+fn consequence(wanted: u32) -> &'static str {
+    match wanted {
+        action::LOG => "it goes on",
+        action::SKIP => "its job ends",
+        action::RESTART_PROGRAM => "the program starts anew",
+        action::STOP_PARTITION => "the partition stops",
+        _ => "the program stops",
+    }
+}
+
+impl Kernel {
+    /// Tells of an exception.
+    pub fn tell_fault(&self, id: TaskId, fault: &Fault) {
+        let place = self.places[id.index()];
+        let Some(program) = &self.programs[usize::from(place.program)] else { return };
+        print(format_args!(
+            "program {}, task {}: {} at {:#x}{}: {}",
+            program.name(),
+            program.task_name(place.number),
+            What(fault, program),
+            fault.frame.rip,
+            Where(fault.frame.rip, program),
+            consequence(program.entry.on_fault),
+        ));
+    }
+
+    /// Tells of a limit that a job did not keep.
+    pub fn tell_violation(&mut self, id: TaskId, what: &str, wanted: u32) {
+        let place = self.places[id.index()];
+        let now = self.now();
+        let Some(program) = &mut self.programs[usize::from(place.program)] else { return };
+        // A task that misses each of its deadlines must not cost its neighbours an exit each time.
+        if program.lines.take(now).is_none() {
+            return;
+        }
+        print(format_args!(
+            "program {}, task {}: {what}: {}",
+            program.name(),
+            program.task_name(place.number),
+            consequence(wanted),
+        ));
+    }
+}
+
+/// What happened, in words.
+struct What<'a>(&'a Fault, &'a Program);
+
+impl fmt::Display for What<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(fault, program) = self;
+        let frame = &fault.frame;
+        let trap = offset(frame.rip).and_then(|at| program.image.trap(at));
+        match (frame.vector, trap) {
+            (INVALID_OPCODE, Some(trap)) => f.write_str(trap.kind.words()),
+            (PAGE_FAULT, _) => {
+                let way = match frame.error_code {
+                    code if code & FETCHED != 0 => "execution",
+                    code if code & WRITTEN != 0 => "write",
+                    _ => "read",
+                };
+                write!(f, "page fault, {way} of {:#x}", fault.cr2)
+            }
+            (vector, _) => f.write_str(exception_name(vector).unwrap_or("exception")),
+        }
+    }
+}
+
+/// The place in the source, if the image knows it.
+struct Where<'a>(u64, &'a Program);
+
+impl fmt::Display for Where<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some(at) = offset(self.0) else { return Ok(()) };
+        let image = &self.1.image;
+        if let Some(trap) = image.trap(at) {
+            return place(f, trap.place);
+        }
+        image.line(at).map_or(Ok(()), |line| write!(f, " ({}:{})", line.file, line.line))
+    }
+}
+
+fn place(f: &mut fmt::Formatter<'_>, place: Option<Place<'_>>) -> fmt::Result {
+    match place {
+        Some(Place { file, line, column }) => write!(f, " ({file}:{line}:{column})"),
+        None => Ok(()),
+    }
+}
+
+/// Where an instruction is in the code.
+fn offset(rip: u64) -> Option<CodeOffset> {
+    rip.checked_sub(CODE).and_then(|offset| u32::try_from(offset).ok()).map(CodeOffset)
+}

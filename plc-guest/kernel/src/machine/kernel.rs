@@ -1,0 +1,330 @@
+//! The kernel's loop.
+//!
+//! ```text
+//!       window begins (tick, or back from "done")
+//!                 |
+//!   +---> what is due: releases, time-outs, events <-----------------------+
+//!   |             |                                                        |
+//!   |       a task is ready? -- no --> wait for a release in this window, -+
+//!   |             | yes                or set up some state, or "done"
+//!   |       before the release: wait for it
+//!   |             |
+//!   |       the task runs at ring 3
+//!   |             |
+//!   +-- tick, call, end of job, fault
+//! ```
+//!
+//! All that a task needs is prepared before the wait for the release, so that between the release and
+//! the task's first instruction there is the same short path each time.
+//!
+//! The time that a task is charged ends with its window: what passes until the next one is not its.
+
+use super::context::{self, Context, Entry};
+use super::events::Events;
+use super::figures::Figures;
+use super::memory::{Area, Pages};
+use super::ports::Ports;
+use super::program::Program;
+use super::{PROGRAMS, Scheduler, TASKS, processor};
+use takt_abi::Information;
+use takt_abi::program::action;
+use takt_kernel::scheduler::{Picked, Violation};
+use takt_kernel::task::{Release, TaskId, Wake};
+use takt_kernel::time::{Clock, Instant, Span};
+use takt_plc_guest::console::print;
+use takt_plc_guest::{cycle, pages, port};
+use takt_program::call::{Call, Error};
+use takt_program::{ABI_VERSION, Start, TaskInformation};
+
+/// A release may be this much early. Instants of windows and of tasks are rounded apart, and a task
+/// whose release is a nanosecond after its window's must not wait for the next window.
+const ROUNDING: Span = Span(50);
+/// Time that printing a line may take, in ticks: 60 us at 1 GHz, 12 us at 5 GHz.
+const PRINTING_TICKS: u64 = 60_000;
+/// Exit code of a guest that a program's error has ended, by the partition file's wish.
+const STOPPED_BY_PROGRAM: u32 = 2;
+
+/// Where a task is in the image.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// Its program, by its place in the host's table.
+    pub program: u8,
+    /// Its number; none for the initialisation.
+    pub number: Option<u16>,
+    /// Address of its function.
+    pub entry: u64,
+}
+
+/// The window that the kernel is in.
+#[derive(Clone, Copy, Debug)]
+struct Window {
+    release: u64,
+    release_tsc: u64,
+    end_tsc: u64,
+    /// Its beginning has been told to the host.
+    begun: bool,
+}
+
+/// All that there is.
+#[derive(Debug)]
+pub struct Kernel {
+    pub scheduler: Scheduler,
+    pub contexts: [Context; TASKS],
+    pub places: [Place; TASKS],
+    pub programs: [Option<Program>; PROGRAMS],
+    pub ports: Ports,
+    pub events: Events,
+    pub clock: Clock,
+    pub start: Start,
+    window: Window,
+    /// The program whose tables are in use.
+    space: Option<u8>,
+    pub figures: Figures,
+    /// Where the pages of programs come from; none before the first.
+    pub pages: Option<Pages>,
+    /// The page to which tasks return.
+    pub call_page: Area,
+}
+
+impl Kernel {
+    /// With nothing in it.
+    pub const EMPTY: Self = Self {
+        scheduler: Scheduler::new(),
+        contexts: [const { Context::EMPTY }; TASKS],
+        places: [const { Place { program: 0, number: None, entry: 0 } }; TASKS],
+        programs: [const { None }; PROGRAMS],
+        ports: Ports::CLOSED,
+        events: Events::NONE,
+        clock: Clock::new(0, 1_000_000),
+        start: Start::Cold,
+        window: Window { release: 0, release_tsc: 0, end_tsc: 0, begun: false },
+        space: None,
+        figures: Figures::START,
+        pages: None,
+        call_page: Area::NONE,
+    };
+
+    /// Runs for ever. Everything is loaded.
+    pub fn run(&mut self) -> ! {
+        // The start-up has reached into some window. The tasks' time begins with a whole one.
+        port::write(takt_abi::port::DONE, 0);
+        let first = pages::information();
+        self.clock = Clock::new(first.release_tsc, first.tsc_khz);
+        self.enter_window(&first);
+        for program in self.scheduler.programs() {
+            self.scheduler.start(program, Instant(0));
+        }
+        loop {
+            self.look_for_window();
+            let now = self.now();
+            let due = now.max(self.clock.instant(self.window.release_tsc)).after(ROUNDING);
+            self.events.poll(&mut self.scheduler, &self.programs, &mut self.ports, now);
+            self.scheduler.advance(due);
+            self.see_to_the_late();
+            match self.scheduler.pick() {
+                Some(picked) => self.dispatch(picked),
+                None => self.idle(),
+            }
+        }
+    }
+
+    /// The time.
+    pub fn now(&self) -> Instant {
+        self.clock.instant(cycle::now())
+    }
+
+    fn look_for_window(&mut self) {
+        if pages::release() != self.window.release {
+            self.enter_window(&pages::information());
+        }
+    }
+
+    fn enter_window(&mut self, information: &Information) {
+        self.window = Window {
+            release: information.release,
+            release_tsc: information.release_tsc,
+            end_tsc: information.window_end_tsc,
+            begun: false,
+        };
+        self.scheduler.window(self.clock.instant(information.release_tsc));
+    }
+
+    /// Waits for the release, if it is still to come, and tells the host that the window's work begins.
+    /// Returns the time stamp; none if the window is over by then.
+    fn begin_window(&mut self) -> Option<u64> {
+        if self.window.begun {
+            return Some(cycle::now());
+        }
+        let release = self.window.release;
+        let tsc = processor::wait_until(self.window.release_tsc);
+        if pages::release() != release {
+            return None;
+        }
+        self.window.begun = true;
+        pages::publish_start(release, tsc);
+        pages::publish_done(tsc);
+        Some(tsc)
+    }
+
+    /// Nothing is ready.
+    fn idle(&mut self) {
+        if self.begin_window().is_none() {
+            return;
+        }
+        let next = self.clock.tsc(self.scheduler.next_event());
+        if next < self.window.end_tsc {
+            processor::wait_until(next);
+        } else if let Some(program) = self.programs.iter_mut().flatten().find(|p| p.is_loading()) {
+            if program.load_some() {
+                let id = program.id;
+                let now = self.now();
+                self.scheduler.start(id, now);
+            }
+        } else {
+            if next_window_is_far(self.window.end_tsc) {
+                self.tell_figures();
+            }
+            pages::publish_done(cycle::now());
+            port::write(takt_abi::port::DONE, 0);
+        }
+    }
+
+    /// Gives a task the processor, and sees to what it comes back with.
+    fn dispatch(&mut self, picked: Picked) {
+        let Picked { task, begins, wake } = picked;
+        let place = self.places[task.index()];
+        if begins {
+            self.begin_job(task, place);
+        }
+        if let Some(wake) = wake {
+            self.end_wait(task, wake);
+        }
+        if self.space != Some(place.program) {
+            self.space = Some(place.program);
+            if let Some(program) = &self.programs[usize::from(place.program)] {
+                program.space.enter();
+            }
+        }
+        // If the window is over by now, all that was prepared waits for the next one.
+        let Some(from) = self.begin_window() else { return };
+        self.scheduler.begins(self.clock.instant(from));
+        let context = &mut self.contexts[task.index()];
+        let entry = loop {
+            match context::run(context) {
+                // The time is told without a look at anything else.
+                Entry::Call if context.rax == u64::from(Call::Time as u32) => {
+                    context.rax = self.clock.instant(cycle::now()).0;
+                }
+                entry => break entry,
+            }
+        };
+        let mut to = cycle::now();
+        if pages::release() != self.window.release {
+            to = to.min(self.window.end_tsc);
+        }
+        let ran = self.clock.span(to.saturating_sub(from));
+        if let Some(violation) = self.scheduler.account(ran) {
+            self.violated(task, violation);
+            if self.scheduler.running() != Some(task) {
+                return;
+            }
+        }
+        match entry {
+            Entry::Tick => {}
+            Entry::Call => self.call(task),
+            Entry::Fault(fault) => {
+                self.tell_fault(task, &fault);
+                self.act(task, self.entry_of(task).on_fault);
+            }
+        }
+    }
+
+    fn begin_job(&mut self, id: TaskId, place: Place) {
+        let task = self.scheduler.task(id);
+        let Some(program) = &self.programs[usize::from(place.program)] else { return };
+        let information = TaskInformation {
+            version: ABI_VERSION.into(),
+            task: place.number.map_or(TaskInformation::INIT, u32::from),
+            cycle: task.cycle(),
+            now: task.released().0,
+            period: task.elapsed().0,
+            start: self.start as u32,
+            ..TaskInformation::default()
+        };
+        let argument = program.inform(place.number, &information);
+        let stack = program.begin_stack(place.number.unwrap_or(0));
+        self.contexts[id.index()].begin(place.entry, stack, argument);
+    }
+
+    /// The result of a call that has waited.
+    fn end_wait(&mut self, id: TaskId, wake: Wake) {
+        let result = match wake {
+            Wake::TimedOut => Error::TimedOut.result(),
+            Wake::Flags(flags) => i64::from(flags),
+            // The sender has written the message and its length.
+            Wake::Message => return,
+        };
+        self.contexts[id.index()].rax = result as u64;
+    }
+
+    /// The job of the running task is complete.
+    pub fn end(&mut self, id: TaskId) {
+        let tsc = cycle::now();
+        pages::publish_done(tsc);
+        if let Some(violation) = self.scheduler.end(self.clock.instant(tsc)) {
+            self.violated(id, violation);
+        }
+        self.see_to_the_late();
+    }
+
+    fn entry_of(&self, id: TaskId) -> takt_abi::program::Program {
+        let program = usize::from(self.places[id.index()].program);
+        self.programs[program].as_ref().map_or(takt_abi::program::Program::NONE, |p| p.entry)
+    }
+
+    fn see_to_the_late(&mut self) {
+        while let Some(late) = self.scheduler.take_late() {
+            self.violated(late, Violation::Deadline);
+        }
+    }
+
+    /// A job has not kept a limit.
+    fn violated(&mut self, id: TaskId, violation: Violation) {
+        let entry = self.entry_of(id);
+        let (what, action) = match violation {
+            Violation::Budget => ("has used up its budget", entry.on_overrun),
+            Violation::Deadline => ("was not complete at its deadline", entry.on_deadline),
+        };
+        self.tell_violation(id, what, action);
+        self.act(id, action);
+    }
+
+    /// What the partition file wants after an error of a task.
+    pub fn act(&mut self, id: TaskId, wanted: u32) {
+        let place = self.places[id.index()];
+        match wanted {
+            action::LOG => {}
+            action::SKIP if self.scheduler.task(id).settings().release != Release::Start => {
+                let now = self.now();
+                self.scheduler.skip(id, now);
+            }
+            action::RESTART_PROGRAM => {
+                self.scheduler.fail(id);
+                if let Some(program) = &mut self.programs[usize::from(place.program)] {
+                    program.reload();
+                }
+            }
+            action::STOP_PARTITION => {
+                self.print_figures();
+                print(format_args!("the partition ends itself, as its file says"));
+                port::exit(STOPPED_BY_PROGRAM);
+            }
+            _ => self.scheduler.fail(id),
+        }
+    }
+}
+
+/// True if a line can be printed before the window ends, and the release after it waits for nothing.
+fn next_window_is_far(end_tsc: u64) -> bool {
+    end_tsc.saturating_sub(cycle::now()) > PRINTING_TICKS
+}

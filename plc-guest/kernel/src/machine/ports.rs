@@ -1,0 +1,117 @@
+//! The programs' ports: ends of channels of the partition, by name.
+//!
+//! A port of a program is the partition's port of the same name. It belongs to the program that comes first in
+//! the partition file; for another one, and where kind, direction or size differ, it is closed, which
+//! is said at the start, and its calls are refused.
+
+use takt_abi::port_kind;
+use takt_channel::{ReadError, ReceiveError, ReturnCode, SendError, Tsc};
+use takt_plc_guest::channel::{self, Input, Output, Receiver, Sender};
+use takt_program::call::Error;
+use takt_program::{Direction, Port, limit};
+
+/// Most ports of a partition.
+pub const PORTS: usize = takt_abi::PORTS_MAX;
+
+/// An open port.
+#[derive(Debug)]
+enum End {
+    Output(Output),
+    Sender(Sender),
+    /// With the stamp of the message that was seen last.
+    Input(Input, u64),
+    Receiver(Receiver),
+}
+
+/// The open ports of all programs.
+#[derive(Debug)]
+pub struct Ports {
+    ends: [Option<(u8, u8, End)>; PORTS],
+    buffer: [u8; limit::MESSAGE_BYTES as usize],
+}
+
+impl Ports {
+    /// None is open.
+    pub const CLOSED: Self =
+        Self { ends: [const { None }; PORTS], buffer: [0; limit::MESSAGE_BYTES as usize] };
+
+    /// Opens a port of a program, by its number there.
+    pub fn open(&mut self, program: u8, number: u8, port: &Port<'_>) -> Result<(), ReturnCode> {
+        let slot = self.ends.iter_mut().find(|end| end.is_none());
+        let slot = slot.ok_or(ReturnCode::InvalidConfig)?;
+        let kind = channel::ports().iter().find(|p| {
+            let end = p.name.iter().position(|byte| *byte == 0).unwrap_or(p.name.len());
+            &p.name[..end] == port.name.as_bytes()
+        });
+        let kind = kind.ok_or(ReturnCode::InvalidConfig)?.kind;
+        let (name, bytes) = (port.name, port.message_bytes);
+        let end = match (kind, port.direction) {
+            (port_kind::SAMPLING, Direction::In) => End::Input(channel::input(name, bytes)?, 0),
+            (port_kind::SAMPLING, Direction::Out) => End::Output(channel::output(name, bytes)?),
+            (_, Direction::In) => End::Receiver(channel::receiver(name, bytes)?),
+            (_, Direction::Out) => End::Sender(channel::sender(name, bytes)?),
+        };
+        *slot = Some((program, number, end));
+        Ok(())
+    }
+
+    fn end(&mut self, program: u8, number: u64) -> Option<(&mut End, &mut [u8])> {
+        let mut open = self.ends.iter_mut().flatten();
+        let found = open.find(|(p, n, _)| (*p, u64::from(*n)) == (program, number));
+        found.map(|(_, _, end)| (end, &mut self.buffer[..]))
+    }
+
+    /// Reads a message; it is valid until the next call.
+    pub fn read(&mut self, program: u8, number: u64, now: u64) -> Result<&[u8], Error> {
+        let (end, buffer) = self.end(program, number).ok_or(Error::BadId)?;
+        match end {
+            End::Input(input, seen) => match input.read(buffer, Tsc(now)) {
+                Ok(sample) => {
+                    *seen = sample.stamp.0;
+                    Ok(sample.bytes)
+                }
+                Err(ReadError::Buffer(_)) => Err(Error::TooLong),
+                Err(_) => Err(Error::Empty),
+            },
+            End::Receiver(receiver) => match receiver.receive(buffer) {
+                Ok(received) => Ok(received.bytes),
+                Err(ReceiveError::Buffer(_)) => Err(Error::TooLong),
+                Err(_) => Err(Error::Empty),
+            },
+            End::Output(_) | End::Sender(_) => Err(Error::NotAllowed),
+        }
+    }
+
+    /// The buffer, for a message that is to be written.
+    pub fn buffer(&mut self, bytes: usize) -> Option<&mut [u8]> {
+        self.buffer.get_mut(..bytes)
+    }
+
+    /// Writes the first bytes of the buffer.
+    pub fn write(&mut self, program: u8, number: u64, bytes: usize, now: u64) -> Result<(), Error> {
+        let (end, buffer) = self.end(program, number).ok_or(Error::BadId)?;
+        let message = buffer.get(..bytes).ok_or(Error::TooLong)?;
+        match end {
+            End::Output(output) => output.write(message, Tsc(now)).map_err(|_| Error::TooLong),
+            End::Sender(sender) => match sender.send(message, Tsc(now)) {
+                Ok(()) => Ok(()),
+                Err(SendError::Full) => Err(Error::Full),
+                Err(SendError::Length(_)) => Err(Error::TooLong),
+            },
+            End::Input(..) | End::Receiver(_) => Err(Error::NotAllowed),
+        }
+    }
+
+    /// True if there is a message that the program has not read.
+    pub fn has_news(&mut self, program: u8, number: u64, now: u64) -> bool {
+        let Some((end, buffer)) = self.end(program, number) else { return false };
+        match end {
+            End::Receiver(receiver) => receiver.status().waiting > 0,
+            End::Input(input, seen) => {
+                let stamp = input.read(buffer, Tsc(now)).map(|sample| sample.stamp.0);
+                stamp.is_ok_and(|stamp| core::mem::replace(seen, stamp) != stamp)
+            }
+            End::Output(_) | End::Sender(_) => false,
+        }
+    }
+}

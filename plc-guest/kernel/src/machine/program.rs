@@ -1,0 +1,305 @@
+//! A program in memory: what the image says, put where the program sees it.
+//!
+//! Code and constants are the pages of the image itself. The state has pages of its own, into which the
+//! initial bytes are copied at each start, some at a time, so that a program that starts anew takes no
+//! time from its neighbours.
+
+use super::memory::{Area, OutOfMemory, Pages, Ram};
+use super::space::{Rights, Space};
+use core::fmt;
+use takt_abi::memory::PAGE;
+use takt_abi::program as table;
+use takt_kernel::scheduler::OBJECTS_EACH_MAX;
+use takt_kernel::task::ProgramId;
+use takt_program::{Area as Kind, Image, ImageError, ObjectKind, SectionKind, TaskInformation};
+use takt_program::{address, limit};
+
+/// `xor eax, eax; syscall; ud2`: the end of a job, to which a task returns.
+const CALL_PAGE: [u8; 6] = [0x31, 0xc0, 0x0f, 0x05, 0x0f, 0x0b];
+/// What is copied at a time of the state of a program that starts anew.
+const STEP: u64 = PAGE;
+/// Places of [`TaskInformation`] in their page: one for each task, and one for the initialisation.
+const INFORMATION_BYTES: u64 = size_of::<TaskInformation>() as u64;
+const INITIALISATION: u64 = limit::TASKS as u64;
+const _: () = assert!((INITIALISATION + 1) * INFORMATION_BYTES <= PAGE);
+
+/// Memory of a program, where the program sees it.
+#[derive(Clone, Copy, Debug)]
+struct Region {
+    address: u64,
+    area: Area,
+    rights: Rights,
+}
+
+const NO_REGION: Region = Region { address: 0, area: Area::NONE, rights: Rights::Constants };
+/// Code, constants, state, inputs, outputs, markers, the information of the tasks.
+const FIXED: usize = 7;
+const REGIONS: usize = FIXED + limit::TASKS as usize;
+
+/// Why a program cannot be run.
+#[derive(Debug)]
+pub enum LoadError {
+    /// The host's table names memory that there is not.
+    Table,
+    /// The image is none.
+    Image(ImageError),
+    /// There is nothing to run in it.
+    NoTasks,
+    /// A task waits for something that the kernel does not know.
+    Source(&'static str),
+    /// The partition has more tasks or objects than the kernel has room for.
+    TooMany,
+    /// The partition has too little memory.
+    Memory,
+}
+
+impl From<OutOfMemory> for LoadError {
+    fn from(_: OutOfMemory) -> Self {
+        Self::Memory
+    }
+}
+
+impl fmt::Display for LoadError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Table => {
+                f.write_str("the host's table of programs names memory that there is not")
+            }
+            Self::Image(error) => write!(f, "its image is not valid: {error}"),
+            Self::NoTasks => f.write_str("it has no tasks"),
+            Self::Source(kind) => {
+                write!(f, "one of its tasks waits for {kind}, which this kernel does not do yet")
+            }
+            Self::TooMany => write!(
+                f,
+                "the programs have more than {} tasks (with one for the start of each program) or {} \
+                 objects together",
+                super::TASKS,
+                super::OBJECTS
+            ),
+            Self::Memory => f.write_str("the partition's memory is too small"),
+        }
+    }
+}
+
+/// The page to which all tasks return.
+pub fn call_page(ram: Ram, pages: &mut Pages) -> Result<Area, OutOfMemory> {
+    let page = pages.take(PAGE)?;
+    page.write(&CALL_PAGE);
+    ram.write_protect(pages, page)?;
+    Ok(page)
+}
+
+/// A program that can run.
+#[derive(Debug)]
+pub struct Program {
+    pub id: ProgramId,
+    pub image: Image<'static>,
+    pub space: Space,
+    /// The host's entry: name, and what follows from errors.
+    pub entry: table::Program,
+    /// Memory for the messages of each object.
+    pub messages: [Area; OBJECTS_EACH_MAX as usize],
+    regions: [Region; REGIONS],
+    information: Area,
+    /// What is known to have been used of each stack, in bytes.
+    stacks_used: [u64; limit::TASKS as usize],
+    /// How much of the state has been set up; none: all.
+    loading: Option<u64>,
+    /// Lines that it may log, and those that were too many.
+    pub lines: super::lines::Allowance,
+}
+
+impl Program {
+    /// Maps an image. Its tasks and objects are not in the scheduler yet.
+    pub fn load(
+        ram: Ram,
+        pages: &mut Pages,
+        call_page: Area,
+        id: ProgramId,
+        entry: &table::Program,
+    ) -> Result<Self, LoadError> {
+        let bank = ram.area(entry.image, entry.bank_bytes).ok_or(LoadError::Table)?;
+        let file = bank.part(0, entry.image_bytes).ok_or(LoadError::Table)?;
+        let state = ram.area(entry.state, entry.state_bytes).ok_or(LoadError::Table)?;
+        // SAFETY: the host writes images before the start only, and no program has a right to write
+        // there.
+        let image = Image::parse(unsafe { file.bytes_for_ever() }).map_err(LoadError::Image)?;
+        if image.tasks().len() == 0 {
+            return Err(LoadError::NoTasks);
+        }
+        let mut program = Self {
+            id,
+            image,
+            space: Space::new(pages)?,
+            entry: *entry,
+            messages: [Area::NONE; OBJECTS_EACH_MAX as usize],
+            regions: [NO_REGION; REGIONS],
+            information: pages.take(PAGE)?,
+            stacks_used: [0; limit::TASKS as usize],
+            loading: Some(0),
+            lines: super::lines::Allowance::FULL,
+        };
+        program.map_fixed(pages, bank, state, call_page)?;
+        ram.write_protect(pages, bank)?;
+        program.map_stacks(pages)?;
+        program.take_messages(pages)?;
+        Ok(program)
+    }
+
+    fn map_fixed(
+        &mut self,
+        pages: &mut Pages,
+        bank: Area,
+        state: Area,
+        call_page: Area,
+    ) -> Result<(), LoadError> {
+        let image = self.image;
+        let segment = |kind, bytes: usize| {
+            let bytes = address::pages(bytes as u64);
+            bank.part(image.file_offset(kind) as u64, bytes).ok_or(LoadError::Table)
+        };
+        let code = segment(SectionKind::Code, image.code().len())?;
+        let constants = segment(SectionKind::Constants, image.constants().len())?;
+        let state_bytes = address::pages(image.state_bytes().into());
+        let state = state.part(0, state_bytes).ok_or(LoadError::Table)?;
+        let mut process = |kind| {
+            let bytes = image.area_bytes(kind);
+            if bytes == 0 { Ok(Area::NONE) } else { pages.take(bytes.into()) }
+        };
+        let (input, output) = (process(Kind::Input)?, process(Kind::Output)?);
+        let marker = process(Kind::Marker)?;
+        let fixed: [(u64, Area, Rights); FIXED] = [
+            (address::CODE, code, Rights::Code),
+            (image.constants_address(), constants, Rights::Constants),
+            (address::STATE, state, Rights::Data),
+            (address::INPUT, input, Rights::Constants),
+            (address::OUTPUT, output, Rights::Data),
+            (address::MARKER, marker, Rights::Data),
+            (address::TASK_INFORMATION, self.information, Rights::Constants),
+        ];
+        self.space.map(pages, address::CALL_PAGE, call_page, Rights::Code)?;
+        for (slot, (address, area, rights)) in fixed.into_iter().enumerate() {
+            self.map(pages, slot, Region { address, area, rights })?;
+        }
+        Ok(())
+    }
+
+    fn map_stacks(&mut self, pages: &mut Pages) -> Result<(), LoadError> {
+        for task in self.image.tasks() {
+            let area = pages.take(task.stack_bytes.into())?;
+            let address = address::stack_end(task.id) - area.bytes();
+            let region = Region { address, area, rights: Rights::Data };
+            self.map(pages, FIXED + usize::from(task.id.0), region)?;
+        }
+        Ok(())
+    }
+
+    fn map(&mut self, pages: &mut Pages, slot: usize, region: Region) -> Result<(), LoadError> {
+        *self.regions.get_mut(slot).ok_or(LoadError::TooMany)? = region;
+        Ok(self.space.map(pages, region.address, region.area, region.rights)?)
+    }
+
+    fn take_messages(&mut self, pages: &mut Pages) -> Result<(), LoadError> {
+        for (slot, object) in self.messages.iter_mut().zip(self.image.objects()) {
+            let bytes = match object.kind {
+                ObjectKind::Queue { message_bytes, depth } => {
+                    table::queue_bytes(message_bytes, depth)
+                }
+                ObjectKind::Mailbox { bytes } => table::mailbox_bytes(bytes),
+                ObjectKind::Semaphore { .. } | ObjectKind::Flags => continue,
+            };
+            *slot = pages.take(bytes)?;
+        }
+        Ok(())
+    }
+
+    /// Its name in the partition.
+    pub fn name(&self) -> &str {
+        let end = self.entry.name.iter().position(|byte| *byte == 0).unwrap_or(table::NAME_BYTES);
+        core::str::from_utf8(&self.entry.name[..end]).unwrap_or("?")
+    }
+
+    /// Memory of the program that it names by a pointer, if all of it may be accessed so.
+    pub fn memory(&self, pointer: u64, bytes: u64, write: bool) -> Option<Area> {
+        let found = self.regions.iter().find_map(|region| {
+            let allowed = !write || region.rights == Rights::Data;
+            let offset = pointer.checked_sub(region.address)?;
+            region.area.part(offset, bytes).filter(|_| allowed)
+        });
+        // Nothing is a part of everything.
+        if bytes == 0 { Some(Area::NONE) } else { found }
+    }
+
+    /// The stack of a task of the image.
+    pub fn stack(&self, number: u16) -> Area {
+        self.regions.get(FIXED + usize::from(number)).map_or(Area::NONE, |region| region.area)
+    }
+
+    /// Looks one page further down a task's stack, which was zero at first: what is the most that has ever
+    /// been used of it, in bytes? Known after as many looks as it has pages in use.
+    pub fn look_at_stack(&mut self, number: u16) -> u64 {
+        let stack = self.stack(number);
+        let Some(used) = self.stacks_used.get_mut(usize::from(number)) else { return 0 };
+        let known = stack.bytes() - *used;
+        let page = known.saturating_sub(PAGE)..known;
+        if let Some(lowest) = page.step_by(8).find(|offset| stack.word(*offset) != 0) {
+            *used = stack.bytes() - lowest;
+        }
+        *used
+    }
+
+    /// Tells a task about its job; returns where the task finds it.
+    pub fn inform(&self, number: Option<u16>, information: &TaskInformation) -> u64 {
+        let offset = number.map_or(INITIALISATION, u64::from) * INFORMATION_BYTES;
+        let words = [
+            u64::from(information.version) | u64::from(information.task) << 32,
+            information.cycle,
+            information.now,
+            information.period,
+            u64::from(information.start) | u64::from(information.flags) << 32,
+        ];
+        for (place, word) in words.into_iter().enumerate() {
+            self.information.set_word(offset + 8 * place as u64, word);
+        }
+        address::TASK_INFORMATION + offset
+    }
+
+    /// The stack pointer at the beginning of a job: on top of it lies the address to return to.
+    pub fn begin_stack(&self, number: u16) -> u64 {
+        let stack = self.stack(number);
+        stack.set_word(stack.bytes() - 8, address::CALL_PAGE);
+        address::stack_end(takt_program::TaskId(number)) - 8
+    }
+
+    /// Its state is to be set up again.
+    pub fn reload(&mut self) {
+        self.loading = Some(0);
+    }
+
+    /// True if its state is not set up yet.
+    pub const fn is_loading(&self) -> bool {
+        self.loading.is_some()
+    }
+
+    /// Sets up some more of the state. True if that was the last of it.
+    pub fn load_some(&mut self) -> bool {
+        let Some(done) = self.loading else { return false };
+        let state = self.regions[2].area;
+        let initial = self.image.state();
+        let length = STEP.min(state.bytes() - done);
+        if let Some(part) = state.part(done, length) {
+            let from = initial.get(done as usize..).unwrap_or(&[]);
+            part.clear();
+            part.write(&from[..from.len().min(length as usize)]);
+        }
+        let next = done + length;
+        self.loading = (next < state.bytes()).then_some(next);
+        if self.loading.is_none() {
+            for region in &self.regions[3..6] {
+                region.area.clear();
+            }
+        }
+        self.loading.is_none()
+    }
+}

@@ -1,0 +1,135 @@
+//! The address space of a program.
+//!
+//! Each program has tables of its own, with its code, its data and nothing of its neighbours in them. The
+//! kernel is in all of them, closed to ring 3, so that an entry into it needs no change of tables: it is a
+//! part of the first GiB, the pages shared with the host, and all RAM in the upper half.
+//!
+//! No page is writable and executable, and none that ring 3 can execute is writable for it elsewhere. What
+//! has no entry faults: address 0, the page below each stack, everything between the areas.
+//!
+//! Table formats: AMD64 Architecture Programmer's Manual, volume 2, section 5.3.
+
+use super::memory::{Area, OutOfMemory, Pages, ROOT_ENTRY};
+use core::arch::asm;
+use takt_abi::memory::PAGE;
+
+const PRESENT: u64 = 1;
+const WRITABLE: u64 = 1 << 1;
+const USER: u64 = 1 << 2;
+const NO_EXECUTE: u64 = 1 << 63;
+const ADDRESS: u64 = 0x000f_ffff_ffff_f000;
+
+/// What ring 3 may do with a page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rights {
+    /// Read and execute.
+    Code,
+    /// Read.
+    Constants,
+    /// Read and write.
+    Data,
+}
+
+impl Rights {
+    const fn bits(self) -> u64 {
+        match self {
+            Self::Code => PRESENT | USER,
+            Self::Constants => PRESENT | USER | NO_EXECUTE,
+            Self::Data => PRESENT | USER | WRITABLE | NO_EXECUTE,
+        }
+    }
+}
+
+/// The tables of a program.
+#[derive(Clone, Copy, Debug)]
+pub struct Space {
+    root: Area,
+}
+
+impl Space {
+    /// With the kernel and nothing else.
+    pub fn new(pages: &mut Pages) -> Result<Self, OutOfMemory> {
+        let root = pages.take(PAGE)?;
+        let pointers = pages.take(PAGE)?;
+        let first = pages.take(PAGE)?;
+        // The kernel's own tables lie in its image, which is seen at its physical address.
+        let kernel_root = Kernel(current_root());
+        let kernel_pointers = kernel_root.next(0);
+        first.set_word(0, kernel_pointers.next(0).entry(0));
+        pointers.set_word(0, first.start() | PRESENT | WRITABLE | USER);
+        for gigabyte in 1..4 {
+            pointers.set_word(8 * gigabyte, kernel_pointers.entry(gigabyte));
+        }
+        root.set_word(0, pointers.start() | PRESENT | WRITABLE | USER);
+        root.set_word(8 * ROOT_ENTRY as u64, kernel_root.entry(ROOT_ENTRY as u64));
+        Ok(Self { root })
+    }
+
+    /// Maps an area, which begins at a page, to addresses of the program.
+    pub fn map(
+        self,
+        pages: &mut Pages,
+        address: u64,
+        area: Area,
+        rights: Rights,
+    ) -> Result<(), OutOfMemory> {
+        for offset in (0..area.bytes()).step_by(PAGE as usize) {
+            let mut table = self.root;
+            for shift in [39, 30, 21] {
+                table = Self::table(table, index(address + offset, shift), pages)?;
+            }
+            table.set_word(index(address + offset, 12), (area.start() + offset) | rights.bits());
+        }
+        Ok(())
+    }
+
+    /// The table below an entry; a new one if there is none.
+    fn table(table: Area, entry: u64, pages: &mut Pages) -> Result<Area, OutOfMemory> {
+        let found = table.word(entry);
+        if found & PRESENT != 0 {
+            return pages.at(found & ADDRESS).ok_or(OutOfMemory);
+        }
+        let new = pages.take(PAGE)?;
+        table.set_word(entry, new.start() | PRESENT | WRITABLE | USER);
+        Ok(new)
+    }
+
+    /// Makes the processor use them.
+    pub fn enter(self) {
+        // SAFETY: the kernel is in all spaces at the same addresses.
+        unsafe {
+            asm!("mov cr3, {}", in(reg) self.root.start(), options(nostack, preserves_flags));
+        };
+    }
+}
+
+/// Byte offset of an address's entry, in the table whose entries each cover `1 << shift` bytes.
+const fn index(address: u64, shift: u32) -> u64 {
+    (address >> shift & 0x1ff) * 8
+}
+
+fn current_root() -> u64 {
+    let root: u64;
+    // SAFETY: reading it has no effect, and this is ring 0.
+    unsafe { asm!("mov {}, cr3", out(reg) root, options(nomem, nostack, preserves_flags)) };
+    root & ADDRESS
+}
+
+/// A table of the kernel's own.
+struct Kernel(u64);
+
+impl Kernel {
+    fn entry(&self, number: u64) -> u64 {
+        // SAFETY: the tables lie in the kernel's image, at the addresses where they are seen.
+        unsafe { ((self.0 + 8 * number) as *const u64).read_volatile() }
+    }
+
+    fn next(&self, number: u64) -> Self {
+        Self(self.entry(number) & ADDRESS)
+    }
+}
+
+/// The root of the tables that the kernel was started with.
+pub fn boot_root() -> u64 {
+    current_root()
+}

@@ -1,0 +1,492 @@
+//! Who runs: fixed priorities, preemptive.
+//!
+//! All tasks are ranked together: by priority, those of one priority in the order in which they were added,
+//! which is that of the programs and of the tasks in them. A holder of a semaphore comes before all of
+//! the semaphore's ceiling. There is always one most urgent task, and what runs follows from the state
+//! alone.
+//!
+//! The kernel calls this at each of its entries, with the time that it is then: [`Scheduler::account`]
+//! for what has run, [`Scheduler::advance`] for what time alone changes, what the running task asked for, and
+//! [`Scheduler::pick`] for what runs next. Each takes a number of steps that depends on the number of
+//! tasks only.
+//!
+//! Releases are kept as `offset + k * period` and never reckoned from now, so a late one moves no later
+//! one. A release that finds the job before it unfinished is lost and counted; it is not made up.
+
+use crate::objects::{Object, ObjectId};
+use crate::statistics::count;
+use crate::task::{ProgramId, Release, Settings, State, Task, TaskId, Wait, Wake};
+use crate::time::{Instant, Span};
+use core::ops::Range;
+
+/// Most tasks of a scheduler, with the start of each program: a set of them is one word.
+pub const TASKS_MAX: usize = 64;
+/// Most objects. Those of one program are a set in one word too.
+pub const OBJECTS_MAX: usize = 255;
+/// Most objects of one program.
+pub const OBJECTS_EACH_MAX: u8 = 64;
+
+/// Where a program is in its life.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Phase {
+    /// None of its tasks runs.
+    Stopped,
+    /// It is initialised.
+    Starting,
+    /// Its tasks are released.
+    Running,
+}
+
+/// A program.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Program {
+    pub(crate) phase: Phase,
+    /// Places of its objects.
+    pub(crate) objects: Range<u8>,
+}
+
+/// A limit that a job did not keep.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Violation {
+    /// It used up its budget.
+    Budget,
+    /// It was not complete at its deadline.
+    Deadline,
+}
+
+/// What the processor is given to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Picked {
+    /// The task.
+    pub task: TaskId,
+    /// Its job begins: it starts at its entry.
+    pub begins: bool,
+    /// The wait in a call that has ended, if one has.
+    pub wake: Option<Wake>,
+}
+
+/// There is no room for one more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Full;
+
+/// The state of at most `T` tasks, `P` programs and `O` objects.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Scheduler<const T: usize, const P: usize, const O: usize> {
+    pub(crate) tasks: [Task; T],
+    pub(crate) tasks_count: u8,
+    pub(crate) programs: [Program; P],
+    pub(crate) programs_count: u8,
+    pub(crate) objects: [Object; O],
+    pub(crate) objects_count: u8,
+    /// Tasks in state ready, a bit for each.
+    pub(crate) ready: u64,
+    pub(crate) running: Option<TaskId>,
+    /// Who had the processor last.
+    last: Option<TaskId>,
+    /// Before this instant time alone changes nothing.
+    next: Instant,
+    /// Tasks whose deadline has passed, a bit for each.
+    late: u64,
+    /// Times that another task was given the processor.
+    switches: u64,
+}
+
+const NO_TASK: Task = Task::new(Settings {
+    program: ProgramId(0),
+    release: Release::Start,
+    priority: 255,
+    deadline: Span::ZERO,
+    budget: Span::ZERO,
+    sensitivity: 0,
+});
+
+impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
+    /// Without tasks.
+    #[must_use]
+    pub const fn new() -> Self {
+        const { assert!(T <= TASKS_MAX && P <= 64 && O <= OBJECTS_MAX) };
+        Self {
+            tasks: [NO_TASK; T],
+            tasks_count: 0,
+            programs: [const { Program { phase: Phase::Stopped, objects: 0..0 } }; P],
+            programs_count: 0,
+            objects: [Object::Flags(0); O],
+            objects_count: 0,
+            ready: 0,
+            running: None,
+            last: None,
+            next: Instant::NEVER,
+            late: 0,
+            switches: 0,
+        }
+    }
+
+    /// Adds a program, with these objects.
+    ///
+    /// # Errors
+    /// [`Full`]; nothing is added then.
+    pub fn add_program(
+        &mut self,
+        objects: impl Iterator<Item = Object>,
+    ) -> Result<ProgramId, Full> {
+        let id = self.programs_count;
+        let program = self.programs.get_mut(usize::from(id)).ok_or(Full)?;
+        let start = self.objects_count;
+        let mut end = start;
+        for object in objects {
+            if end - start == OBJECTS_EACH_MAX {
+                return Err(Full);
+            }
+            *self.objects.get_mut(usize::from(end)).ok_or(Full)? = object.fresh();
+            end += 1;
+        }
+        program.objects = start..end;
+        self.objects_count = end;
+        self.programs_count += 1;
+        Ok(ProgramId(id))
+    }
+
+    /// Adds a task, to a program that there is.
+    ///
+    /// # Errors
+    /// [`Full`].
+    pub fn add_task(&mut self, settings: Settings) -> Result<TaskId, Full> {
+        let id = self.tasks_count;
+        *self.tasks.get_mut(usize::from(id)).ok_or(Full)? = Task::new(settings);
+        self.tasks_count += 1;
+        Ok(TaskId(id))
+    }
+
+    /// All tasks.
+    pub fn ids(&self) -> impl Iterator<Item = TaskId> + use<T, P, O> {
+        (0..self.tasks_count).map(TaskId)
+    }
+
+    /// All programs.
+    pub fn programs(&self) -> impl Iterator<Item = ProgramId> + use<T, P, O> {
+        (0..self.programs_count).map(ProgramId)
+    }
+
+    /// A task that [`ids`](Self::ids) knows.
+    #[must_use]
+    pub const fn task(&self, id: TaskId) -> &Task {
+        &self.tasks[id.index()]
+    }
+
+    /// Where a program is in its life.
+    #[must_use]
+    pub const fn phase(&self, program: ProgramId) -> Phase {
+        self.programs[program.index()].phase
+    }
+
+    /// An object that [`object_of`](Self::object_of) knows.
+    #[must_use]
+    pub const fn object_at(&self, id: ObjectId) -> Object {
+        self.objects[id.0 as usize]
+    }
+
+    /// Who has the processor.
+    #[must_use]
+    pub const fn running(&self) -> Option<TaskId> {
+        self.running
+    }
+
+    /// Times that another task than the one before was given the processor.
+    #[must_use]
+    pub const fn switches(&self) -> u64 {
+        self.switches
+    }
+
+    /// The next instant at which time alone changes something.
+    #[must_use]
+    pub const fn next_event(&self) -> Instant {
+        self.next
+    }
+
+    /// Starts a stopped program: its initialisation is released. A program without one runs at once.
+    pub fn start(&mut self, program: ProgramId, now: Instant) {
+        self.stop(program);
+        self.programs[program.index()].phase = Phase::Starting;
+        let mut starting = false;
+        for id in self.tasks_of(program) {
+            let task = &mut self.tasks[id.index()];
+            task.cycle = 0;
+            if task.settings.release == Release::Start {
+                self.release(id, now);
+                starting = true;
+            }
+        }
+        if !starting {
+            self.run(program, now);
+        }
+    }
+
+    /// The tasks of a program wait for their releases from now on.
+    fn run(&mut self, program: ProgramId, now: Instant) {
+        self.programs[program.index()].phase = Phase::Running;
+        for id in self.tasks_of(program) {
+            let task = &mut self.tasks[id.index()];
+            task.next = match task.settings.release {
+                Release::Start => continue,
+                Release::Cyclic { period, offset } => {
+                    let past = now.since(Instant(0)).0.saturating_sub(offset.0);
+                    let periods = past.div_ceil(period.0.max(1));
+                    Instant(offset.0).after(period.times(periods))
+                }
+                Release::Event { .. } | Release::Freewheeling => now,
+            };
+            task.state = State::Waiting(Wait::Release);
+            task.signalled = false;
+            self.expect(id);
+        }
+    }
+
+    /// Stops a program: none of its tasks runs any more, and its objects are as at the start.
+    pub fn stop(&mut self, program: ProgramId) {
+        for id in self.tasks_of(program) {
+            self.give_all(id);
+            let task = &mut self.tasks[id.index()];
+            task.state = State::Dormant;
+            task.effective = task.settings.priority;
+            task.wake = None;
+            self.ready &= !id.bit();
+            self.late &= !id.bit();
+            if self.running == Some(id) {
+                self.running = None;
+            }
+        }
+        let program = &mut self.programs[program.index()];
+        program.phase = Phase::Stopped;
+        let objects = usize::from(program.objects.start)..usize::from(program.objects.end);
+        for object in &mut self.objects[objects] {
+            *object = object.fresh();
+        }
+    }
+
+    /// Stops the program of a task that has failed.
+    pub fn fail(&mut self, id: TaskId) {
+        self.stop(self.tasks[id.index()].settings.program);
+        self.tasks[id.index()].state = State::Faulted;
+    }
+
+    /// The running task has executed for so long. Tells if that is more than it may, once a job.
+    pub fn account(&mut self, ran: Span) -> Option<Violation> {
+        let task = &mut self.tasks[self.running?.index()];
+        task.executed = task.executed.plus(ran);
+        task.statistics.executed = task.statistics.executed.plus(ran);
+        if task.exceeded || !task.watchdog.expired(task.executed) {
+            return None;
+        }
+        task.exceeded = true;
+        count(&mut task.statistics.over_budget, 1);
+        Some(Violation::Budget)
+    }
+
+    /// Does what is due: releases, time-outs, deadlines.
+    pub fn advance(&mut self, now: Instant) {
+        if now < self.next {
+            return;
+        }
+        self.next = Instant::NEVER;
+        for id in self.ids() {
+            self.advance_task(id, now);
+            self.expect(id);
+        }
+    }
+
+    fn advance_task(&mut self, id: TaskId, now: Instant) {
+        let task = &mut self.tasks[id.index()];
+        match task.state {
+            State::Dormant | State::Faulted => return,
+            State::Waiting(Wait::Release) => match task.settings.release {
+                Release::Cyclic { .. } => {
+                    if let Some((last, passed)) = task.pass(now) {
+                        count(&mut task.statistics.overruns, passed - 1);
+                        self.release(id, last);
+                    }
+                }
+                Release::Event { .. } if task.signalled && task.next <= now => {
+                    self.release_event(id, now);
+                }
+                _ => {}
+            },
+            State::Waiting(_) if task.until <= now => self.wake(id, Wake::TimedOut),
+            State::Waiting(_) | State::Ready => {}
+        }
+        let task = &mut self.tasks[id.index()];
+        if !task.is_active() {
+            return;
+        }
+        if let Some((_, passed)) = task.pass(now) {
+            count(&mut task.statistics.overruns, passed);
+        }
+        if !task.missed && task.due() < now {
+            task.missed = true;
+            count(&mut task.statistics.misses, 1);
+            self.late |= id.bit();
+        }
+    }
+
+    /// A task whose job has passed its deadline, each told once.
+    pub fn take_late(&mut self) -> Option<TaskId> {
+        if self.late == 0 {
+            return None;
+        }
+        let id = TaskId(self.late.trailing_zeros() as u8);
+        self.late &= !id.bit();
+        Some(id)
+    }
+
+    /// What an event task waits for has happened.
+    pub fn signal(&mut self, id: TaskId, now: Instant) {
+        let task = &mut self.tasks[id.index()];
+        if matches!(task.state, State::Dormant | State::Faulted) {
+            return;
+        }
+        task.signalled = true;
+        if task.state == State::Waiting(Wait::Release) && task.next <= now {
+            self.release_event(id, now);
+        } else {
+            self.expect(id);
+        }
+    }
+
+    fn release_event(&mut self, id: TaskId, now: Instant) {
+        let task = &mut self.tasks[id.index()];
+        if let Release::Event { minimum } = task.settings.release {
+            task.signalled = false;
+            task.next = now.after(minimum);
+            self.release(id, now);
+        }
+    }
+
+    /// A window begins: each freewheeling task has a job, if it has done the last.
+    pub fn window(&mut self, now: Instant) {
+        for id in self.ids() {
+            let task = &self.tasks[id.index()];
+            let waits = task.state == State::Waiting(Wait::Release);
+            if waits && task.settings.release == Release::Freewheeling {
+                self.release(id, now);
+            }
+        }
+    }
+
+    fn release(&mut self, id: TaskId, at: Instant) {
+        self.tasks[id.index()].release(at);
+        self.ready |= id.bit();
+        self.expect(id);
+    }
+
+    /// Ends a wait in a call.
+    pub(crate) fn wake(&mut self, id: TaskId, wake: Wake) {
+        let task = &mut self.tasks[id.index()];
+        task.wake = Some(wake);
+        task.state = State::Ready;
+        self.ready |= id.bit();
+    }
+
+    /// Notes when time will change something about a task.
+    pub(crate) fn expect(&mut self, id: TaskId) {
+        self.next = self.next.min(self.tasks[id.index()].event());
+    }
+
+    /// Gives the processor to the most urgent ready task.
+    pub fn pick(&mut self) -> Option<Picked> {
+        let mut best: Option<(u8, bool, TaskId)> = None;
+        let mut rest = self.ready;
+        while rest != 0 {
+            let id = TaskId(rest.trailing_zeros() as u8);
+            rest &= rest - 1;
+            let task = &self.tasks[id.index()];
+            let key = (task.effective, task.held == 0, id);
+            if best.is_none_or(|best| key < best) {
+                best = Some(key);
+            }
+        }
+        self.running = best.map(|(_, _, id)| id);
+        let id = self.running?;
+        let task = &mut self.tasks[id.index()];
+        if self.last != self.running {
+            self.last = self.running;
+            count(&mut self.switches, 1);
+            count(&mut task.statistics.switches, 1);
+        }
+        let begins = !core::mem::replace(&mut task.started, true);
+        Some(Picked { task: id, begins, wake: task.wake.take() })
+    }
+
+    /// The running task gets the processor at this instant: for a new job that is its start.
+    pub fn begins(&mut self, now: Instant) {
+        if let Some(id) = self.running {
+            let task = &mut self.tasks[id.index()];
+            if !core::mem::replace(&mut task.measured, true) {
+                let waited = now.since(task.released);
+                task.statistics.start_max = task.statistics.start_max.max(waited);
+            }
+        }
+    }
+
+    /// The running task's job is complete. Tells if it was one too many over its budget.
+    pub fn end(&mut self, now: Instant) -> Option<Violation> {
+        let id = self.running.take()?;
+        self.give_all(id);
+        let task = &mut self.tasks[id.index()];
+        let (settings, executed) = (task.settings, task.executed);
+        let response = now.since(task.released);
+        if settings.deadline != Span::ZERO && response > settings.deadline && !task.missed {
+            count(&mut task.statistics.misses, 1);
+            self.late |= id.bit();
+        }
+        let deadline =
+            if settings.deadline == Span::ZERO { Span(u64::MAX) } else { settings.deadline };
+        task.statistics.ended(executed, response, deadline);
+        let told = task.exceeded;
+        if !told && task.watchdog.exceeds(executed) {
+            count(&mut task.statistics.over_budget, 1);
+        }
+        let violation = task.watchdog.ended(executed) && !told;
+        self.retire(id, now);
+        if settings.release == Release::Start {
+            self.run(settings.program, now);
+        }
+        violation.then_some(Violation::Budget)
+    }
+
+    /// Ends the job of a task without its doing.
+    pub fn skip(&mut self, id: TaskId, now: Instant) {
+        if !self.tasks[id.index()].is_active() {
+            return;
+        }
+        self.give_all(id);
+        count(&mut self.tasks[id.index()].statistics.skipped, 1);
+        if self.running == Some(id) {
+            self.running = None;
+        }
+        self.retire(id, now);
+    }
+
+    fn retire(&mut self, id: TaskId, now: Instant) {
+        self.ready &= !id.bit();
+        self.tasks[id.index()].retire();
+        let task = &self.tasks[id.index()];
+        if task.signalled && task.next <= now && task.state == State::Waiting(Wait::Release) {
+            self.release_event(id, now);
+        } else {
+            self.expect(id);
+        }
+    }
+
+    fn tasks_of(&self, program: ProgramId) -> impl Iterator<Item = TaskId> + use<T, P, O> {
+        let set = self.ids().fold(0u64, |set, id| {
+            let own = self.tasks[id.index()].settings.program == program;
+            set | if own { id.bit() } else { 0 }
+        });
+        self.ids().filter(move |id| set & id.bit() != 0)
+    }
+}
+
+impl<const T: usize, const P: usize, const O: usize> Default for Scheduler<T, P, O> {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,291 @@
+//! Releases, limits and the lives of programs, in time.
+
+use crate::objects::{Object, ObjectId, Received, Seen};
+use crate::scheduler::{Phase, Scheduler, Violation};
+use crate::task::{ProgramId, Release, Settings, State, TaskId, Wait, Wake};
+use crate::time::{Instant, Span};
+use takt_program::call::Error;
+
+type Small = Scheduler<8, 2, 8>;
+
+const PROGRAM: ProgramId = ProgramId(0);
+
+fn settings(release: Release, priority: u8) -> Settings {
+    Settings {
+        program: PROGRAM,
+        release,
+        priority,
+        deadline: Span::ZERO,
+        budget: Span::ZERO,
+        sensitivity: 0,
+    }
+}
+
+fn cyclic(period: u64, offset: u64, priority: u8) -> Settings {
+    settings(Release::Cyclic { period: Span(period), offset: Span(offset) }, priority)
+}
+
+/// A program with these tasks that has started at 0, with a queue, flags and a semaphore of ceiling 1.
+fn started(tasks: &[Settings]) -> Small {
+    let mut s = Small::new();
+    let objects = [Object::queue(2), Object::Flags(0), Object::semaphore(1), Object::mailbox()];
+    assert_eq!(s.add_program(objects.into_iter()), Ok(PROGRAM));
+    for settings in tasks {
+        assert!(s.add_task(*settings).is_ok());
+    }
+    s.start(PROGRAM, Instant(0));
+    s
+}
+
+/// Who runs at an instant.
+fn at(s: &mut Small, now: u64) -> Option<u8> {
+    s.advance(Instant(now));
+    s.pick().map(|picked| picked.task.0)
+}
+
+#[test]
+fn releases_are_at_whole_periods_after_the_offset() {
+    let mut s = started(&[cyclic(100, 30, 0)]);
+    for (now, runs) in
+        [(0, None), (29, None), (30, Some(0)), (129, None), (130, Some(0)), (229, None)]
+    {
+        assert_eq!(at(&mut s, now), runs, "{now}");
+        s.end(Instant(now));
+    }
+}
+
+#[test]
+fn a_release_that_comes_late_keeps_its_instant_and_moves_no_other() {
+    let mut s = started(&[cyclic(100, 0, 0)]);
+    assert_eq!(at(&mut s, 37), Some(0));
+    assert_eq!(s.task(TaskId(0)).released(), Instant(0));
+    s.end(Instant(40));
+    // Nobody looked between 100 and 350.
+    assert_eq!(at(&mut s, 350), Some(0));
+    let task = s.task(TaskId(0));
+    assert_eq!((task.released(), task.elapsed()), (Instant(300), Span(300)));
+    assert_eq!(task.statistics().overruns, 2);
+    s.end(Instant(360));
+    assert_eq!((at(&mut s, 399), at(&mut s, 400)), (None, Some(0)));
+}
+
+#[test]
+fn a_release_during_the_job_before_is_lost_and_counted() {
+    let mut s = started(&[cyclic(100, 0, 0)]);
+    assert_eq!(at(&mut s, 0), Some(0));
+    assert_eq!(at(&mut s, 250), Some(0));
+    assert_eq!(s.task(TaskId(0)).statistics().overruns, 2);
+    s.end(Instant(260));
+    assert_eq!((at(&mut s, 299), at(&mut s, 300)), (None, Some(0)));
+}
+
+#[test]
+fn the_more_urgent_task_preempts_and_the_other_goes_on_where_it_was() {
+    let mut s = started(&[cyclic(1000, 0, 5), cyclic(100, 50, 1)]);
+    s.advance(Instant(0));
+    let first = s.pick().expect("it is ready");
+    assert!(first.task == TaskId(0) && first.begins);
+    assert_eq!(at(&mut s, 50), Some(1));
+    s.end(Instant(60));
+    let again = s.pick().expect("it is ready");
+    assert!(again.task == TaskId(0) && !again.begins);
+    assert_eq!(s.switches(), 3);
+}
+
+#[test]
+fn equals_are_ranked_by_their_place_and_the_earlier_one_preempts() {
+    let mut s = started(&[cyclic(100, 10, 3), cyclic(100, 0, 3)]);
+    assert_eq!(at(&mut s, 0), Some(1));
+    assert_eq!(at(&mut s, 10), Some(0));
+}
+
+#[test]
+fn an_event_task_keeps_its_minimum_and_forgets_no_event() {
+    let mut s = started(&[settings(Release::Event { minimum: Span(100) }, 0)]);
+    let id = TaskId(0);
+    assert_eq!(at(&mut s, 10), None);
+    s.signal(id, Instant(10));
+    assert_eq!(at(&mut s, 10), Some(0));
+    // Two during the job are one more, not before 110.
+    s.signal(id, Instant(11));
+    s.signal(id, Instant(12));
+    s.end(Instant(20));
+    assert_eq!((at(&mut s, 109), at(&mut s, 110)), (None, Some(0)));
+    s.end(Instant(120));
+    assert_eq!(at(&mut s, 500), None);
+}
+
+#[test]
+fn an_event_during_a_long_job_leads_to_the_next_at_once() {
+    let mut s = started(&[settings(Release::Event { minimum: Span(100) }, 0)]);
+    s.signal(TaskId(0), Instant(0));
+    assert_eq!(at(&mut s, 0), Some(0));
+    s.signal(TaskId(0), Instant(50));
+    s.end(Instant(300));
+    assert_eq!(at(&mut s, 300), Some(0));
+    assert_eq!(s.task(TaskId(0)).released(), Instant(300));
+}
+
+#[test]
+fn a_freewheeling_task_has_one_job_in_each_window() {
+    let mut s = started(&[settings(Release::Freewheeling, 9)]);
+    assert_eq!(at(&mut s, 0), None);
+    s.window(Instant(0));
+    assert_eq!(at(&mut s, 0), Some(0));
+    s.window(Instant(100));
+    s.end(Instant(150));
+    assert_eq!(at(&mut s, 150), None);
+    s.window(Instant(200));
+    assert_eq!(at(&mut s, 200), Some(0));
+}
+
+#[test]
+fn a_deadline_that_passes_is_told_once_and_before_the_job_ends() {
+    let mut s = started(&[Settings { deadline: Span(50), ..cyclic(100, 0, 0) }]);
+    assert_eq!(at(&mut s, 0), Some(0));
+    s.advance(Instant(50));
+    assert_eq!(s.take_late(), None);
+    s.advance(Instant(51));
+    assert_eq!((s.take_late(), s.take_late()), (Some(TaskId(0)), None));
+    s.end(Instant(60));
+    assert_eq!(s.take_late(), None);
+    assert_eq!(s.task(TaskId(0)).statistics().misses, 1);
+    assert_eq!(s.task(TaskId(0)).statistics().slack_min, Span(0));
+}
+
+#[test]
+fn a_deadline_that_was_passed_unseen_is_told_at_the_end() {
+    let mut s = started(&[Settings { deadline: Span(50), ..cyclic(100, 0, 0) }]);
+    assert_eq!(at(&mut s, 0), Some(0));
+    s.end(Instant(51));
+    assert_eq!(s.take_late(), Some(TaskId(0)));
+}
+
+#[test]
+fn a_job_over_its_budget_is_told_once() {
+    let mut s = started(&[Settings { budget: Span(30), ..cyclic(100, 0, 0) }]);
+    assert_eq!(at(&mut s, 0), Some(0));
+    assert_eq!(s.account(Span(30)), None);
+    assert_eq!(s.account(Span(1)), Some(Violation::Budget));
+    assert_eq!(s.account(Span(10)), None);
+    assert_eq!(s.end(Instant(41)), None);
+    assert_eq!(s.task(TaskId(0)).statistics().over_budget, 1);
+    // The next job has a budget of its own.
+    assert_eq!(at(&mut s, 100), Some(0));
+    assert_eq!(s.account(Span(30)), None);
+}
+
+#[test]
+fn a_skipped_job_gives_back_what_it_holds_and_the_task_goes_on() {
+    let mut s = started(&[cyclic(100, 0, 1)]);
+    assert_eq!(at(&mut s, 0), Some(0));
+    assert_eq!(s.take(ObjectId(2)), Ok(()));
+    s.skip(TaskId(0), Instant(10));
+    assert_eq!(s.object_at(ObjectId(2)), Object::semaphore(1));
+    assert_eq!((at(&mut s, 50), at(&mut s, 100)), (None, Some(0)));
+    let statistics = s.task(TaskId(0)).statistics();
+    assert_eq!((statistics.jobs, statistics.skipped), (0, 1));
+}
+
+#[test]
+fn a_wait_ends_with_its_time_and_says_so() {
+    let mut s = started(&[cyclic(1000, 0, 0)]);
+    assert_eq!(at(&mut s, 0), Some(0));
+    assert_eq!(s.receive(ObjectId(0), Instant(5), Span(20)), Ok(Received::Waits));
+    assert_eq!(at(&mut s, 24), None);
+    assert_eq!(s.next_event(), Instant(25));
+    s.advance(Instant(25));
+    let picked = s.pick().expect("its time is up");
+    assert_eq!((picked.begins, picked.wake), (false, Some(Wake::TimedOut)));
+    assert_eq!(s.pick().and_then(|again| again.wake), None);
+}
+
+#[test]
+fn calls_that_would_wait_for_ever_or_with_a_semaphore_are_refused() {
+    let mut s = started(&[cyclic(1000, 0, 1)]);
+    assert_eq!(at(&mut s, 0), Some(0));
+    let now = Instant(0);
+    assert_eq!(s.receive(ObjectId(0), now, Span::ZERO), Err(Error::Empty));
+    assert_eq!(s.receive(ObjectId(0), now, Span(u64::MAX)), Err(Error::NotAllowed));
+    assert_eq!(s.wait_flags(ObjectId(1), 0, true, now, Span(1)), Err(Error::NotAllowed));
+    assert_eq!(s.take(ObjectId(2)), Ok(()));
+    assert_eq!(s.receive(ObjectId(0), now, Span(1)), Err(Error::Ceiling));
+    assert_eq!(s.wait_flags(ObjectId(1), 1, true, now, Span(1)), Err(Error::Ceiling));
+    s.set_flags(ObjectId(1), 5).expect("they are flags");
+    assert_eq!(s.wait_flags(ObjectId(1), 6, false, now, Span(1)), Ok(Seen::Flags(4)));
+}
+
+#[test]
+fn objects_of_another_kind_program_or_number_are_none() {
+    let mut s = started(&[cyclic(100, 0, 0)]);
+    assert_eq!(at(&mut s, 0), Some(0));
+    assert_eq!(s.object_of(PROGRAM, 3), Ok(ObjectId(3)));
+    for (program, number) in [(0, 4), (0, u64::MAX), (1, 0), (7, 0)] {
+        assert_eq!(s.object_of(ProgramId(program), number), Err(Error::BadId));
+    }
+    assert_eq!(s.take(ObjectId(0)), Err(Error::BadId));
+    assert_eq!(s.send(ObjectId(1)), Err(Error::BadId));
+    assert_eq!(s.set_flags(ObjectId(2), 1), Err(Error::BadId));
+    assert_eq!(s.read(ObjectId(0)), Err(Error::BadId));
+    // A ceiling less urgent than the task.
+    assert_eq!(s.take(ObjectId(2)), Err(Error::Ceiling));
+}
+
+#[test]
+fn a_value_is_new_once_to_each_task() {
+    let mut s = started(&[cyclic(100, 0, 0), cyclic(100, 0, 1)]);
+    assert_eq!(at(&mut s, 0), Some(0));
+    assert_eq!(s.read(ObjectId(3)), Err(Error::Empty));
+    assert_eq!(s.write(ObjectId(3)), Ok(()));
+    assert_eq!((s.read(ObjectId(3)), s.read(ObjectId(3))), (Ok(true), Ok(false)));
+    s.end(Instant(1));
+    assert_eq!(at(&mut s, 1), Some(1));
+    assert_eq!(s.read(ObjectId(3)), Ok(true));
+}
+
+#[test]
+fn tasks_begin_when_the_initialisation_has_ended() {
+    let mut s = started(&[settings(Release::Start, 255), cyclic(100, 0, 0)]);
+    assert_eq!((s.phase(PROGRAM), at(&mut s, 0)), (Phase::Starting, Some(0)));
+    assert_eq!(at(&mut s, 150), Some(0));
+    s.end(Instant(150));
+    assert_eq!(s.phase(PROGRAM), Phase::Running);
+    assert_eq!((at(&mut s, 199), at(&mut s, 200)), (None, Some(1)));
+    assert_eq!(s.task(TaskId(1)).elapsed(), Span::ZERO);
+}
+
+#[test]
+fn a_failed_program_does_nothing_until_it_is_started_anew() {
+    let mut s = started(&[cyclic(100, 0, 0), cyclic(100, 0, 1)]);
+    assert_eq!(at(&mut s, 0), Some(0));
+    s.send(ObjectId(0)).expect("there is room");
+    s.fail(TaskId(0));
+    assert_eq!(s.task(TaskId(0)).state(), State::Faulted);
+    assert_eq!(s.task(TaskId(1)).state(), State::Dormant);
+    assert_eq!(s.object_at(ObjectId(0)), Object::queue(2));
+    s.signal(TaskId(0), Instant(5));
+    assert_eq!((s.running(), at(&mut s, 1000)), (None, None));
+    s.start(PROGRAM, Instant(1010));
+    assert_eq!((at(&mut s, 1010), at(&mut s, 1100)), (None, Some(0)));
+    assert_eq!(s.task(TaskId(0)).cycle(), 0);
+}
+
+#[test]
+fn more_than_there_is_room_for_is_refused() {
+    let mut s = Small::new();
+    assert!(s.add_program((0..9).map(|_| Object::Flags(0))).is_err());
+    let mut s = started(&[cyclic(1, 0, 0); 8]);
+    assert!(s.add_task(cyclic(1, 0, 0)).is_err());
+    assert!(s.add_program(core::iter::empty()).is_ok());
+    assert!(s.add_program(core::iter::empty()).is_err());
+}
+
+#[test]
+fn a_period_of_zero_and_the_end_of_time_do_no_harm() {
+    let mut s = started(&[cyclic(0, 0, 0), cyclic(u64::MAX, u64::MAX, 0)]);
+    at(&mut s, 1);
+    s.end(Instant(1));
+    at(&mut s, u64::MAX);
+    s.end(Instant(u64::MAX));
+    assert_ne!(s.task(TaskId(0)).state(), State::Waiting(Wait::Message(0)));
+}
