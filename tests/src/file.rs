@@ -48,6 +48,15 @@ impl File {
         self
     }
 
+    /// Adds a PLC on CPU 0 with all the other lines of its table.
+    #[must_use]
+    pub fn plc_with(mut self, name: &str, lines: &str) -> Self {
+        // Writing to a String cannot fail.
+        let _ =
+            write!(self.text, "[[partition]]\nname = {name:?}\nkind = \"plc\"\ncpu = 0\n{lines}\n");
+        self
+    }
+
     /// Adds Linux in the background, with commands that it executes before it gives a shell.
     #[must_use]
     pub fn linux(self, exec: &str) -> Self {

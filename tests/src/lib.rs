@@ -165,6 +165,14 @@ fn scratch() -> PathBuf {
     folder
 }
 
+/// Writes a file for tests; returns its path.
+#[must_use]
+pub fn save_bytes(name: &str, bytes: &[u8]) -> PathBuf {
+    let path = scratch().join(name);
+    fs::write(&path, bytes).expect("the target folder is writable");
+    path.canonicalize().expect("the file is there")
+}
+
 /// A guest image of the PLC's, by the name of its program.
 #[must_use]
 pub fn plc_image(name: &str) -> PathBuf {
@@ -172,7 +180,7 @@ pub fn plc_image(name: &str) -> PathBuf {
     let folder = root().join("plc-guest");
     BUILT.get_or_init(|| {
         let mut cargo = Command::new("cargo");
-        cargo.args(["build", "--release", "--quiet"]).current_dir(&folder);
+        cargo.args(["build", "--workspace", "--release", "--quiet"]).current_dir(&folder);
         // What this test's cargo tells its programs is not meant for another cargo.
         for (key, _) in
             std::env::vars().filter(|(k, _)| k.starts_with("CARGO") && k != "CARGO_HOME")

@@ -22,6 +22,7 @@ mod safe_values;
 mod sandbox;
 mod several_cpus;
 mod stalls;
+mod tasks;
 mod timing;
 mod vfio;
 mod vmx;

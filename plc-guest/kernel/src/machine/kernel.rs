@@ -106,14 +106,14 @@ impl Kernel {
 
     /// Runs for ever. Everything is loaded.
     pub fn run(&mut self) -> ! {
+        for program in self.scheduler.programs() {
+            self.scheduler.start(program, Instant(0));
+        }
         // The start-up has reached into some window. The tasks' time begins with a whole one.
         port::write(takt_abi::port::DONE, 0);
         let first = pages::information();
         self.clock = Clock::new(first.release_tsc, first.tsc_khz);
         self.enter_window(&first);
-        for program in self.scheduler.programs() {
-            self.scheduler.start(program, Instant(0));
-        }
         loop {
             self.look_for_window();
             let now = self.now();

@@ -1,0 +1,363 @@
+//! The functions, in assembler.
+//!
+//! `rdi` points to the task's information, in which its number is at 4. Each function finds the words of
+//! its task in `rbx`, which the prologue sets: parameter at 0, jobs at 8, results from 16 on.
+
+use core::arch::global_asm;
+use takt_program::CodeOffset;
+
+/// Names the functions: a variant of [`Entry`], its label, and its code.
+macro_rules! functions {
+    ($($(#[doc = $doc:literal])* $name:ident = $label:literal: [$($line:literal),* $(,)?])*) => {
+        /// A function that a task can have.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum Entry {
+            $($(#[doc = $doc])* $name,)*
+        }
+
+        impl Entry {
+            /// All of them.
+            pub const ALL: &[Self] = &[$(Self::$name),*];
+
+            /// Where it is in the code.
+            #[must_use]
+            pub fn offset(self) -> CodeOffset {
+                let all: [*const u8; Self::ALL.len()] = {
+                    unsafe extern "C" {
+                        $(#[link_name = $label] #[allow(non_upper_case_globals, reason = "a label")] static $name: u8;)*
+                    }
+                    [$(&raw const $name),*]
+                };
+                CodeOffset((all[self as usize] as usize - start() as usize) as u32)
+            }
+        }
+
+        global_asm!(
+            ".pushsection .rodata.takt_test_programs, \"a\"",
+            ".globl takt_test_start",
+            "takt_test_start:",
+            $(
+                concat!(".globl ", $label),
+                concat!($label, ":"),
+                // rbx: the words of the task, each 64 bytes from the beginning of the state on.
+                "push rbx",
+                "mov ebx, [rdi + 4]",
+                // That of an initialisation is far beyond all tasks.
+                "and ebx, 31",
+                "shl ebx, 6",
+                "add ebx, 0x50000000",
+                "inc qword ptr [rbx + 8]",
+                $($line,)*
+                "pop rbx",
+                "ret",
+            )*
+            ".globl takt_test_end",
+            "takt_test_end:",
+            ".popsection",
+        );
+    };
+}
+
+unsafe extern "C" {
+    static takt_test_start: u8;
+    static takt_test_end: u8;
+    static takt_test_divide: u8;
+}
+
+fn start() -> *const u8 {
+    &raw const takt_test_start
+}
+
+/// All functions.
+pub fn bytes() -> &'static [u8] {
+    let bytes = (&raw const takt_test_end) as usize - start() as usize;
+    // SAFETY: the bytes between the labels are this crate's constants.
+    unsafe { core::slice::from_raw_parts(start(), bytes) }
+}
+
+/// Where a function has an instruction that is in the trap map.
+#[must_use]
+pub fn trap_of(entry: Entry) -> Option<CodeOffset> {
+    let at = (&raw const takt_test_divide) as usize - start() as usize;
+    (entry == Entry::Divide).then_some(CodeOffset(at as u32))
+}
+
+functions! {
+    /// Returns at once.
+    Nothing = "takt_test_nothing": []
+    /// Two instructions as many times as the parameter says.
+    Work = "takt_test_work": ["mov rcx, [rbx]", "2:", "dec rcx", "jnz 2b"]
+    /// Works without end.
+    Endless = "takt_test_endless": ["2:", "jmp 2b"]
+    /// Keeps patterns in all registers for as many rounds as the parameter says, looks at them in each, and
+    /// stops the program with code 77 when one has changed.
+    Patterns = "takt_test_patterns": [
+        "push rbp", "push r12", "push r13", "push r14", "push r15",
+        "mov rcx, [rbx]",
+        "mov [rbx + 16], rsp",
+        "mov dword ptr [rbx + 24], 0x3f80",
+        "ldmxcsr [rbx + 24]",
+        // rbx and rsp have meanings of their own; rcx counts.
+        ".set takt_n, 1",
+        ".irp r, rax, rdx, rsi, rdi, rbp, r8, r9, r10, r11, r12, r13, r14, r15",
+        "mov \\r, -(0x11111100 + takt_n)",
+        ".set takt_n, takt_n + 1",
+        ".endr",
+        ".irp i, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15",
+        "mov qword ptr [rbx + 32], -(0x22222200 + \\i)",
+        "mov qword ptr [rbx + 40], -(0x33333300 + \\i)",
+        "movups xmm\\i, [rbx + 32]",
+        ".endr",
+        "2:",
+        ".set takt_n, 1",
+        ".irp r, rax, rdx, rsi, rdi, rbp, r8, r9, r10, r11, r12, r13, r14, r15",
+        "cmp \\r, -(0x11111100 + takt_n)",
+        "jne 3f",
+        ".set takt_n, takt_n + 1",
+        ".endr",
+        ".irp i, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15",
+        "movups [rbx + 32], xmm\\i",
+        "cmp qword ptr [rbx + 32], -(0x22222200 + \\i)",
+        "jne 3f",
+        "cmp qword ptr [rbx + 40], -(0x33333300 + \\i)",
+        "jne 3f",
+        ".endr",
+        "cmp rsp, [rbx + 16]",
+        "jne 3f",
+        "stmxcsr [rbx + 32]",
+        "cmp dword ptr [rbx + 32], 0x3f80",
+        "jne 3f",
+        "dec rcx",
+        "jnz 2b",
+        "pop r15", "pop r14", "pop r13", "pop r12", "pop rbp",
+        "jmp 4f",
+        "3:",
+        "mov edi, 77",
+        "mov eax, 14",
+        "syscall",
+        "4:",
+    ]
+    /// Destroys what others may have in registers.
+    Destroy = "takt_test_destroy": [
+        "push rbp", "push r12", "push r13", "push r14", "push r15",
+        ".irp r, rax, rcx, rdx, rsi, rdi, rbp, r8, r9, r10, r11, r12, r13, r14, r15",
+        "mov \\r, 0x7777777777777777",
+        ".endr",
+        ".irp i, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15",
+        "pcmpeqd xmm\\i, xmm\\i",
+        ".endr",
+        "pop r15", "pop r14", "pop r13", "pop r12", "pop rbp",
+    ]
+    /// Reads address 0.
+    Null = "takt_test_null": ["mov rax, [0]"]
+    /// Writes into its code.
+    WriteCode = "takt_test_write_code": ["mov byte ptr [0x40000000], 0"]
+    /// Writes into its constants.
+    WriteConstants = "takt_test_write_constants": [
+        // The constants are on the page after the code.
+        "mov byte ptr [0x40001000], 0"
+    ]
+    /// Writes the information of its tasks.
+    WriteInformation = "takt_test_write_information": ["mov byte ptr [rdi], 0"]
+    /// Writes the call page.
+    WriteCallPage = "takt_test_write_call_page": ["mov byte ptr [0x3ffff000], 0"]
+    /// Jumps into its state.
+    JumpIntoData = "takt_test_jump_into_data": ["mov eax, 0x50000000", "jmp rax"]
+    /// Jumps to an address that is none.
+    JumpFar = "takt_test_jump_far": ["mov rax, 0x8000000000000000", "jmp rax"]
+    /// Calls itself without end.
+    Overflow = "takt_test_overflow": ["2:", "push rax", "jmp 2b"]
+    /// A stack pointer that is no address, and a push.
+    NoStack = "takt_test_no_stack": ["mov rsp, 0x8000000000000000", "push rax"]
+    /// Halts.
+    Halt = "takt_test_halt": ["hlt"]
+    /// Closes interrupts.
+    CloseInterrupts = "takt_test_close_interrupts": ["cli"]
+    /// Writes a foreign port.
+    Port = "takt_test_port": ["mov dx, 0x7a08", "xor eax, eax", "out dx, eax"]
+    /// Reads a control register.
+    ControlRegister = "takt_test_control_register": ["mov rax, cr3"]
+    /// Writes a register of the model.
+    ModelRegister = "takt_test_model_register": ["mov ecx, 0xc0000082", "wrmsr"]
+    /// Loads a table of gates.
+    Gates = "takt_test_gates": ["lidt [rbx]"]
+    /// An instruction that is none.
+    Invalid = "takt_test_invalid": ["ud2"]
+    /// Divides by zero, at a place in the trap map.
+    Divide = "takt_test_divides": [
+        "xor ecx, ecx", "test ecx, ecx", "jnz 2f",
+        ".globl takt_test_divide", "takt_test_divide:", "ud2", "2:",
+    ]
+    /// Divides by zero, and lets the processor find it.
+    DivideInstruction = "takt_test_divide_instruction": ["xor ecx, ecx", "xor edx, edx", "div ecx"]
+    /// An aligned access to an address that is not aligned.
+    Misaligned = "takt_test_misaligned": ["movaps xmm0, [rbx + 1]"]
+    /// Steps through its instructions.
+    Step = "takt_test_step": ["pushfq", "or qword ptr [rsp], 0x100", "popfq", "nop", "nop"]
+    /// Steps into a call of the kernel.
+    StepIntoCall = "takt_test_step_into_call": [
+        "mov eax, 1", "pushfq", "or qword ptr [rsp], 0x100", "popfq", "syscall", "nop"
+    ]
+    /// A breakpoint.
+    Breakpoint = "takt_test_breakpoint": ["int3"]
+    /// The interrupt that begins a window.
+    FalseTick = "takt_test_false_tick": ["int 32"]
+    /// The system call of other systems.
+    OldCall = "takt_test_old_call": ["int 0x80"]
+    /// Writes the base of FS.
+    Base = "takt_test_base": ["wrfsbase rax"]
+    /// Loads a segment that is not there.
+    Segment = "takt_test_segment": ["mov eax, 0x18", "mov fs, ax"]
+    /// Asks for the extended states.
+    ExtendedState = "takt_test_extended_state": ["xor ecx, ecx", "xgetbv"]
+    /// Sets the extended states.
+    SetExtendedState = "takt_test_set_extended_state": ["xor ecx, ecx", "xsetbv"]
+    /// Uses a register that is not there.
+    Avx = "takt_test_avx": ["vxorps ymm0, ymm0, ymm0"]
+    /// An SSE exception that was unmasked.
+    FloatingPoint = "takt_test_floating_point": [
+        "mov dword ptr [rbx + 16], 0x1d80", "ldmxcsr [rbx + 16]",
+        "xorps xmm0, xmm0", "divps xmm0, xmm0",
+    ]
+    /// An x87 exception that was unmasked.
+    X87 = "takt_test_x87": [
+        "fninit", "mov word ptr [rbx + 16], 0x37b", "fldcw [rbx + 16]", "fld1", "fldz", "fdivp", "fwait"
+    ]
+    /// Reads the kernel's memory.
+    ReadKernel = "takt_test_read_kernel": ["mov rax, [0x100000]"]
+    /// Reads all RAM where the kernel sees it.
+    ReadRam = "takt_test_read_ram": ["mov rax, 0xffff800000200000", "mov rax, [rax]"]
+    /// Writes the page that the guest shares with the host.
+    WriteStatus = "takt_test_write_status": ["mov eax, 0xc0001000", "mov qword ptr [rax], 0"]
+    /// Sets all flags that ring 3 can, nested task and direction among them, and makes calls with them.
+    Flags = "takt_test_flags": [
+        "push 0x244ed7", "popfq", "mov eax, 1", "syscall", "mov eax, 99", "syscall",
+        "cmp rax, -1", "jne 2f", "push 2", "popfq", "jmp 3f", "2:", "ud2", "3:",
+    ]
+    /// All calls with numbers, pointers and lengths that are none. Stops with code 78 at an answer that is no
+    /// error.
+    BadCalls = "takt_test_bad_calls": [
+        "push r12", "push r13",
+        // Objects that are not there, and pointers all over the place.
+        "mov r12d, 2",
+        "2:",
+        "lea r13, [rip + 5f]",
+        "3:",
+        "mov eax, r12d",
+        "mov rdi, -1",
+        "mov rsi, [r13]",
+        "mov rdx, 16",
+        "mov r10, 1000",
+        "mov r8, -1",
+        "cmp eax, 2",
+        "jne 4f",
+        // A line of text has its pointer first.
+        "mov rdi, rsi",
+        "mov rsi, 16",
+        "4:",
+        "syscall",
+        "test rax, rax",
+        "jns 7f",
+        "add r13, 8",
+        "cmp qword ptr [r13], 1",
+        "jne 3b",
+        "inc r12d",
+        "cmp r12d, 14",
+        "jne 2b",
+        // Numbers that are none.
+        ".irp n, 15, 255, 0x7fffffff, -1, -2",
+        "mov rax, \\n",
+        "syscall",
+        "cmp rax, -1",
+        "jne 7f",
+        ".endr",
+        "jmp 6f",
+        ".balign 8",
+        "5:",
+        ".quad 0, 0x1000, 0x100000, 0x3ffffff8, 0x4fffffff, 0x50003ff8, 0x5ffffff0, 0x5fffffff",
+        ".quad 0xc0000000, 0xc0001000, 0x7fffffffffff, 0x800000000000, 0xffff800000200000",
+        ".quad 0xfffffffffffffff0, 0xffffffffffffffff, 1",
+        "7:",
+        "mov edi, 78",
+        "mov eax, 14",
+        "syscall",
+        "6:",
+        "pop r13", "pop r12",
+    ]
+    /// Stops the program with code 5.
+    Stop = "takt_test_stop": ["mov edi, 5", "mov eax, 14", "syscall"]
+    /// Faults in the job with the number of the parameter.
+    FaultLater = "takt_test_fault_later": [
+        "mov rax, [rbx]", "cmp [rbx + 8], rax", "jb 2f", "ud2", "2:"
+    ]
+    /// Sends its count to object 0, a queue of 8 bytes.
+    Send = "takt_test_send": [
+        "mov eax, 5", "xor edi, edi", "lea rsi, [rbx + 8]", "mov edx, 8", "syscall",
+        "test rax, rax", "jz 2f", "ud2", "2:",
+    ]
+    /// Receives from object 0 for as long as the parameter says, and stops with code 79 if what it
+    /// gets is not what it got last and one more.
+    Receive = "takt_test_receive": [
+        "mov eax, 6", "xor edi, edi", "lea rsi, [rbx + 16]", "mov edx, 8", "mov r10, [rbx]", "syscall",
+        "cmp rax, 8", "jne 2f",
+        "mov rax, [rbx + 24]", "inc rax", "mov [rbx + 24], rax",
+        "cmp rax, [rbx + 16]", "je 3f",
+        "2:", "mov edi, 79", "mov eax, 14", "syscall",
+        "3:",
+    ]
+    /// Takes object 1, a semaphore, adds to a number in two steps with work between, and gives it.
+    Guarded = "takt_test_guarded": [
+        "mov eax, 3", "mov edi, 1", "xor esi, esi", "syscall",
+        "test rax, rax", "jnz 3f",
+        "mov rdx, [0x50003000]",
+        "mov rcx, [rbx]", "2:", "dec rcx", "jnz 2b",
+        "inc rdx", "mov [0x50003000], rdx",
+        "lock inc qword ptr [0x50003008]",
+        "cmp rdx, [0x50003008]", "jne 3f",
+        "mov eax, 4", "mov edi, 1", "syscall",
+        "test rax, rax", "jz 4f",
+        "3:", "mov edi, 80", "mov eax, 14", "syscall",
+        "4:",
+    ]
+    /// Changes a bit at 0x3010 of the state.
+    Toggle = "takt_test_toggle": ["xor byte ptr [0x50003010], 1"]
+    /// Writes its count to port 0.
+    WritePort = "takt_test_write_port": [
+        "mov eax, 13", "xor edi, edi", "lea rsi, [rbx + 8]", "mov edx, 8", "syscall",
+        "test rax, rax", "jz 2f", "ud2", "2:",
+    ]
+    /// Reads from port 0, and stops with code 81 if it is not what it got last and one more.
+    ReadPort = "takt_test_read_port": [
+        "mov eax, 12", "xor edi, edi", "lea rsi, [rbx + 16]", "mov edx, 8", "syscall",
+        "cmp rax, 8", "jne 2f",
+        "mov rax, [rbx + 24]", "inc rax", "mov [rbx + 24], rax",
+        "cmp rax, [rbx + 16]", "je 3f",
+        "2:", "mov edi, 81", "mov eax, 14", "syscall",
+        "3:",
+    ]
+    /// Says hello.
+    Log = "takt_test_log": [
+        "mov eax, 2", "mov rdi, 0x50000038", "mov dword ptr [rdi], 0x6c6c6568",
+        "mov byte ptr [rdi + 4], 0x6f", "mov esi, 5", "syscall",
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_function_is_inside_of_the_code_and_at_a_place_of_its_own() {
+        let mut offsets: Vec<u32> = Entry::ALL.iter().map(|entry| entry.offset().0).collect();
+        assert!(offsets.iter().all(|offset| (*offset as usize) < bytes().len()));
+        offsets.dedup();
+        assert_eq!(offsets.len(), Entry::ALL.len());
+    }
+
+    #[test]
+    fn the_trap_is_an_illegal_instruction() {
+        let at = trap_of(Entry::Divide).map_or(0, |at| at.0 as usize);
+        assert_eq!(bytes()[at..at + 2], [0x0f, 0x0b]);
+        assert_eq!(trap_of(Entry::Nothing), None);
+    }
+}
