@@ -13,7 +13,8 @@ codes! {
     }
 }
 
-/// The first 64 bytes of the page at [`address::TASK_INFORMATION`](crate::address::TASK_INFORMATION).
+/// 64 bytes of the page at [`address::TASK_INFORMATION`](crate::address::TASK_INFORMATION). Tasks preempt each
+/// other, so each has its own: a function finds them by its argument only.
 ///
 /// The kernel writes it before each job; a program can only read it. The argument of `init` and of
 /// each task's function points to it. All fields are native numbers of x86-64.

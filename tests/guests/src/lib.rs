@@ -6,7 +6,7 @@
 //! addresses in them are those of a program's own address space ([`takt_program::address`]).
 //!
 //! The first words of the state are each task's own: a function finds its parameter at [`parameter`], and
-//! counts its jobs at [`count`].
+//! counts its jobs in the word behind it.
 
 mod code;
 

@@ -29,11 +29,11 @@ struct Row<'a>(Vec<&'a str>);
 
 impl<'a> Row<'a> {
     fn of(outcome: &'a Outcome, task: &str) -> Self {
-        let rows = outcome
+        let mut rows = outcome
             .output
             .lines()
             .filter_map(|line| line.trim().split_once("] ").map(|(_, row)| row));
-        let found = rows.filter(|row| row.split_whitespace().next() == Some(task)).last();
+        let found = rows.rfind(|row| row.split_whitespace().next() == Some(task));
         let row = found.unwrap_or_else(|| panic!("no figures of {task}\n{}", outcome.output));
         Self(row.split_whitespace().collect())
     }
