@@ -20,6 +20,13 @@ impl<'a> Body<'_, 'a> {
             );
             return;
         }
+        let in_program =
+            self.unit.is_some_and(|unit| self.checker.units[unit].ast.kind == UnitKind::Program);
+        if in_program && section.kind == SectionKind::InOut {
+            // A task calls a program, and has no variable to hand on by reference.
+            let one = Diagnostic::new(Code::NotSupported, section.span, "VAR_IN_OUT of a program");
+            self.tell(one.allowed("VAR_INPUT and VAR_OUTPUT, or VAR_GLOBAL"));
+        }
         self.check_qualifiers(section, structure);
         for variables in &section.variables {
             if section.kind == SectionKind::External {
