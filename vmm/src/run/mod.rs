@@ -13,6 +13,7 @@ mod result;
 mod start;
 mod this_host;
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -116,6 +117,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         interrupts: Interrupts::new()?,
         late_wake_up: options.late_wake_up,
         deadlines: Preparation::deadlines(file, &board),
+        enforcers: BTreeMap::new(),
         mode: options.seccomp,
         spawner: &spawn,
     };
