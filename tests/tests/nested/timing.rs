@@ -40,7 +40,7 @@ fn beside_busy_linux(program: &str, guard: &str, place: u64) -> File {
 }
 
 #[test]
-fn the_first_release_comes_within_20_milliseconds_and_its_place_to_the_tick() {
+fn the_first_release_comes_within_21_milliseconds_and_its_place_to_the_tick() {
     // Until the kernel has loaded Takt, which then takes the time.
     const EXEC_NS: u64 = 1_000_000;
     for name in ["plc-alone", "plc-and-linux", "jitter"] {
@@ -54,7 +54,7 @@ fn the_first_release_comes_within_20_milliseconds_and_its_place_to_the_tick() {
         let aligning = of("aligning_ns");
         assert!(aligning < 1_000_000, "{name}: {aligning} ns\n{}", outcome.output);
         let besides = of("first_release_ns") - of("clearing_ns") - aligning + EXEC_NS;
-        assert!(besides <= 20_000_000, "{name}: {besides} ns\n{}", outcome.output);
+        assert!(besides <= 21_000_000, "{name}: {besides} ns\n{}", outcome.output);
     }
 }
 
