@@ -126,7 +126,8 @@ fn registers_survive_preemption_at_any_instant() {
     assert_on_time(&outcome, "urgent.destroy");
 }
 
-/// Each fault, and what is said of it. (The emulated processor knows no alignment checks.)
+/// Each fault, and what is said of it. (The emulated processor has no alignment checks and no
+/// exceptions of SSE.)
 const FAULTS: &[(Entry, &str)] = &[
     (Entry::Null, "page fault, read of 0x0 "),
     (Entry::WriteCode, "page fault, write of 0x40000000"),
@@ -158,7 +159,6 @@ const FAULTS: &[(Entry, &str)] = &[
     (Entry::ExtendedState, "invalid opcode"),
     (Entry::SetExtendedState, ""),
     (Entry::Avx, "invalid opcode"),
-    (Entry::FloatingPoint, "SIMD floating point"),
     (Entry::X87, "x87 floating point"),
     (Entry::ReadKernel, "page fault, read of 0x100000"),
     (Entry::ReadRam, "page fault, read of 0xffff800000200000"),
