@@ -170,7 +170,9 @@ impl Run<'_> {
         let threads = windowed.map(|account| account.control.clone());
         let threads = threads.chain(kickers.iter().map(|kicker| kicker.control.clone()));
         let frame = self.file.schedules().frame();
-        HostWatchdog::start(time, frame, threads.collect()).map(Some).map_err(RunError::Watchdog)
+        HostWatchdog::start(time, frame, threads.collect(), self.options.role)
+            .map(Some)
+            .map_err(RunError::Watchdog)
     }
 
     fn begin_trace(&self, outlet: Arc<Outlet>, base: Timebase) -> Trace {
