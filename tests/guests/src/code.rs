@@ -330,6 +330,10 @@ functions! {
         "2:", "mov edi, 81", "mov eax, 14", "syscall",
         "3:",
     ]
+    /// Asks for the time as often as the parameter says.
+    Times = "takt_test_times": [
+        "push r12", "mov r12, [rbx]", "2:", "mov eax, 1", "syscall", "dec r12", "jnz 2b", "pop r12",
+    ]
     /// Says hello.
     Log = "takt_test_log": [
         "mov eax, 2", "mov rdi, 0x50000038", "mov dword ptr [rdi], 0x6c6c6568",

@@ -79,6 +79,17 @@ fn a_task_runs_at_ring_3_at_each_release() {
 }
 
 #[test]
+fn a_call_for_the_time_takes_120_instructions_at_most() {
+    let program = Program::new("p").task(cyclic("main", us(1_000), 0, Entry::Times), 1_000);
+    let file = plc("tasks-times", 1_000, 300, &[("p", program, "")]);
+    let outcome = file.run("tasks-times").lasting("1500ms").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    // With three instructions of the program's for each call.
+    let shortest = Row::of(&outcome, "p.main").number("exec-min");
+    assert!(shortest <= 123 * 1_000, "{shortest}\n{}", outcome.output);
+}
+
+#[test]
 fn six_tasks_of_two_programs_span_windows_and_cost_the_most_urgent_nothing() {
     let fast = Program::new("fast")
         .task(cyclic("control", us(250), 0, Entry::Destroy), 0)
