@@ -1,7 +1,8 @@
-//! Builds what is embedded in `takt`: the PLC guest, and the system calls that its threads may make.
+//! Builds what is embedded in `takt`: two PLC guests, the demonstration and the kernel that runs program images,
+//! and the system calls that its threads may make.
 //!
-//! The guest is freestanding and has its own profile and link flags, so it cannot be a member of
-//! this workspace: it is built by a second cargo, for the same target and with the same toolchain,
+//! Guests are freestanding and have their own profile and link flags, so they cannot be members of
+//! this workspace: they are built by a second cargo, for the same target and with the same toolchain,
 //! into this crate's own output folder. Whoever builds `takt` has thereby built the guest.
 
 use std::env;
@@ -19,8 +20,14 @@ fn main() {
     };
     seccomp::compile(Path::new("seccomp"), &out);
     let guest = Path::new("../plc-guest");
-    let crates = ["../devices/abi", "../devices/channel", "../devices/sja1000"].map(Path::new);
-    for watched in crates.into_iter().chain([guest]) {
+    let crates = [
+        "../devices/abi",
+        "../devices/channel",
+        "../devices/sja1000",
+        "../plc-guest/kernel",
+        "../plc-guest/program",
+    ];
+    for watched in crates.map(Path::new).into_iter().chain([guest]) {
         for inner in ["src", "build.rs", "Cargo.toml", "Cargo.lock", "link.ld", ".cargo"] {
             let path = watched.join(inner);
             if path.exists() {
@@ -31,7 +38,8 @@ fn main() {
 
     let target_dir = out.join("plc-guest");
     let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    cargo.current_dir(guest).args(["build", "--release", "--offline", "--bin", "demo"]);
+    cargo.current_dir(guest).args(["build", "--release", "--offline", "--workspace"]);
+    cargo.args(["--bin", "demo", "--bin", "kernel"]);
     cargo.args(["--target", TARGET, "--target-dir"]).arg(&target_dir);
     // What this cargo tells its build scripts must not reach the other one: its flags and
     // wrappers are for the host's program, its CARGO_* variables for this crate.
@@ -47,6 +55,7 @@ fn main() {
         Ok(status) => panic!("building the PLC guest failed: {status}"),
         Err(error) => panic!("cannot run cargo for the PLC guest: {error}"),
     }
-    let image = target_dir.join(TARGET).join("release/demo");
-    println!("cargo::rustc-env=TAKT_PLC_GUEST={}", image.display());
+    let images = target_dir.join(TARGET).join("release");
+    println!("cargo::rustc-env=TAKT_PLC_DEMO={}", images.join("demo").display());
+    println!("cargo::rustc-env=TAKT_PLC_KERNEL={}", images.join("kernel").display());
 }

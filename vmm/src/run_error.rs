@@ -3,6 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
+use takt_devices::pci::bar::WindowFull;
 use takt_devices::ports::Overlap;
 use thiserror::Error;
 
@@ -16,11 +17,9 @@ use crate::cpuset::CpusetError;
 use crate::disk::DiskError;
 use crate::event::EventError;
 use crate::host_ports::HostPortError;
-use crate::interrupts::InterruptError;
 use crate::machine::MachineError;
 use crate::memory::MemoryError;
 use crate::passthrough::error::DeviceError;
-use crate::pci::PciError;
 use crate::sandbox::SandboxError;
 use crate::supervisor::error::SupervisorError;
 use crate::unix_socket::SocketError;
@@ -51,8 +50,6 @@ pub enum RunError {
     #[error(transparent)]
     Disk(#[from] DiskError),
     #[error(transparent)]
-    Interrupt(#[from] InterruptError),
-    #[error(transparent)]
     Event(#[from] EventError),
     #[error(transparent)]
     Start(#[from] StartError),
@@ -65,7 +62,7 @@ pub enum RunError {
     #[error(transparent)]
     Sandbox(#[from] SandboxError),
     #[error(transparent)]
-    Pci(#[from] PciError),
+    Pci(#[from] WindowFull),
     #[error("two devices of the Linux machine collide: {0}")]
     Ports(#[from] Overlap),
     #[error(
@@ -94,7 +91,7 @@ impl RunError {
             self,
             RunError::Plc { .. }
                 | RunError::Linux { .. }
-                | RunError::Disk(DiskError::File(_))
+                | RunError::Disk(_)
                 | RunError::Control(SocketError::InUse(_) | SocketError::NotASocket(_))
         )
     }

@@ -25,6 +25,8 @@ pub fn check(checked: &mut Checked) -> Result<(), Diagnostic> {
             let end = check_plc(partition, image)?;
             placement::place(checked, end)
         }
+        // The kernel that is built into `takt` ends below the first place for programs.
+        (Kind::Plc { .. }, []) => placement::place(checked, IMAGE_BASE),
         (Kind::Linux { .. }, [kernel, initrd @ ..]) => {
             check_linux(partition, kernel, initrd.first())
         }

@@ -16,7 +16,7 @@ use takt_scheduler::table::{PartitionId, Role};
 use takt_scheduler::time::Nanos;
 
 use super::diagnostic::{Diagnostic, Span, quote};
-use super::interrupts::{self, Allowance};
+use super::interrupts;
 use super::program_tasks;
 use super::schedules::Draft;
 
@@ -37,10 +37,6 @@ pub struct Met {
     pub responses: Box<[Nanos]>,
     /// How much of what the windows give is asked for.
     pub load: Load,
-    /// What each window is taken to lose to a wake-up that no guard absorbs.
-    pub wake_up: Nanos,
-    /// The interrupts that each window is taken to lose time to.
-    pub interrupts: Allowance,
 }
 
 /// Analyses the tasks of one partition in each schedule in which it has a window.
@@ -60,8 +56,7 @@ pub fn check(
         Role::Background => WAKE_UP_ALLOWANCE,
     };
     let kinds: Vec<_> = draft.partitions.iter().map(|p| p.partition.kind()).collect();
-    let interrupts = interrupts::allowance(schedules, partition, &kinds);
-    let overhead = wake_up.plus(interrupts.time());
+    let overhead = wake_up.plus(interrupts::allowance(schedules, partition, &kinds));
     for (i, table) in schedules.tables().iter().enumerate() {
         let schedule = ScheduleId(i);
         let rules = match owner.programs[..] {
@@ -75,7 +70,7 @@ pub fn check(
         if nothing {
             continue;
         }
-        let case = Case { draft, partition, schedule, rules, wake_up, interrupts };
+        let case = Case { draft, partition, schedule, rules };
         match Supply::of(table, partition, overhead) {
             Ok(supply) => met.push(case.judge(&supply)?),
             Err(SupplyError::NoWindows { .. }) => {}
@@ -92,8 +87,6 @@ struct Case<'a> {
     schedule: ScheduleId,
     /// Of the tasks of programs.
     rules: Option<Vec<Rule>>,
-    wake_up: Nanos,
-    interrupts: Allowance,
 }
 
 impl Case<'_> {
@@ -102,8 +95,7 @@ impl Case<'_> {
         let Analysis { method, verdict, load } = self.analyse(&owner.tasks.set, supply);
         let (task, found) = match verdict {
             Verdict::Meets { responses } => {
-                let Case { schedule, wake_up, interrupts, .. } = *self;
-                return Ok(Met { schedule, method, responses, load, wake_up, interrupts });
+                return Ok(Met { schedule: self.schedule, method, responses, load });
             }
             Verdict::Misses(Miss { task, release, deadline, undone }) => {
                 let found = format!(

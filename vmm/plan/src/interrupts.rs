@@ -25,26 +25,9 @@ const TICK: Nanos = Nanos::from_millis(1);
 /// The shortest period of a guest's timer (`min_timer_period_us`, arch/x86/kvm/x86.c).
 const PERIODIC: Nanos = Nanos::from_micros(200);
 
-/// The interrupts that may come in a window.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Allowance {
-    /// Of the host's tick.
-    pub tick: u64,
-    /// Of the timer of a Linux on the same CPU.
-    pub linux: u64,
-}
-
-impl Allowance {
-    /// What all of them take.
-    #[must_use]
-    pub fn time(&self) -> Nanos {
-        Nanos((self.tick + self.linux) * INTERRUPT.0)
-    }
-}
-
-/// What may come in each window of `partition`, by its longest one in any schedule. `kinds` are those of all
-/// partitions.
-pub fn allowance(schedules: &Schedules, partition: PartitionId, kinds: &[&Kind]) -> Allowance {
+/// What interrupts may take from each window of `partition`, by its longest one in any schedule. `kinds`
+/// are those of all partitions.
+pub fn allowance(schedules: &Schedules, partition: PartitionId, kinds: &[&Kind]) -> Nanos {
     let placements = schedules.placements();
     let own = placements[partition.0].cpu;
     let beside_linux = kinds.iter().zip(placements).enumerate().any(|(i, (kind, placement))| {
@@ -53,7 +36,7 @@ pub fn allowance(schedules: &Schedules, partition: PartitionId, kinds: &[&Kind])
     let longest = schedules.timetable_of(partition).map_or(Nanos::ZERO, |t| t.longest());
     let within = |period: Nanos| 1 + longest.0 / period.0;
     let linux = if beside_linux { within(PERIODIC) } else { 0 };
-    Allowance { tick: within(TICK), linux }
+    Nanos((within(TICK) + linux) * INTERRUPT.0)
 }
 
 #[cfg(test)]
@@ -81,7 +64,7 @@ mod tests {
             Kind::Plc { image: None },
             Kind::Linux { kernel: PathBuf::new(), initrd: None, cmdline: String::new() },
         ];
-        allowance(&schedules, PartitionId(0), &[&kinds[0], &kinds[1]]).time()
+        allowance(&schedules, PartitionId(0), &[&kinds[0], &kinds[1]])
     }
 
     #[test]

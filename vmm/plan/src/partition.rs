@@ -226,14 +226,6 @@ fn check_plc(
         }
     };
     let image = raw.image.as_ref().map(|path| images::resolve(around.folder, path)).transpose()?;
-    if let (None, Some(program)) = (&image, raw.program.0.first()) {
-        let found = format!("{} has programs and no guest that runs them", quote(name));
-        return Err(Diagnostic::new(
-            program.span(),
-            found,
-            "`image`, the guest, for its partition",
-        ));
-    }
     if let (Some(task), Some(program)) = (raw.task.0.first(), raw.program.0.first()) {
         let found = format!("{} has tasks of the file beside its programs", quote(name));
         let allowed = "either; the tasks of programs are those in their images";

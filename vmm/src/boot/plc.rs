@@ -18,8 +18,21 @@ use super::long_mode::Entry;
 use crate::memory::GuestMemory;
 use takt_plan::elf::{self, ElfError};
 
-/// The demonstration guest, for partitions that name no image.
-const BUILT_IN: &[u8] = include_bytes!(env!("TAKT_PLC_GUEST"));
+/// For partitions that name neither an image nor programs.
+const DEMO: &[u8] = include_bytes!(env!("TAKT_PLC_DEMO"));
+/// For partitions with programs that name no image.
+const KERNEL: &[u8] = include_bytes!(env!("TAKT_PLC_KERNEL"));
+
+/// Where an image comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source<'a> {
+    /// The demonstration, which is built in.
+    Demo,
+    /// The kernel for program images, which is built in.
+    Kernel,
+    /// This file.
+    File(&'a Path),
+}
 
 /// A PLC image that cannot be started.
 #[derive(Debug, Error)]
@@ -35,7 +48,7 @@ pub enum PlcImageError {
     /// It is no program for this partition.
     #[error("the PLC image {name} cannot be used: {source}")]
     Unfit {
-        /// The file, or "built-in".
+        /// The file, or which built-in one.
         name: String,
         /// Why not.
         source: ElfError,
@@ -43,7 +56,7 @@ pub enum PlcImageError {
     /// The loader refused it.
     #[error("the PLC image {name} cannot be loaded: {source}")]
     Load {
-        /// The file, or "built-in".
+        /// The file, or which built-in one.
         name: String,
         /// What linux-loader said.
         source: linux_loader::loader::Error,
@@ -51,7 +64,7 @@ pub enum PlcImageError {
     /// The partition's memory could not be cleared for it.
     #[error("the memory for the PLC image {name} cannot be cleared: {source}")]
     Clear {
-        /// The file, or "built-in".
+        /// The file, or which built-in one.
         name: String,
         /// What vm-memory said.
         source: GuestMemoryError,
@@ -70,15 +83,15 @@ pub struct PlcImage {
 }
 
 impl PlcImage {
-    /// Reads and checks an image for a partition with RAM of `memory_bytes`; the built-in one, if
-    /// no path is given.
+    /// Reads and checks an image for a partition with RAM of `memory_bytes`.
     ///
     /// # Errors
     /// See [`PlcImageError`].
-    pub fn read(path: Option<&Path>, memory_bytes: u64) -> Result<PlcImage, PlcImageError> {
-        let (name, bytes) = match path {
-            None => ("built-in".to_owned(), Cow::Borrowed(BUILT_IN)),
-            Some(path) => {
+    pub fn read(source: Source<'_>, memory_bytes: u64) -> Result<PlcImage, PlcImageError> {
+        let (name, bytes) = match source {
+            Source::Demo => ("built-in demo".to_owned(), Cow::Borrowed(DEMO)),
+            Source::Kernel => ("built-in kernel".to_owned(), Cow::Borrowed(KERNEL)),
+            Source::File(path) => {
                 let bytes = std::fs::read(path)
                     .map_err(|source| PlcImageError::Read { path: path.to_owned(), source })?;
                 (path.display().to_string(), Cow::Owned(bytes))
@@ -146,26 +159,34 @@ mod tests {
     const RAM: u64 = 4 << 20;
 
     #[test]
-    fn the_built_in_guest_fits_a_small_partition() {
-        let memory = GuestMemory::for_plc(RAM, &[]).unwrap();
-        let entry = PlcImage::read(None, RAM).unwrap().load(&memory).unwrap();
-        assert!(entry.rip >= IMAGE_BASE);
-        let first: u64 = memory.regions().read_obj(GuestAddress(entry.rip)).unwrap();
-        assert_ne!(first, 0, "no code at the entry point");
+    fn the_built_in_guests_fit_a_small_partition() {
+        for source in [Source::Demo, Source::Kernel] {
+            let memory = GuestMemory::for_plc(RAM, &[]).unwrap();
+            let entry = PlcImage::read(source, RAM).unwrap().load(&memory).unwrap();
+            assert!(entry.rip >= IMAGE_BASE);
+            let first: u64 = memory.regions().read_obj(GuestAddress(entry.rip)).unwrap();
+            assert_ne!(first, 0, "no code at the entry point of {source:?}");
+        }
+    }
+
+    /// The first programs lie there: see `takt_plan`'s placement.
+    #[test]
+    fn the_kernel_ends_below_its_programs() {
+        assert!(elf::check(KERNEL, IMAGE_BASE, 2 << 20).is_ok());
     }
 
     #[test]
     fn an_image_that_is_not_one_is_refused_by_name() {
-        let error = PlcImage::read(Some(Path::new(file!())), RAM).unwrap_err();
+        let error = PlcImage::read(Source::File(Path::new(file!())), RAM).unwrap_err();
         assert!(matches!(error, PlcImageError::Read { .. }), "{error}");
-        let error = PlcImage::read(Some(Path::new("/proc/self/cmdline")), RAM).unwrap_err();
+        let error = PlcImage::read(Source::File(Path::new("/proc/self/cmdline")), RAM).unwrap_err();
         assert!(error.to_string().contains("/proc/self/cmdline"), "{error}");
     }
 
     #[test]
     fn a_warm_start_keeps_what_is_retained_and_a_cold_one_nothing() {
         let memory = GuestMemory::for_plc(RAM, &[]).unwrap();
-        let mut image = PlcImage::read(None, RAM).unwrap();
+        let mut image = PlcImage::read(Source::Demo, RAM).unwrap();
         image.retained.push(0x18_0000..0x18_1000);
         let entry = image.load(&memory).unwrap();
         let code: u64 = memory.regions().read_obj(GuestAddress(entry.rip)).unwrap();

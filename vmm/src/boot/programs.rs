@@ -60,17 +60,17 @@ mod tests {
 
     use super::*;
     use crate::boot::StartMode;
-    use crate::boot::plc::PlcImage;
+    use crate::boot::plc::{PlcImage, Source};
     use crate::config;
     use takt_program::build::{Builder, Task};
     use takt_program::{CodeOffset, Nanoseconds};
 
     const FILE: &str = "version = 1\n[system]\nname = \"s\"\nmajor_frame = \"1ms\"\n\
-        [[partition]]\nname = \"plc\"\nkind = \"plc\"\ncpu = 0\nmemory = \"8MiB\"\nimage = \"guest\"\n\
+        [[partition]]\nname = \"plc\"\nkind = \"plc\"\ncpu = 0\nmemory = \"8MiB\"\n\
         [[partition.program]]\nimage = \"a.plc\"\n[[schedule]]\nname = \"normal\"\n\
         [[schedule.window]]\npartition = \"plc\"\noffset = \"0us\"\nduration = \"300us\"\n";
 
-    /// A partition with one program, whose guest is the demonstration.
+    /// A partition with one program.
     fn partition() -> Partition {
         let folder = PathBuf::from(env!("OUT_DIR")).join("programs");
         fs::create_dir_all(&folder).unwrap();
@@ -80,7 +80,6 @@ mod tests {
         task.budget = Some(Nanoseconds(10_000));
         image.task(task);
         fs::write(folder.join("a.plc"), image.build().unwrap()).unwrap();
-        fs::write(folder.join("guest"), fs::read(env!("TAKT_PLC_GUEST")).unwrap()).unwrap();
         fs::write(folder.join("case.toml"), FILE).unwrap();
         config::load(&folder.join("case.toml"), None).unwrap().partitions()[0].clone()
     }
@@ -91,7 +90,7 @@ mod tests {
         let programs = Programs::of(&partition).unwrap();
         let (bytes, image) = (partition.memory_bytes(), programs.table().programs[0]);
         let memory = GuestMemory::for_plc_with_programs(bytes, &[]).unwrap();
-        let guest = PlcImage::read(None, bytes).unwrap();
+        let guest = PlcImage::read(Source::Kernel, bytes).unwrap();
         guest.load(&memory).unwrap();
         for mode in [StartMode::Cold, StartMode::Warm] {
             programs.load(&memory).unwrap();

@@ -10,7 +10,7 @@ use takt_devices::output;
 use super::spawn::Processor;
 use super::{Preparation, Prepared};
 use crate::boot::long_mode::{self, StartError};
-use crate::boot::plc::PlcImage;
+use crate::boot::plc::{PlcImage, Source};
 use crate::boot::programs::Programs;
 use crate::boot::touch::{TouchError, touch};
 use crate::config::Partition;
@@ -32,9 +32,14 @@ impl Preparation<'_> {
     ) -> Result<Prepared, RunError> {
         let unfit = |source| RunError::Plc { partition: partition.name().to_owned(), source };
         let bytes = partition.memory_bytes();
-        let image = PlcImage::read(image, bytes).map_err(unfit)?;
         let ports = self.channels.of(partition.id(), partition.kind());
         let programs = Programs::of(partition);
+        let source = match (image, &programs) {
+            (Some(path), _) => Source::File(path),
+            (None, Some(_)) => Source::Kernel,
+            (None, None) => Source::Demo,
+        };
+        let image = PlcImage::read(source, bytes).map_err(unfit)?;
         let memory = self.clear(|| match &programs {
             None => GuestMemory::for_plc(bytes, &ports.views),
             Some(_) => GuestMemory::for_plc_with_programs(bytes, &ports.views),

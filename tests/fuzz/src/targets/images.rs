@@ -5,7 +5,7 @@ use std::cell::LazyCell;
 use std::thread_local;
 
 use takt::boot::acpi::AcpiConfig;
-use takt::boot::plc::PlcImage;
+use takt::boot::plc::{PlcImage, Source};
 use takt::boot::{StartMode, linux};
 use takt::memory::GuestMemory;
 
@@ -28,7 +28,7 @@ thread_local! {
 /// If it would be entered outside of its memory.
 pub fn plc(data: &[u8]) {
     let path = scratch::file("plc.elf", data);
-    let Ok(image) = PlcImage::read(Some(&path), PLC_RAM) else { return };
+    let Ok(image) = PlcImage::read(Source::File(&path), PLC_RAM) else { return };
     PLC.with(|memory| {
         if let Ok(entry) = image.load(memory) {
             assert!(entry.rip < PLC_RAM, "entry at {:#x}", entry.rip);

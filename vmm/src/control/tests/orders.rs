@@ -7,7 +7,7 @@ use super::super::Orders;
 use super::super::protocol::{ErrorKind, EventKind, State};
 use crate::account::{Account, Finished};
 use crate::boot::StartMode;
-use crate::boot::plc::PlcImage;
+use crate::boot::plc::{PlcImage, Source};
 use crate::handoff::handoff;
 use crate::health::{Table, Watch};
 use crate::memory::GuestMemory;
@@ -22,7 +22,7 @@ const RAM: u64 = 4 << 20;
 
 fn account() -> (Account, Revivals<PlcGuest>) {
     let memory = GuestMemory::for_plc(RAM, &[]).unwrap();
-    let image = PlcImage::read(None, RAM).unwrap();
+    let image = PlcImage::read(Source::Demo, RAM).unwrap();
     let processor = FirstState::none();
     let loader =
         PlcLoader { memory, image, programs: None, channels: Vec::new(), space: None, processor };
