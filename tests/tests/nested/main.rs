@@ -17,6 +17,7 @@ mod linux_ports;
 mod load;
 mod passthrough;
 mod ports;
+mod programs;
 mod quiet;
 mod safe_values;
 mod sandbox;
