@@ -3,10 +3,14 @@
 //! The flags are given for binaries only, so that the library's tests link as ordinary host
 //! programs. The kernel, a package below this one, is linked in the same way.
 
-use std::path::Path;
+use std::env;
+use std::path::PathBuf;
 
 fn main() {
-    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+    // Asked for when it runs: a folder that was moved, or is built elsewhere, is not where it was compiled.
+    let Some(package) = env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from) else {
+        panic!("CARGO_MANIFEST_DIR is not set: this is a cargo build script");
+    };
     let script = package.ancestors().map(|folder| folder.join("link.ld")).find(|s| s.exists());
     let Some(script) = script else {
         panic!("no link.ld in {} or above", package.display());
