@@ -8,12 +8,14 @@
 //!
 //! Every source is hostile: what a file can make the compiler spend is bounded (see [`limits`]).
 
+pub mod build;
 pub mod check;
 pub mod diagnostic;
 pub mod files;
 pub mod hir;
 pub mod library;
 pub mod limits;
+pub mod native;
 pub mod project;
 pub mod source;
 pub mod syntax;

@@ -73,12 +73,12 @@ impl Types {
                 }
             }
             (Type::String { .. }, Constant::String(text)) => {
-                bytes[..2].copy_from_slice(&(text.len() as u16).to_le_bytes());
-                bytes[2..2 + text.len()].copy_from_slice(text);
+                bytes[..text.len()].copy_from_slice(text);
+                bytes[text.len()..].fill(0);
             }
             (Type::WString { .. }, Constant::WString(text)) => {
-                bytes[..2].copy_from_slice(&(text.len() as u16).to_le_bytes());
-                for (unit, place) in text.iter().zip(bytes[2..].chunks_exact_mut(2)) {
+                bytes.fill(0);
+                for (unit, place) in text.iter().zip(bytes.chunks_exact_mut(2)) {
                     place.copy_from_slice(&unit.to_le_bytes());
                 }
             }

@@ -43,7 +43,7 @@ pub enum Intrinsic {
     RotateLeft,
     /// `ROR(in, n)`: n is LINT, taken modulo the width.
     RotateRight,
-    /// Length of a string in units. LINT.
+    /// Length of a string in units, up to the first that is zero. LINT.
     Length,
     /// `LEFT(string, n)`: the first n units; n is LINT, taken between 0 and the length.
     Left,

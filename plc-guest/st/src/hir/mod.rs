@@ -18,6 +18,7 @@ mod place;
 mod print;
 mod program;
 mod statement;
+mod trap;
 mod types;
 
 pub use constant::Constant;
@@ -30,4 +31,5 @@ pub use program::{
     ObjectKind, Program, Retention, Routine, RoutineId, Storage, Task, TaskKind,
 };
 pub use statement::{Block, CaseArm, Statement, StatementKind};
+pub use trap::{Trap, TrapKind};
 pub use types::{Class, Elementary, Field, Section, Structure, StructureKind, Type, TypeId, Types};

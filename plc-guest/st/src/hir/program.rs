@@ -42,7 +42,7 @@ pub struct Program {
     pub tasks: Vec<Task>,
     /// The kernel's objects.
     pub objects: Vec<Object>,
-    /// Rounds that one execution of a WHILE or REPEAT may make; the next one traps. FOR ends by itself.
+    /// Rounds that one execution of a loop may make; the next one traps.
     pub loop_budget: u32,
 }
 

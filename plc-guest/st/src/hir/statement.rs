@@ -29,11 +29,12 @@ pub enum StatementKind {
     /// The arm that holds the selector's value, else the last block. The selector is of an integer class. Arms do not
     /// overlap; if they do, the first counts.
     Case(Expr, Vec<CaseArm>, Block),
-    /// `FOR variable := from TO to BY by`. The variable is of an integer type and is a place without an index or reference in its path.
-    /// All are evaluated once, in the order from, to, by, and have the variable's type. After the body the variable is
-    /// increased by `by`, and wraps; the loop ends if the variable had already passed `to` or if the increase passes it, also
-    /// by wrapping. A `by` of 0 traps as a loop without end. Where `by` is not constant and the type is signed, its sign decides
-    /// the direction.
+    /// `FOR variable := from TO to BY by`. The three are evaluated once, in this order, and have the variable's type, which
+    /// is an integer type; then the variable is assigned. The variable is a place without an index or reference in its
+    /// path. A `by` of 0 traps as a loop without end; its sign, if the type is signed, decides the direction. If `from` has
+    /// passed `to` there is no round. After each round the variable is increased by `by`, and wraps; the loop ends if the
+    /// variable had passed `to`, or passes it, or left the type's range. So no end value makes a FOR
+    /// endless; a body that assigns the variable can, and the loop budget ends it.
     For {
         /// What is counted.
         variable: Place,
@@ -46,7 +47,7 @@ pub enum StatementKind {
         /// What is repeated.
         body: Block,
     },
-    /// As long as the condition is TRUE.
+    /// As long as the condition is TRUE. The loop budget counts tests of the condition.
     While(Expr, Block),
     /// Until the condition, evaluated after the body, is TRUE.
     Repeat(Block, Expr),

@@ -151,12 +151,12 @@ pub struct TypeId(pub u32);
 pub enum Type {
     /// A type of one value.
     Elementary(Elementary),
-    /// `STRING[capacity]`: the current length in bytes (u16), then `capacity` bytes.
+    /// `STRING[capacity]`: `capacity` bytes and one more. The text ends at the first zero byte.
     String {
         /// The greatest length in bytes.
         capacity: u16,
     },
-    /// `WSTRING[capacity]`: the current length in UTF-16 units (u16), then `capacity` units.
+    /// `WSTRING[capacity]`: likewise of UTF-16 units.
     WString {
         /// The greatest length in units.
         capacity: u16,
@@ -429,13 +429,13 @@ impl Types {
         matches!(self.get(id), Type::String { .. } | Type::WString { .. })
     }
 
-    /// The size of a value in bytes; a multiple of its alignment except for strings. 0 for an open array.
+    /// The size of a value in bytes, a multiple of its alignment. 0 for an open array.
     pub fn size(&self, id: TypeId) -> u32 {
         match self.get(id) {
             Type::Elementary(elementary) => elementary.size(),
             Type::Enumeration { base, .. } | Type::Subrange { base, .. } => base.size(),
-            Type::String { capacity } => (2 + u32::from(*capacity)).next_multiple_of(2),
-            Type::WString { capacity } => 2 + 2 * u32::from(*capacity),
+            Type::String { capacity } => u32::from(*capacity) + 1,
+            Type::WString { capacity } => 2 * (u32::from(*capacity) + 1),
             Type::Array { element, lower, upper } => {
                 self.size(*element) * (upper - lower + 1) as u32
             }
@@ -450,7 +450,8 @@ impl Types {
         match self.get(id) {
             Type::Elementary(elementary) => elementary.size(),
             Type::Enumeration { base, .. } | Type::Subrange { base, .. } => base.size(),
-            Type::String { .. } | Type::WString { .. } => 2,
+            Type::String { .. } => 1,
+            Type::WString { .. } => 2,
             Type::Array { element, .. } | Type::OpenArray { element, .. } => self.align(*element),
             Type::Structure(structure) => structure.align,
             Type::Reference { .. } => 8,

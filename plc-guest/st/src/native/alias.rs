@@ -1,0 +1,187 @@
+//! Which variables may live in registers during a loop.
+
+use std::collections::BTreeMap;
+
+use super::effects::{Base, Cell, Collector, Effects, Target, instances};
+use crate::hir::{Area, Elementary, Program, Routine, RoutineId, StatementKind, TypeId};
+
+/// More variables than this are not kept in registers during one loop: there are fewer registers.
+const PROMOTED: usize = 24;
+
+/// What is known of a whole program before a routine is compiled.
+pub struct Knowledge {
+    /// What each routine does, as its callers see it.
+    pub summaries: Vec<Effects>,
+    /// Where instances lie in the state.
+    instances: BTreeMap<TypeId, Vec<(u32, u32)>>,
+    /// Stretches that more than one task uses. A register must not hide a write of another task, nor write back what that
+    /// task has changed since.
+    shared: Vec<(Area, u32, u32)>,
+    tasks: usize,
+}
+
+impl Knowledge {
+    /// Looks at all routines, callees first.
+    pub fn of(program: &Program) -> Knowledge {
+        let mut summaries = vec![Effects::default(); program.routines.len()];
+        for id in callees_first(program) {
+            let routine = program.routine(id);
+            let mut collector = Collector::new(program, routine, &summaries);
+            collector.block(&routine.body);
+            let summary = collector.effects.summary();
+            summaries[id.0 as usize] = summary;
+        }
+        let mut shared = Vec::new();
+        let of_task = |index: usize| &summaries[program.tasks[index].entry.0 as usize];
+        for first in 0..program.tasks.len() {
+            for second in first + 1..program.tasks.len() {
+                overlaps(of_task(first), of_task(second), &mut shared);
+            }
+        }
+        shared.sort_unstable();
+        shared.dedup();
+        Knowledge { summaries, instances: instances(program), shared, tasks: program.tasks.len() }
+    }
+
+    /// The cells that `effects`, of a loop of `routine`, let live in registers.
+    pub fn promotable(&self, routine: &Routine, effects: &Effects) -> Vec<(Cell, bool)> {
+        let mut cells: Vec<(Cell, u32, bool)> = Vec::new();
+        for (target, uses) in &effects.accesses {
+            if let Target::Cell(cell) = target {
+                let written = uses.writes > 0;
+                if !self.is_shared(routine, cell) && !self.hidden(routine, effects, cell, written) {
+                    cells.push((*cell, uses.total, written));
+                }
+            }
+        }
+        cells.sort_by_key(|(cell, total, _)| (std::cmp::Reverse(*total), *cell));
+        cells.truncate(PROMOTED);
+        cells.into_iter().map(|(cell, _, written)| (cell, written)).collect()
+    }
+
+    fn is_shared(&self, routine: &Routine, cell: &Cell) -> bool {
+        let end = cell.offset + cell.ty.size();
+        match cell.base {
+            Base::Local(_) => false,
+            _ if self.tasks < 2 => false,
+            Base::Pointer(_) => true,
+            Base::Area(area) => self
+                .shared
+                .iter()
+                .any(|(other, low, high)| *other == area && cell.offset < *high && *low < end),
+            Base::Instance => self.instances_of(routine).iter().any(|(start, stop)| {
+                self.shared
+                    .iter()
+                    .any(|(area, low, high)| *area == Area::State && start < high && low < stop)
+            }),
+        }
+    }
+
+    fn instances_of(&self, routine: &Routine) -> &[(u32, u32)] {
+        routine.instance.and_then(|ty| self.instances.get(&ty)).map_or(&[], Vec::as_slice)
+    }
+
+    /// Whether some access may touch the cell's memory in another way than as this cell.
+    fn hidden(&self, routine: &Routine, effects: &Effects, cell: &Cell, written: bool) -> bool {
+        effects.accesses.iter().any(|(target, uses)| {
+            (written || uses.writes > 0)
+                && *target != Target::Cell(*cell)
+                && self.may_meet(routine, cell, target)
+        })
+    }
+
+    fn may_meet(&self, routine: &Routine, cell: &Cell, target: &Target) -> bool {
+        let (base, start, end, ty) = match *target {
+            Target::Cell(other) => {
+                (other.base, other.offset, other.offset + other.ty.size(), Some(other.ty))
+            }
+            Target::Range { base, start, end, ty } => (base, start, end, ty),
+            Target::Indirect(ty) => {
+                return same_type(cell, ty);
+            }
+        };
+        let overlap = cell.offset < end && start < cell.offset + cell.ty.size();
+        match (cell.base, base) {
+            (mine, other) if mine == other => overlap,
+            (Base::Area(_), Base::Area(_)) | (Base::Local(_), _) | (_, Base::Local(_)) => false,
+            (Base::Instance, Base::Area(Area::State)) => {
+                self.instances_of(routine).iter().any(|(low, high)| start < *high && *low < end)
+            }
+            (Base::Area(Area::State), Base::Instance) => {
+                let end = cell.offset + cell.ty.size();
+                self.instances_of(routine)
+                    .iter()
+                    .any(|(low, high)| cell.offset < *high && *low < end)
+            }
+            (Base::Instance, Base::Area(_)) | (Base::Area(_), Base::Instance) => false,
+            _ => same_type(cell, ty),
+        }
+    }
+}
+
+/// Whether a reference to type `ty` may refer to the cell. Addresses in %I, %Q and %M may have several types.
+fn same_type(cell: &Cell, ty: Option<Elementary>) -> bool {
+    match cell.base {
+        Base::Area(Area::Input | Area::Output | Area::Marker) => true,
+        _ => ty.is_none_or(|ty| ty == cell.ty),
+    }
+}
+
+fn overlaps(first: &Effects, second: &Effects, shared: &mut Vec<(Area, u32, u32)>) {
+    let stretches = |effects: &Effects| {
+        let all = effects.accesses.iter().filter_map(|(target, uses)| match target {
+            Target::Range { base: Base::Area(area), start, end, .. } => {
+                Some((*area, *start, *end, uses.writes > 0))
+            }
+            Target::Indirect(_) => Some((Area::State, 0, u32::MAX, uses.writes > 0)),
+            _ => None,
+        });
+        all.collect::<Vec<_>>()
+    };
+    let others = stretches(second);
+    for (area, start, end, write) in stretches(first) {
+        for (other, low, high, writes) in &others {
+            if area == *other && (write || *writes) && start < *high && *low < end {
+                shared.push((area, start.max(*low), end.min(*high)));
+            }
+        }
+    }
+}
+
+/// All routines, each behind those that it calls. Calls form no cycle.
+pub fn callees_first(program: &Program) -> Vec<RoutineId> {
+    let mut order = Vec::new();
+    let mut seen = vec![false; program.routines.len()];
+    for start in 0..program.routines.len() {
+        // A stack of its own: the depth of calls is the user's.
+        let mut stack = vec![(RoutineId(start as u32), false)];
+        while let Some((id, done)) = stack.pop() {
+            if done {
+                order.push(id);
+            } else if !std::mem::replace(&mut seen[id.0 as usize], true) {
+                stack.push((id, true));
+                stack.extend(called(program, id).into_iter().map(|callee| (callee, false)));
+            }
+        }
+    }
+    order
+}
+
+/// The routines that a routine calls, each once, in the order of the text.
+pub fn called(program: &Program, id: RoutineId) -> Vec<RoutineId> {
+    let mut found = Vec::new();
+    super::walk::statements(&program.routine(id).body, &mut |statement| {
+        if let StatementKind::Call(routine, _) | StatementKind::Invoke(_, routine) = &statement.kind
+        {
+            found.push(*routine);
+        }
+    });
+    super::walk::expressions(&program.routine(id).body, &mut |expr| {
+        if let crate::hir::ExprKind::Call(routine, _) = &expr.kind {
+            found.push(*routine);
+        }
+    });
+    found.sort_unstable();
+    found.dedup();
+    found
+}

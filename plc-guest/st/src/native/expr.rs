@@ -1,0 +1,211 @@
+//! Expressions of scalar types.
+
+use cranelift_codegen::ir::condcodes::{FloatCC, IntCC};
+use cranelift_codegen::ir::{InstBuilder, Value, types};
+
+use super::lower::{Home, Lower};
+use super::target::{MEMORY, address, register};
+use super::text::View;
+use crate::hir::{
+    Class, Comparison, Constant, Elementary, Expr, ExprKind, Intrinsic, Root, Type, TypeId,
+    UnaryOperator,
+};
+
+/// Offsets of the task's information, see the crate of the program image.
+const CYCLE: i32 = 8;
+const NOW: i32 = 16;
+const ELAPSED: i32 = 24;
+
+impl Lower<'_> {
+    /// The value of an expression of a scalar type.
+    pub(super) fn expr(&mut self, expr: &Expr) -> Value {
+        self.at(expr.location);
+        match &expr.kind {
+            ExprKind::Constant(constant) => self.constant(expr.ty, constant),
+            ExprKind::Load(place) => {
+                let located = self.locate(place);
+                self.load(located, place.ty)
+            }
+            ExprKind::Unary(operator, operand) => {
+                let value = self.expr(operand);
+                match (operator, self.scalar(expr.ty).class()) {
+                    (UnaryOperator::Negate, Class::Float) => self.builder.ins().fneg(value),
+                    (UnaryOperator::Negate, _) => self.builder.ins().ineg(value),
+                    (UnaryOperator::Not, Class::Bool) => self.builder.ins().bxor_imm_u(value, 1),
+                    (UnaryOperator::Not, _) => self.builder.ins().bnot(value),
+                }
+            }
+            ExprKind::Arithmetic(operator, left, right) => {
+                self.arithmetic(expr, *operator, left, right)
+            }
+            ExprKind::Compare(comparison, left, right) => self.compare(*comparison, left, right),
+            ExprKind::AndThen(left, right) => self.shortcut(left, right, false),
+            ExprKind::OrElse(left, right) => self.shortcut(left, right, true),
+            ExprKind::Convert(conversion, operand) => self.convert(expr, *conversion, operand),
+            ExprKind::Call(routine, arguments) => match self.call(*routine, arguments) {
+                Some(value) => value,
+                None => unreachable!("a function with a scalar result"),
+            },
+            ExprKind::Intrinsic(intrinsic, arguments) => {
+                self.intrinsic(expr, *intrinsic, arguments)
+            }
+            ExprKind::Reference(place) => self.address(place),
+            ExprKind::Bound { place, dimension, upper } => {
+                let Root::Local(id) = &place.root else {
+                    unreachable!("an open array is a parameter")
+                };
+                let Home::Open(_, bounds) = &self.homes[id.0 as usize] else {
+                    unreachable!("an open array is a VAR_IN_OUT")
+                };
+                let (low, high) = bounds[usize::from(*dimension)];
+                self.builder.use_var(if *upper { high } else { low })
+            }
+        }
+    }
+
+    /// A constant of a scalar type.
+    pub(super) fn constant(&mut self, ty: TypeId, constant: &Constant) -> Value {
+        let scalar = self.scalar(ty);
+        let real = match constant {
+            Constant::Real(value) => *value,
+            _ => 0.0,
+        };
+        match scalar {
+            Elementary::Real => self.builder.ins().f32const(real as f32),
+            Elementary::Lreal => self.builder.ins().f64const(real),
+            _ => {
+                let value = match constant {
+                    Constant::Integer(value) => *value,
+                    Constant::Address(global, offset) => i128::from(
+                        super::global_address(self.program, *global) + u64::from(*offset),
+                    ),
+                    _ => self.program.types.first_value(ty),
+                };
+                self.integer(scalar, value)
+            }
+        }
+    }
+
+    /// An integer constant. Cranelift wants the bits above the type's width to be zero.
+    pub(super) fn integer(&mut self, ty: Elementary, value: i128) -> Value {
+        let bits = match ty.size() {
+            8 => value as i64,
+            size => (value as i64) & ((1 << (size * 8)) - 1),
+        };
+        self.builder.ins().iconst(register(ty), bits)
+    }
+
+    fn shortcut(&mut self, left: &Expr, right: &Expr, decided_by: bool) -> Value {
+        let (other, end) = (self.builder.create_block(), self.builder.create_block());
+        let result = self.builder.append_block_param(end, types::I8);
+        let first = self.expr(left);
+        let first_argument = [first.into()];
+        if decided_by {
+            self.builder.ins().brif(first, end, &first_argument, other, &[]);
+        } else {
+            self.builder.ins().brif(first, other, &[], end, &first_argument);
+        }
+        self.builder.switch_to_block(other);
+        let second = self.expr(right);
+        self.builder.ins().jump(end, &[second.into()]);
+        self.builder.switch_to_block(end);
+        result
+    }
+
+    pub(super) fn compare(&mut self, comparison: Comparison, left: &Expr, right: &Expr) -> Value {
+        if self.program.types.is_string(left.ty) {
+            return self.compare_text(comparison, left, right);
+        }
+        let class = self.scalar(left.ty).class();
+        let (left, right) = (self.expr(left), self.expr(right));
+        if class == Class::Float {
+            let condition = match comparison {
+                Comparison::Equal => FloatCC::Equal,
+                Comparison::NotEqual => FloatCC::NotEqual,
+                Comparison::Less => FloatCC::LessThan,
+                Comparison::LessEqual => FloatCC::LessThanOrEqual,
+                Comparison::Greater => FloatCC::GreaterThan,
+                Comparison::GreaterEqual => FloatCC::GreaterThanOrEqual,
+            };
+            return self.builder.ins().fcmp(condition, left, right);
+        }
+        self.builder.ins().icmp(integer_condition(comparison, class == Class::Signed), left, right)
+    }
+
+    fn intrinsic(&mut self, expr: &Expr, intrinsic: Intrinsic, arguments: &[Expr]) -> Value {
+        use Intrinsic::*;
+        match intrinsic {
+            Now => self.information(NOW),
+            Elapsed => self.information(ELAPSED),
+            Cycle => self.information(CYCLE),
+            Select => {
+                let choice = self.expr(&arguments[0]);
+                let (zero, one) = (self.expr(&arguments[1]), self.expr(&arguments[2]));
+                self.builder.ins().select(choice, one, zero)
+            }
+            Min | Max => {
+                let class = self.scalar(expr.ty).class();
+                let (left, right) = (self.expr(&arguments[0]), self.expr(&arguments[1]));
+                let comparison =
+                    if intrinsic == Min { Comparison::Less } else { Comparison::Greater };
+                let first = match (class, intrinsic) {
+                    (Class::Float, Min) => self.builder.ins().fcmp(FloatCC::LessThan, left, right),
+                    (Class::Float, _) => self.builder.ins().fcmp(FloatCC::GreaterThan, left, right),
+                    (class, _) => {
+                        let condition = integer_condition(comparison, class == Class::Signed);
+                        self.builder.ins().icmp(condition, left, right)
+                    }
+                };
+                self.builder.ins().select(first, left, right)
+            }
+            Abs => {
+                let value = self.expr(&arguments[0]);
+                match self.scalar(expr.ty).class() {
+                    Class::Float => self.builder.ins().fabs(value),
+                    Class::Signed => self.builder.ins().iabs(value),
+                    _ => value,
+                }
+            }
+            Sqrt => {
+                let value = self.expr(&arguments[0]);
+                self.builder.ins().sqrt(value)
+            }
+            ShiftLeft | ShiftRight | RotateLeft | RotateRight => {
+                self.shift(expr, intrinsic, arguments)
+            }
+            Ln | Log | Exp | Sin | Cos | Tan | Asin | Acos | Atan | Atan2 | Power => {
+                self.function_of_reals(expr, intrinsic, arguments)
+            }
+            Length => self.view(&arguments[0]).units,
+            Find => self.find(&arguments[0], &arguments[1]),
+            UnitAt => {
+                let wide = matches!(self.program.types.get(arguments[0].ty), Type::WString { .. });
+                let View { start, units } = self.stable_view(&arguments[0], &arguments[1..]);
+                let position = self.expr(&arguments[1]);
+                self.unit_at(start, units, position, wide)
+            }
+            Left | Right | Mid | Concat | FromUnit => unreachable!("{intrinsic:?} is a string"),
+        }
+    }
+
+    fn information(&mut self, offset: i32) -> Value {
+        let base = self.builder.ins().iconst(types::I64, address::TASK_INFORMATION as i64);
+        self.builder.ins().load(types::I64, MEMORY, base, offset)
+    }
+}
+
+/// The condition of a comparison of integers.
+pub(super) fn integer_condition(comparison: Comparison, signed: bool) -> IntCC {
+    match (comparison, signed) {
+        (Comparison::Equal, _) => IntCC::Equal,
+        (Comparison::NotEqual, _) => IntCC::NotEqual,
+        (Comparison::Less, true) => IntCC::SignedLessThan,
+        (Comparison::Less, false) => IntCC::UnsignedLessThan,
+        (Comparison::LessEqual, true) => IntCC::SignedLessThanOrEqual,
+        (Comparison::LessEqual, false) => IntCC::UnsignedLessThanOrEqual,
+        (Comparison::Greater, true) => IntCC::SignedGreaterThan,
+        (Comparison::Greater, false) => IntCC::UnsignedGreaterThan,
+        (Comparison::GreaterEqual, true) => IntCC::SignedGreaterThanOrEqual,
+        (Comparison::GreaterEqual, false) => IntCC::UnsignedGreaterThanOrEqual,
+    }
+}

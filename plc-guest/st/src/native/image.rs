@@ -1,0 +1,264 @@
+//! The program image: what was compiled, with the tables that the kernel and the tools read.
+
+use std::collections::HashMap;
+
+use takt_program::build::{self, Builder, Kind, Place};
+use takt_program::{Area, CodeOffset, Flags, Nanoseconds, ObjectKind, TaskId, TrapKind};
+
+use super::Native;
+use super::alias::Knowledge;
+use super::effects::{Base, Target};
+use crate::hir::{
+    self, Elementary, Global, Location, Program, Retention, StructureKind, TaskKind, Type, TypeId,
+};
+
+/// The bytes of the image of a compiled program.
+///
+/// # Errors
+/// What the image's own rules refuse, such as more variables than it can have.
+pub fn image(program: &Program, native: &Native) -> Result<Vec<u8>, takt_program::ImageError> {
+    let mut builder = Builder::new(&program.name);
+    builder.code.clone_from(&native.code);
+    builder.constants.clone_from(&native.constants);
+    builder.init = Some(CodeOffset(native.init));
+    // Zeros at the end need no room in the file.
+    let used = native.state.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
+    builder.state = native.state[..used].to_vec();
+    builder.state_bytes = native.state.len() as u32;
+    builder.input_bytes = program.area_size(hir::Area::Input);
+    builder.output_bytes = program.area_size(hir::Area::Output);
+    builder.marker_bytes = program.area_size(hir::Area::Marker);
+
+    let mut types = Types { program, known: HashMap::new() };
+    let writers = Writers::of(program);
+    for global in &program.globals {
+        let ty = types.add(&mut builder, global.ty);
+        let mut variable =
+            build::Variable::new(&name(&global.name), ty, area(global), global.storage.offset);
+        variable.bit = global.storage.bit;
+        variable.flags = flags(global);
+        variable.writer = writers.only(program, global);
+        variable.declared = place(program, global.location);
+        builder.variable(variable);
+    }
+    for (task, stack) in program.tasks.iter().zip(&native.stacks) {
+        let entry = CodeOffset(native.routines[task.entry.0 as usize]);
+        let mut built = build::Task::new(&name(&task.name), when(&task.kind), entry);
+        built.priority = task.priority;
+        built.budget = (task.budget_ns > 0).then_some(Nanoseconds(task.budget_ns));
+        built.deadline = (task.deadline_ns > 0).then_some(Nanoseconds(task.deadline_ns));
+        built.stack_bytes = *stack;
+        builder.task(built);
+    }
+    for object in &program.objects {
+        builder.object(build::Object { name: name(&object.name), kind: object_kind(object.kind) });
+    }
+    for site in &native.traps {
+        let kind = match site.trap.kind {
+            hir::TrapKind::Bounds => TrapKind::Bounds,
+            hir::TrapKind::ZeroDivide => TrapKind::ZeroDivide,
+            hir::TrapKind::Null => TrapKind::Null,
+            hir::TrapKind::LoopBudget => TrapKind::LoopBudget,
+            hir::TrapKind::Subrange => TrapKind::Subrange,
+        };
+        builder.trap(build::Trap {
+            at: CodeOffset(site.offset),
+            kind,
+            place: place(program, site.trap.location),
+        });
+    }
+    for (at, location) in &native.lines {
+        if let Some(Place { file, line, .. }) = place(program, *location) {
+            builder.line(build::Line { at: CodeOffset(*at), file, line });
+        }
+    }
+    builder.build()
+}
+
+/// A name as images have them. Only names that the compiler made have other characters: that of an
+/// address loses its percent sign, and in those of hidden variables other characters become `_`.
+fn name(name: &str) -> String {
+    let allowed = |c: char| if c.is_ascii_alphanumeric() || "_.-[],".contains(c) { c } else { '_' };
+    name.trim_start_matches('%').chars().map(allowed).collect()
+}
+
+fn place(program: &Program, location: Location) -> Option<Place> {
+    let file = program.files.get(usize::from(location.file))?.clone();
+    (location.line > 0).then_some(Place { file, line: location.line, column: location.column })
+}
+
+fn area(global: &Global) -> Area {
+    match global.storage.area {
+        hir::Area::State => Area::State,
+        hir::Area::Input => Area::Input,
+        hir::Area::Output => Area::Output,
+        hir::Area::Marker => Area::Marker,
+    }
+}
+
+fn flags(global: &Global) -> Flags {
+    let mut flags = match global.retention {
+        Retention::None => Flags::NONE,
+        Retention::Retain => Flags::RETAIN,
+        Retention::Persistent => Flags::PERSISTENT,
+    };
+    match global.storage.area {
+        hir::Area::Input => flags = flags.with(Flags::INPUT),
+        hir::Area::Output => flags = flags.with(Flags::OUTPUT),
+        _ => {}
+    }
+    flags.with(if global.constant { Flags::CONSTANT } else { Flags::FORCEABLE })
+}
+
+fn when(kind: &TaskKind) -> build::When {
+    match kind {
+        TaskKind::Cyclic { period_ns, offset_ns } => {
+            build::When::Cyclic { period: Nanoseconds(*period_ns), offset: Nanoseconds(*offset_ns) }
+        }
+        TaskKind::Event { source, minimum_ns } => build::When::Event {
+            source: build::Event::Rise(name(source)),
+            minimum: Nanoseconds(*minimum_ns),
+        },
+        TaskKind::Freewheeling => build::When::Freewheeling,
+    }
+}
+
+fn object_kind(kind: hir::ObjectKind) -> ObjectKind {
+    match kind {
+        hir::ObjectKind::Semaphore { ceiling } => ObjectKind::Semaphore { ceiling },
+        hir::ObjectKind::Queue { message, depth } => {
+            ObjectKind::Queue { message_bytes: message, depth }
+        }
+        hir::ObjectKind::Mailbox { bytes } => ObjectKind::Mailbox { bytes },
+        hir::ObjectKind::Flags => ObjectKind::Flags,
+    }
+}
+
+/// Which tasks write what.
+struct Writers {
+    stretches: Vec<(hir::Area, u32, u32, u16)>,
+}
+
+impl Writers {
+    fn of(program: &Program) -> Writers {
+        let knowledge = Knowledge::of(program);
+        let mut stretches = Vec::new();
+        for (number, task) in program.tasks.iter().enumerate() {
+            for (target, uses) in &knowledge.summaries[task.entry.0 as usize].accesses {
+                if let (Target::Range { base: Base::Area(area), start, end, .. }, true) =
+                    (target, uses.writes > 0)
+                {
+                    stretches.push((*area, *start, *end, number as u16));
+                }
+            }
+        }
+        Writers { stretches }
+    }
+
+    /// The task that alone writes an output. Writes through references are not seen, so nothing is said of other areas.
+    fn only(&self, program: &Program, global: &Global) -> Option<TaskId> {
+        if global.storage.area != hir::Area::Output {
+            return None;
+        }
+        let start = global.storage.offset;
+        let end = start + program.types.size(global.ty);
+        let mut writers = self.stretches.iter().filter(|(area, low, high, _)| {
+            *area == hir::Area::Output && start < *high && *low < end
+        });
+        let first = writers.next()?.3;
+        writers.all(|other| other.3 == first).then_some(TaskId(first))
+    }
+}
+
+/// Types as the image numbers them: each behind its parts.
+struct Types<'p> {
+    program: &'p Program,
+    known: HashMap<TypeId, takt_program::TypeId>,
+}
+
+impl Types<'_> {
+    fn add(&mut self, builder: &mut Builder, id: TypeId) -> takt_program::TypeId {
+        if let Some(known) = self.known.get(&id) {
+            return *known;
+        }
+        let types = &self.program.types;
+        let kind = match types.get(id) {
+            Type::Elementary(ty) => Kind::Elementary(elementary(*ty)),
+            Type::String { capacity } => Kind::String { length: u32::from(*capacity) },
+            Type::WString { capacity } => Kind::WString { length: u32::from(*capacity) },
+            Type::Enumeration { base, values, .. } => Kind::Enumeration {
+                base: elementary(*base),
+                values: values
+                    .iter()
+                    .map(|(name, value)| (self::name(name), *value as i64))
+                    .collect(),
+            },
+            Type::Subrange { base, lower, upper, .. } => {
+                Kind::Subrange { base: elementary(*base), low: *lower as i64, high: *upper as i64 }
+            }
+            Type::Array { element, lower, upper } => {
+                Kind::Array { element: self.add(builder, *element), lower: *lower, upper: *upper }
+            }
+            // What a reference refers to may contain the reference; the image is then told of an address only.
+            Type::Reference { target } => match self.known.get(target) {
+                Some(target) => Kind::Reference { target: *target },
+                None => Kind::Elementary(takt_program::Elementary::Lword),
+            },
+            Type::Structure(structure) => {
+                let fields = structure.fields.iter().map(|field| build::Field {
+                    name: name(&field.name),
+                    ty: self.add(builder, field.ty),
+                    offset: field.offset,
+                });
+                let fields = fields.collect();
+                match structure.kind {
+                    StructureKind::Struct => Kind::Structure { fields },
+                    StructureKind::FunctionBlock | StructureKind::Program => {
+                        Kind::FunctionBlock { fields }
+                    }
+                }
+            }
+            Type::OpenArray { .. } => unreachable!("only a parameter is an open array"),
+        };
+        let ty = match types.get(id) {
+            Type::Enumeration { name, .. } | Type::Structure(hir::Structure { name, .. }) => {
+                build::Type::new(types.size(id), kind).named(&self::name(name))
+            }
+            _ => build::Type::new(types.size(id), kind),
+        };
+        let number = builder.ty(ty);
+        self.known.insert(id, number);
+        number
+    }
+}
+
+fn elementary(ty: Elementary) -> takt_program::Elementary {
+    use takt_program::Elementary as To;
+    match ty {
+        Elementary::Bool => To::Bool,
+        Elementary::Sint => To::Sint,
+        Elementary::Int => To::Int,
+        Elementary::Dint => To::Dint,
+        Elementary::Lint => To::Lint,
+        Elementary::Usint => To::Usint,
+        Elementary::Uint => To::Uint,
+        Elementary::Udint => To::Udint,
+        Elementary::Ulint => To::Ulint,
+        Elementary::Byte => To::Byte,
+        Elementary::Word => To::Word,
+        Elementary::Dword => To::Dword,
+        Elementary::Lword => To::Lword,
+        Elementary::Real => To::Real,
+        Elementary::Lreal => To::Lreal,
+        Elementary::Time => To::Time,
+        Elementary::Ltime => To::Ltime,
+        Elementary::Date => To::Date,
+        Elementary::Ldate => To::Ldate,
+        Elementary::Tod => To::Tod,
+        Elementary::Ltod => To::Ltod,
+        Elementary::Dt => To::Dt,
+        Elementary::Ldt => To::Ldt,
+        Elementary::Char => To::Char,
+        Elementary::Wchar => To::Wchar,
+    }
+}

@@ -1,0 +1,190 @@
+//! The code generator: from the typed tree to machine code at the addresses of a program.
+//!
+//! Each routine is lowered to the intermediate form of Cranelift and compiled by it, on its own; then all are placed one
+//! behind the other and the distances between them are filled in. There is no object file and no linker: a program has
+//! fixed addresses and refers to nothing outside of itself, and two builds of a source are equal to the last bit.
+
+mod alias;
+mod arithmetic;
+mod call;
+mod convert;
+mod effects;
+mod expr;
+mod image;
+mod link;
+mod loops;
+mod lower;
+mod place;
+mod runtime;
+mod start;
+mod statement;
+mod target;
+mod text;
+mod walk;
+
+pub use image::image;
+
+use cranelift_codegen::{Context, control::ControlPlane};
+use cranelift_frontend::FunctionBuilderContext;
+use thiserror::Error;
+
+use crate::hir::{Area, Constant, GlobalId, Location, Program, RoutineId, Trap};
+
+/// A compiled program.
+pub struct Native {
+    /// The code, for the address where the code of every program begins.
+    pub code: Vec<u8>,
+    /// The constants, for the page behind the code.
+    pub constants: Vec<u8>,
+    /// The initial state: all variables with their initial values.
+    pub state: Vec<u8>,
+    /// The offset of `init`.
+    pub init: u32,
+    /// The offset of each routine's code.
+    pub routines: Vec<u32>,
+    /// Bytes of stack that each task takes at most, in the order of the tasks.
+    pub stacks: Vec<u32>,
+    /// Instructions that end the program, by their offset, ascending.
+    pub traps: Vec<TrapSite>,
+    /// Where the code of a place in the source begins, ascending.
+    pub lines: Vec<(u32, Location)>,
+}
+
+/// An instruction that ends the program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TrapSite {
+    /// Its offset in the code.
+    pub offset: u32,
+    /// What it means.
+    pub trap: Trap,
+}
+
+/// Why a program cannot be compiled.
+#[derive(Debug, Error)]
+pub enum NativeError {
+    /// Cranelift refused a routine: an error of the compiler.
+    #[error("internal error of the compiler in {routine}: {message}")]
+    Internal {
+        /// The routine.
+        routine: String,
+        /// What Cranelift says.
+        message: String,
+    },
+    /// More code than a program can have.
+    #[error("{0} bytes of code; a program has at most {max}", max = takt_program::limit::CODE_BYTES)]
+    TooMuchCode(usize),
+    /// More constants than a program can have.
+    #[error("{0} bytes of constants; a program has at most {max}", max = takt_program::limit::CONSTANT_BYTES)]
+    TooManyConstants(usize),
+    /// More state than a program can have.
+    #[error("the variables take {0} bytes; a program has at most {max}", max = takt_program::limit::STATE_BYTES)]
+    TooMuchState(u32),
+    /// More stack than a task can have.
+    #[error("task {task} needs {bytes} bytes of stack; it has at most {max}", max = takt_program::limit::STACK_BYTES)]
+    TooMuchStack {
+        /// The task.
+        task: String,
+        /// What it needs.
+        bytes: u32,
+    },
+}
+
+/// Compiles a program.
+///
+/// # Errors
+/// See [`NativeError`].
+pub fn compile(program: &Program) -> Result<Native, NativeError> {
+    if program.state_size() > takt_program::limit::STATE_BYTES {
+        return Err(NativeError::TooMuchState(program.state_size()));
+    }
+    let mut with_init = program.clone();
+    // An index of an array at an output is a LINT.
+    with_init.types.elementary(crate::hir::Elementary::Lint);
+    let init = with_init.add_routine(start::routine(&with_init));
+    let program = &with_init;
+    let machine = target::machine();
+    let knowledge = alias::Knowledge::of(program);
+    let mut frontend = FunctionBuilderContext::new();
+    let mut compiled = Vec::with_capacity(program.routines.len());
+    for index in 0..program.routines.len() {
+        let id = RoutineId(index as u32);
+        let lowered =
+            lower::lower(program, &knowledge, id, &mut frontend, machine.frontend_config());
+        let mut context = Context::for_function(lowered.function);
+        let result = context.compile(&*machine, &mut ControlPlane::default());
+        if let Err(error) = result {
+            let routine = program.routine(id).name.clone();
+            return Err(NativeError::Internal { routine, message: format!("{:?}", error.inner) });
+        }
+        let Some(code) = context.compiled_code() else { unreachable!("it was compiled") };
+        compiled.push(link::Compiled::new(
+            &context.func,
+            code,
+            &lowered.locations,
+            lowered.constants,
+        ));
+    }
+    let linked = link::link(program, &compiled)?;
+    let stacks = link::stacks(program, &compiled);
+    let mut of_tasks = Vec::new();
+    for task in &program.tasks {
+        let bytes = stacks[&task.entry];
+        if bytes > takt_program::limit::STACK_BYTES {
+            return Err(NativeError::TooMuchStack { task: task.name.clone(), bytes });
+        }
+        of_tasks.push(bytes);
+    }
+    Ok(Native {
+        code: linked.code,
+        constants: linked.constants,
+        state: initial(program),
+        init: linked.routines[init.0 as usize],
+        routines: linked.routines,
+        stacks: of_tasks,
+        traps: linked.traps,
+        lines: linked.lines,
+    })
+}
+
+/// The intermediate form of each routine as text, for `--emit ir`.
+pub fn intermediate(program: &Program) -> String {
+    let machine = target::machine();
+    let knowledge = alias::Knowledge::of(program);
+    let mut frontend = FunctionBuilderContext::new();
+    let mut text = String::new();
+    for index in 0..program.routines.len() {
+        let id = RoutineId(index as u32);
+        let lowered =
+            lower::lower(program, &knowledge, id, &mut frontend, machine.frontend_config());
+        text.push_str(&format!("; {}\n{}\n", program.routine(id).name, lowered.function.display()));
+    }
+    text
+}
+
+/// The state at a start. What has no initial value is zero.
+fn initial(program: &Program) -> Vec<u8> {
+    let mut state = vec![0; program.state_size() as usize];
+    for global in program.globals.iter().filter(|global| global.storage.area == Area::State) {
+        let start = global.storage.offset as usize;
+        let end = start + program.types.size(global.ty) as usize;
+        let initial: &Constant = &global.initial;
+        program
+            .types
+            .encode(global.ty, initial, &mut state[start..end], &|id| global_address(program, id));
+    }
+    state
+}
+
+fn area_address(area: Area) -> u64 {
+    match area {
+        Area::State => target::address::STATE,
+        Area::Input => target::address::INPUT,
+        Area::Output => target::address::OUTPUT,
+        Area::Marker => target::address::MARKER,
+    }
+}
+
+fn global_address(program: &Program, id: GlobalId) -> u64 {
+    let storage = program.global(id).storage;
+    area_address(storage.area) + u64::from(storage.offset)
+}

@@ -1,0 +1,280 @@
+//! Places: addresses, checks of indices, loads and stores.
+
+use cranelift_codegen::ir::condcodes::IntCC;
+use cranelift_codegen::ir::{InstBuilder, Value, types};
+use cranelift_frontend::Variable;
+
+use super::effects::{Cell, Target, constant_index};
+use super::lower::{Home, Lower};
+use super::target::{MEMORY, register};
+use crate::hir::{Class, Elementary, Expr, Place, Root, Step, TrapKind, Type, TypeId};
+
+/// A place whose path has been evaluated.
+#[derive(Clone, Copy)]
+pub(super) enum Located {
+    /// In a register.
+    Register(Variable),
+    /// At an address and an offset from it.
+    Memory(Value, i32),
+    /// A bit of the byte at an address and an offset.
+    Bit(Value, i32, u8),
+}
+
+impl Lower<'_> {
+    /// Evaluates the path of a place.
+    pub(super) fn locate(&mut self, place: &Place) -> Located {
+        if let Target::Cell(cell) = self.target(place)
+            && let Some(variable) = self.register_of(&cell)
+        {
+            return Located::Register(variable);
+        }
+        self.locate_in_memory(place)
+    }
+
+    /// The same of what a variable has in memory, even if it lives in a register now.
+    fn locate_in_memory(&mut self, place: &Place) -> Located {
+        let types = &self.program.types;
+        let mut bit = None;
+        let (mut base, mut offset, mut ty) = self.root(place, &mut bit);
+        for step in &place.path {
+            match (step, types.get(ty)) {
+                (Step::Field(index), Type::Structure(structure)) => {
+                    let field = &structure.fields[*index as usize];
+                    offset += i64::from(field.offset);
+                    ty = field.ty;
+                }
+                (Step::Index(index), Type::Array { element, lower, upper }) => {
+                    let size = i64::from(types.size(*element));
+                    ty = *element;
+                    if let Some(at) = constant_index(index, *lower, *upper) {
+                        offset += i64::from(at) * size;
+                        continue;
+                    }
+                    let at = self.wide_index(index);
+                    let (low, high) = self.range(index);
+                    let within = low >= i128::from(*lower) && high <= i128::from(*upper);
+                    // From the lower bound on: one unsigned comparison checks both bounds. The difference cannot
+                    // wrap into the bounds, because an array has fewer than 2^32 elements and the bounds are 64 bits wide.
+                    if within {
+                        offset -= *lower * size;
+                        base = self.indexed(base, at, size);
+                    } else {
+                        if low >= 0 && high > i128::from(i64::MAX) && *lower < 0 {
+                            // Only ULINT: what is beyond 2^63 looks negative here and must not pass.
+                            let beyond =
+                                self.builder.ins().icmp_imm_s(IntCC::SignedLessThan, at, 0);
+                            self.trap_if(beyond, TrapKind::Bounds, index.location);
+                        }
+                        let from_zero = match *lower {
+                            0 => at,
+                            lower => self.builder.ins().iadd_imm_s(at, lower.wrapping_neg()),
+                        };
+                        let last = upper.wrapping_sub(*lower);
+                        let beyond = self.builder.ins().icmp_imm_s(
+                            IntCC::UnsignedGreaterThan,
+                            from_zero,
+                            last,
+                        );
+                        self.trap_if(beyond, TrapKind::Bounds, index.location);
+                        base = self.indexed(base, from_zero, size);
+                    }
+                }
+                (Step::OpenIndex(indices), Type::OpenArray { element, .. }) => {
+                    let size = i64::from(types.size(*element));
+                    ty = *element;
+                    let at = self.open_index(place, indices);
+                    base = self.indexed(base, at, size);
+                }
+                (Step::Bit(number), _) => {
+                    offset += i64::from(number / 8);
+                    bit = Some(number % 8);
+                }
+                (Step::Part { offset: part, ty: part_type }, _) => {
+                    offset += i64::from(*part);
+                    ty = *part_type;
+                }
+                (step, ty) => unreachable!("{step:?} of {ty:?}"),
+            }
+        }
+        let (base, offset) = match i32::try_from(offset) {
+            Ok(offset) => (base, offset),
+            Err(_) => (self.builder.ins().iadd_imm_s(base, offset), 0),
+        };
+        match bit {
+            None => Located::Memory(base, offset),
+            Some(bit) => Located::Bit(base, offset, bit),
+        }
+    }
+
+    fn root(&mut self, place: &Place, bit: &mut Option<u8>) -> (Value, i64, TypeId) {
+        match &place.root {
+            Root::Global(id) => {
+                let global = self.program.global(*id);
+                *bit = global.storage.bit;
+                // One constant for each area, so that the accesses of a routine share it.
+                let area = super::area_address(global.storage.area);
+                let base = self.builder.ins().iconst(types::I64, area as i64);
+                (base, i64::from(global.storage.offset), global.ty)
+            }
+            Root::Local(id) => {
+                let ty = self.routine.local(*id).ty;
+                let base = match self.homes[id.0 as usize].clone() {
+                    Home::Slot(slot) => self.builder.ins().stack_addr(types::I64, slot, 0),
+                    Home::Pointer(address) | Home::Open(address, _) => {
+                        self.builder.use_var(address)
+                    }
+                    Home::Register(_) => {
+                        unreachable!("a local whose address is taken is in memory")
+                    }
+                };
+                (base, 0, ty)
+            }
+            Root::Instance => {
+                let address =
+                    self.instance.unwrap_or_else(|| unreachable!("the routine has an instance"));
+                (self.builder.use_var(address), 0, self.routine.instance.unwrap_or(place.ty))
+            }
+            Root::Deref(reference) => {
+                let address = self.expr(reference);
+                let null = self.builder.ins().icmp_imm_s(IntCC::Equal, address, 0);
+                self.trap_if(null, TrapKind::Null, reference.location);
+                let Type::Reference { target } = self.program.types.get(reference.ty) else {
+                    unreachable!("a reference is dereferenced")
+                };
+                (address, 0, *target)
+            }
+        }
+    }
+
+    fn indexed(&mut self, base: Value, at: Value, size: i64) -> Value {
+        let distance = match size {
+            1 => at,
+            size if size.count_ones() == 1 => {
+                self.builder.ins().ishl_imm_u(at, i64::from(size.trailing_zeros()))
+            }
+            size => self.builder.ins().imul_imm_s(at, size),
+        };
+        self.builder.ins().iadd(base, distance)
+    }
+
+    /// An index as a number of 64 bits. One of ULINT that is beyond 2^63 becomes negative.
+    fn wide_index(&mut self, index: &Expr) -> Value {
+        let value = self.expr(index);
+        let ty = self.scalar(index.ty);
+        // A value that is known not to be negative is extended with zeros, which costs nothing on x86-64.
+        let signed = ty.class() == Class::Signed && self.range(index).0 < 0;
+        self.widen(value, ty, signed)
+    }
+
+    pub(super) fn widen(&mut self, value: Value, ty: Elementary, signed: bool) -> Value {
+        match (ty.size(), signed) {
+            (8, _) => value,
+            (_, true) => self.builder.ins().sextend(types::I64, value),
+            (_, false) => self.builder.ins().uextend(types::I64, value),
+        }
+    }
+
+    fn open_index(&mut self, place: &Place, indices: &[Expr]) -> Value {
+        let Root::Local(id) = &place.root else { unreachable!("an open array is a parameter") };
+        let Home::Open(_, bounds) = self.homes[id.0 as usize].clone() else {
+            unreachable!("an open array is a VAR_IN_OUT")
+        };
+        let mut at = None;
+        for (index, (lower, upper)) in indices.iter().zip(bounds) {
+            let value = self.wide_index(index);
+            if self.range(index).1 > i128::from(i64::MAX) {
+                let beyond = self.builder.ins().icmp_imm_s(IntCC::SignedLessThan, value, 0);
+                self.trap_if(beyond, TrapKind::Bounds, index.location);
+            }
+            let (lower, upper) = (self.builder.use_var(lower), self.builder.use_var(upper));
+            let from_zero = self.builder.ins().isub(value, lower);
+            let last = self.builder.ins().isub(upper, lower);
+            let beyond = self.builder.ins().icmp(IntCC::UnsignedGreaterThan, from_zero, last);
+            self.trap_if(beyond, TrapKind::Bounds, index.location);
+            at = Some(match at {
+                None => from_zero,
+                Some(outer) => {
+                    let count = self.builder.ins().iadd_imm_s(last, 1);
+                    let row = self.builder.ins().imul(outer, count);
+                    self.builder.ins().iadd(row, from_zero)
+                }
+            });
+        }
+        at.unwrap_or_else(|| unreachable!("an array has a dimension"))
+    }
+
+    /// The address of a place. A variable may live in a register meanwhile: then nothing uses the address until it
+    /// has been written back.
+    pub(super) fn address(&mut self, place: &Place) -> Value {
+        match self.locate_in_memory(place) {
+            Located::Memory(base, 0) => base,
+            Located::Memory(base, offset) => self.builder.ins().iadd_imm_s(base, i64::from(offset)),
+            Located::Register(_) | Located::Bit(..) => {
+                unreachable!("a place without an address is referred to")
+            }
+        }
+    }
+
+    pub(super) fn scalar(&self, ty: TypeId) -> Elementary {
+        self.program
+            .types
+            .scalar(ty)
+            .unwrap_or_else(|| unreachable!("a value in a register is a scalar"))
+    }
+
+    /// The value at a place of a scalar type.
+    pub(super) fn load(&mut self, located: Located, ty: TypeId) -> Value {
+        match located {
+            Located::Register(variable) => self.builder.use_var(variable),
+            Located::Memory(base, offset) => {
+                let scalar = self.scalar(ty);
+                self.builder.ins().load(register(scalar), MEMORY, base, offset)
+            }
+            Located::Bit(base, offset, bit) => {
+                let byte = self.builder.ins().load(types::I8, MEMORY, base, offset);
+                let low = self.builder.ins().ushr_imm_u(byte, i64::from(bit));
+                self.builder.ins().band_imm_u(low, 1)
+            }
+        }
+    }
+
+    /// Assigns a scalar.
+    pub(super) fn store(&mut self, located: Located, value: Value) {
+        match located {
+            Located::Register(variable) => self.builder.def_var(variable, value),
+            Located::Memory(base, offset) => {
+                self.builder.ins().store(MEMORY, value, base, offset);
+            }
+            Located::Bit(base, offset, bit) => {
+                let byte = self.builder.ins().load(types::I8, MEMORY, base, offset);
+                let others = self.builder.ins().band_imm_u(byte, i64::from(!(1u8 << bit)));
+                let mine = self.builder.ins().ishl_imm_u(value, i64::from(bit));
+                let byte = self.builder.ins().bor(others, mine);
+                self.builder.ins().store(MEMORY, byte, base, offset);
+            }
+        }
+    }
+
+    /// The address of a cell, whatever holds it now.
+    pub(super) fn cell_address(&mut self, cell: &Cell) -> (Value, i32) {
+        use super::effects::Base;
+        let offset = cell.offset as i32;
+        let base = match cell.base {
+            Base::Area(area) => {
+                let area = super::area_address(area);
+                self.builder.ins().iconst(types::I64, area as i64)
+            }
+            Base::Instance => {
+                let address =
+                    self.instance.unwrap_or_else(|| unreachable!("the routine has an instance"));
+                self.builder.use_var(address)
+            }
+            Base::Local(id) | Base::Pointer(id) => match self.homes[id.0 as usize].clone() {
+                Home::Slot(slot) => self.builder.ins().stack_addr(types::I64, slot, 0),
+                Home::Pointer(address) | Home::Open(address, _) => self.builder.use_var(address),
+                Home::Register(_) => unreachable!("a register has no address"),
+            },
+        };
+        (base, offset)
+    }
+}

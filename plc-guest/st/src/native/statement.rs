@@ -1,0 +1,192 @@
+//! Statements but loops.
+
+use cranelift_codegen::ir::condcodes::IntCC;
+use cranelift_codegen::ir::{Block, InstBuilder, Value};
+
+use super::lower::Lower;
+use super::place::Located;
+use super::target::MEMORY;
+use super::walk;
+use crate::hir::{self, CaseArm, Class, Expr, ExprKind, Place, Statement, StatementKind};
+
+impl Lower<'_> {
+    pub(super) fn block(&mut self, block: &hir::Block) {
+        for statement in block {
+            self.statement(statement);
+        }
+    }
+
+    fn statement(&mut self, statement: &Statement) {
+        self.at(statement.location);
+        match &statement.kind {
+            StatementKind::Assign(place, value) => self.assign(place, value),
+            StatementKind::Call(routine, arguments) => {
+                let result = self.program.routine(*routine).result;
+                match result.map(|id| {
+                    self.program.types.scalar(self.program.routine(*routine).local(id).ty)
+                }) {
+                    Some(None) => {
+                        self.call_into_temporary(*routine, arguments);
+                    }
+                    _ => {
+                        self.call(*routine, arguments);
+                    }
+                }
+            }
+            StatementKind::Invoke(place, routine) => self.invoke(place, *routine),
+            StatementKind::If(arms, otherwise) => self.branch(arms, otherwise),
+            StatementKind::Case(selector, arms, otherwise) => self.case(selector, arms, otherwise),
+            StatementKind::For { variable, from, to, by, body } => {
+                self.count(statement.location, variable, [from, to, by], body);
+            }
+            StatementKind::While(condition, body) => {
+                self.while_loop(statement.location, condition, body)
+            }
+            StatementKind::Repeat(body, until) => self.repeat_loop(statement.location, body, until),
+            StatementKind::Exit => self.leave(|blocks| blocks.exit),
+            StatementKind::Continue => self.leave(|blocks| blocks.next),
+            StatementKind::Return => {
+                for (cell, variable) in self.written.clone() {
+                    self.write_back(&cell, variable);
+                }
+                self.builder.ins().jump(self.return_block, &[]);
+                self.unreachable_from_here();
+            }
+        }
+    }
+
+    fn leave(&mut self, to: impl FnOnce(&super::lower::LoopBlocks) -> Block) {
+        match self.loops.last() {
+            Some(blocks) => {
+                let block = to(blocks);
+                self.builder.ins().jump(block, &[]);
+            }
+            None => unreachable!("EXIT and CONTINUE are in loops"),
+        }
+        self.unreachable_from_here();
+    }
+
+    /// Goes on with a block that nothing jumps to, for the statements behind a jump.
+    fn unreachable_from_here(&mut self) {
+        let block = self.builder.create_block();
+        self.builder.switch_to_block(block);
+    }
+
+    fn assign(&mut self, place: &Place, value: &Expr) {
+        let types = &self.program.types;
+        if types.is_string(place.ty) {
+            let view =
+                if walk::path_calls(place) { self.own_view(value) } else { self.view(value) };
+            let Located::Memory(base, offset) = self.locate(place) else {
+                unreachable!("a string is in memory")
+            };
+            self.assign_view(base, offset, place.ty, view);
+            return;
+        }
+        if types.scalar(place.ty).is_some() {
+            let value = self.expr(value);
+            let located = self.locate(place);
+            self.store(located, value);
+            return;
+        }
+        let size = types.size(place.ty);
+        let mut from = self.aggregate(value);
+        if walk::path_calls(place) {
+            let copied = self.temporary(place.ty);
+            self.copy(copied, from, size);
+            from = copied;
+        }
+        let to = self.address(place);
+        self.copy(to, from, size);
+    }
+
+    /// The address of a value that is a structure or an array.
+    pub(super) fn aggregate(&mut self, expr: &Expr) -> Value {
+        match &expr.kind {
+            ExprKind::Load(place) => self.address(place),
+            ExprKind::Call(routine, arguments) => self.call_into_temporary(*routine, arguments),
+            other => unreachable!("{other:?} is neither structure nor array"),
+        }
+    }
+
+    fn branch(&mut self, arms: &[(Expr, hir::Block)], otherwise: &hir::Block) {
+        let end = self.builder.create_block();
+        for (condition, block) in arms {
+            let condition = self.expr(condition);
+            let (taken, next) = (self.builder.create_block(), self.builder.create_block());
+            self.builder.ins().brif(condition, taken, &[], next, &[]);
+            self.builder.switch_to_block(taken);
+            self.block(block);
+            self.builder.ins().jump(end, &[]);
+            self.builder.switch_to_block(next);
+        }
+        self.block(otherwise);
+        self.builder.ins().jump(end, &[]);
+        self.builder.switch_to_block(end);
+    }
+
+    /// Comparisons in turn for ranges; Cranelift's switch, which makes tables and trees, for single values.
+    fn case(&mut self, selector: &Expr, arms: &[CaseArm], otherwise: &hir::Block) {
+        let ty = self.scalar(selector.ty);
+        let signed = ty.class() == Class::Signed;
+        let value = self.expr(selector);
+        let end = self.builder.create_block();
+        let blocks: Vec<Block> = arms.iter().map(|_| self.builder.create_block()).collect();
+        let (least, greatest) = ty.range().unwrap_or((0, 0));
+        let all = || {
+            arms.iter()
+                .zip(&blocks)
+                .flat_map(|(arm, block)| arm.ranges.iter().map(move |range| (range, *block)))
+        };
+        let single = all().all(|((low, high), _)| low == high);
+        let none = self.builder.create_block();
+        if single {
+            let mut switch = cranelift_frontend::Switch::new();
+            let mut seen = std::collections::HashSet::new();
+            let mask = (1u128 << (ty.size() * 8)) - 1;
+            for ((number, _), block) in all() {
+                if *number >= least && *number <= greatest && seen.insert(*number) {
+                    switch.set_entry(*number as u128 & mask, block);
+                }
+            }
+            switch.emit(&mut self.builder, value, none);
+        } else {
+            for (&(low, high), block) in all() {
+                let (low, high) = (low.max(least), high.min(greatest));
+                if low > high {
+                    continue;
+                }
+                let from = self.integer(ty, low);
+                let distance = self.builder.ins().isub(value, from);
+                // One unsigned comparison of the distance from the lower bound, as for an index.
+                let width = self.integer(ty, high - low);
+                let within =
+                    self.builder.ins().icmp(IntCC::UnsignedLessThanOrEqual, distance, width);
+                debug_assert!(signed || low >= 0);
+                let next = self.builder.create_block();
+                self.builder.ins().brif(within, block, &[], next, &[]);
+                self.builder.switch_to_block(next);
+            }
+            self.builder.ins().jump(none, &[]);
+        }
+        for (arm, block) in arms.iter().zip(&blocks) {
+            self.builder.switch_to_block(*block);
+            self.block(&arm.body);
+            self.builder.ins().jump(end, &[]);
+        }
+        self.builder.switch_to_block(none);
+        self.block(otherwise);
+        self.builder.ins().jump(end, &[]);
+        self.builder.switch_to_block(end);
+    }
+
+    pub(super) fn write_back(
+        &mut self,
+        cell: &super::effects::Cell,
+        variable: cranelift_frontend::Variable,
+    ) {
+        let value = self.builder.use_var(variable);
+        let (base, offset) = self.cell_address(cell);
+        self.builder.ins().store(MEMORY, value, base, offset);
+    }
+}

@@ -1,0 +1,124 @@
+//! Whole programs: from source to an image, run in this process, with outputs that were worked out by hand.
+
+mod machine;
+
+use takt_program::{Image, address};
+use takt_st::build::{BuildError, Built, build};
+use takt_st::hir::{Area, Program, TrapKind};
+use takt_st::{project, source::Sources};
+
+fn checked(text: &str) -> Program {
+    let mut sources = Sources::new();
+    sources.add("main.st", text.as_bytes()).unwrap();
+    let checked = project::check("test", &mut sources).unwrap();
+    match checked.program {
+        Some(program) => program,
+        None => {
+            panic!("{:#?}", checked.diagnostics.iter().map(|one| &one.found).collect::<Vec<_>>())
+        }
+    }
+}
+
+fn built(text: &str) -> (Program, Built) {
+    let program = checked(text);
+    let built = build(&program).unwrap();
+    (program, built)
+}
+
+/// A program that runs, one job of its only task each 100 ms.
+struct Plant {
+    program: Program,
+    machine: machine::Machine,
+    cycle: u64,
+}
+
+impl Plant {
+    const PERIOD_NS: u64 = 100_000_000;
+
+    fn start(text: &str) -> Plant {
+        let (program, built) = built(text);
+        assert!(Image::verify(&built.image).is_ok());
+        let mut machine = machine::Machine::load(&built.native);
+        machine.start();
+        Plant { program, machine, cycle: 0 }
+    }
+
+    fn input(&mut self, byte: u64, bytes: &[u8]) {
+        self.machine.write(address::INPUT + byte, bytes);
+    }
+
+    fn output<const N: usize>(&self, byte: u64) -> [u8; N] {
+        self.machine.read(address::OUTPUT + byte, N).try_into().unwrap()
+    }
+
+    fn cycle(&mut self) -> Result<(), takt_st::hir::Trap> {
+        let elapsed = if self.cycle == 0 { 0 } else { Self::PERIOD_NS };
+        let now = 1_000_000_000 + self.cycle * Self::PERIOD_NS;
+        let result =
+            self.machine.run(self.program.tasks[0].entry.0 as usize, now, elapsed, self.cycle);
+        self.cycle += 1;
+        result
+    }
+}
+
+const PLANT: &str = include_str!("programs/plant.st");
+
+#[test]
+fn timers_counters_a_controller_and_arrays_give_what_was_worked_out_by_hand() {
+    let mut plant = Plant::start(PLANT);
+    // The initial value of an output is there before the first cycle.
+    assert_eq!(plant.output::<2>(6), 7i16.to_le_bytes());
+    let mut done = Vec::new();
+    let mut counts = Vec::new();
+    for cycle in 0..8 {
+        // Start is pressed from cycle 2 on; a part passes in every other cycle.
+        plant.input(0, &[u8::from(cycle >= 2) | u8::from(cycle % 2 == 1) << 1]);
+        plant.cycle().unwrap();
+        done.push(plant.output::<1>(0)[0] & 1);
+        counts.push(i16::from_le_bytes(plant.output(2)));
+    }
+    // TON of 300 ms, started in cycle 2: on in cycle 5.
+    assert_eq!(done, [0, 0, 0, 0, 0, 1, 1, 1]);
+    assert_eq!(counts, [0, 1, 1, 2, 2, 3, 3, 4]);
+    // The sum of squares of 1 to 10.
+    assert_eq!(i16::from_le_bytes(plant.output(4)), 385);
+    // The controller of gain 2 and integral time 1 s at an error of 5, in steps of 0.1 s: 2 * (5 + 0.5 * 8).
+    assert_eq!(f32::from_le_bytes(plant.output(8)), 18.0);
+}
+
+#[test]
+fn a_division_by_zero_is_told_with_its_line() {
+    let mut plant = Plant::start(include_str!("programs/division.st"));
+    let trap = plant.cycle().unwrap_err();
+    assert_eq!(trap.kind, TrapKind::ZeroDivide);
+    let file = &plant.program.files[usize::from(trap.location.file)];
+    assert_eq!(
+        format!("{file}:{}: {}", trap.location.line, trap.kind),
+        "main.st:5: division by zero"
+    );
+}
+
+#[test]
+fn two_builds_of_a_source_are_equal() {
+    assert_eq!(built(PLANT).1.image, built(PLANT).1.image);
+}
+
+#[test]
+fn the_image_says_where_variables_are_and_what_traps() {
+    let (program, built) = built(PLANT);
+    let image = Image::verify(&built.image).unwrap();
+    let variable = image.variable("parts").unwrap();
+    assert_eq!((variable.area, variable.offset), (takt_program::Area::Output, 2));
+    assert!(variable.flags.has(takt_program::Flags::OUTPUT));
+    assert_eq!(program.area_size(Area::Output), 12);
+    assert_eq!(image.tasks().count(), 1);
+    assert!(built.native.traps.iter().any(|site| site.trap.kind == TrapKind::Bounds));
+}
+
+#[test]
+fn a_project_without_a_task_has_no_image() {
+    let program = checked(
+        "FUNCTION twice : DINT\nVAR_INPUT x : DINT; END_VAR\ntwice := 2 * x;\nEND_FUNCTION\n",
+    );
+    assert!(matches!(build(&program), Err(BuildError::NoTask)));
+}
