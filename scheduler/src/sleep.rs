@@ -6,41 +6,52 @@
 //! a clock that is fast ends early, and one by a clock that is slow ends late.
 //!
 //! * **Never early.** A sleep is over when the TSC says so, not when the kernel does.
-//! * **Hardly late.** Of a sleep that is divided, each piece but the last is 7/8 of what remains, which
-//!   no clock that is slower by 10 % makes longer than the whole. The last piece is short ([`LAST`]), so
-//!   the error of its end is small, however the rate changes.
-//! * **Few wake-ups.** A sleep of up to [`UNDIVIDED`] under a clock that was not found steered is one call
-//!   of the kernel, as it is in each cycle of a millisecond. A clock that is found to be off by more than
-//!   NTP's 500 ppm is distrusted for the next [`DISTRUST`] sleeps. So the one thing that can make a
-//!   wake-up late by more than the last piece can is the first step of the rate beyond that, in a
-//!   sleep that is not divided, once: by a ninth of what was left of it.
+//! * **Hardly late.** A sleep is divided. Each piece but the last leaves a ninth of what remains, so that no
+//!   clock that is slower by 10 % makes it longer than the whole. The last piece is short ([`SHORT`] at
+//!   most), so the error of its end is small, however the rate changes.
+//! * **Few wake-ups.** Under a clock that was not found steered a sleep of up to a millisecond is two
+//!   pieces, and one of 10 ms is four. A clock that is found to be off by more than NTP's 500 ppm is
+//!   distrusted for the next [`DISTRUST`] sleeps, and last pieces are shorter then ([`SHORTER`]).
+//! * **Not in the way.** A wake-up between two pieces is an interrupt and some microseconds of processor.
+//!   With a [`Rest`] it comes outside of the windows of the CPU, which may make the last piece longer. Where
+//!   they leave no room in the last 224 us, a sleep of up to [`LAZY`] under a trusted clock is not
+//!   divided, and the first step of the rate is felt once, by a ninth of what is left of the sleep. A
+//!   longer sleep, or one by a clock that is not trusted, is rather divided within somebody's window.
 //!
-//! A divided sleep of a second takes six pieces, one of a millisecond three.
+//! What has room for some microseconds may be [lazy](Sleeper::lazy): its sleeps of up to [`LAZY`] are one
+//! piece while the clock is trusted, and it is told by others when the clock is found steered
+//! ([`Rest::on_steered`]).
 //!
 //! To convert by the measured rate instead would save wake-ups under a steered clock, and would be no
 //! guard at all against a rate that changes during the sleep.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::moment::Moment;
+use crate::rest::Rest;
 use crate::time::{Nanos, Ticks, Tsc, TscFrequency};
 
-/// A piece of a sleep that is not divided further. A clock that is slower by 10 % makes it 7.2 us
-/// longer, which is well within the usual guard of 20 us.
-pub const LAST: Nanos = Nanos::from_micros(64);
+/// The longest last piece under a trusted clock. A clock that is slower by 10 % makes it 12.5 us longer;
+/// the usual guard of 20 us has room for that and for a wake-up. It is also what a sleep of a millisecond
+/// leaves after its first piece.
+pub const SHORT: Nanos = Nanos::from_micros(112);
 
-/// The longest sleep that is not divided while the clock is trusted. NTP's 500 ppm make it 1 us longer.
-pub const UNDIVIDED: Nanos = Nanos::from_millis(2);
+/// The same under a clock that is not trusted, but for the lazy: 7.2 us longer at worst.
+pub const SHORTER: Nanos = Nanos::from_micros(64);
+
+/// The longest sleep of a lazy sleeper that is not divided while the clock is trusted. NTP's 500 ppm make it
+/// 1 us longer.
+pub const LAZY: Nanos = Nanos::from_millis(2);
 
 /// For so many sleeps a clock that was found steered is not trusted: whoever has changed its rate changes it
 /// back.
 pub const DISTRUST: u32 = 10_000;
 
+/// A piece that is shorter than this is not worth its wake-up.
+const PIECE_MIN: Nanos = Nanos::from_micros(20);
+
 /// What remains is waited for without a sleep if it is shorter than this: a sleep takes longer.
 const SPIN: Nanos = Nanos::from_micros(2);
-
-/// Two readings of the counter with one of the clock between them are one moment if they are no
-/// further apart; otherwise something has interrupted them.
-const MOMENT: Nanos = Nanos::from_micros(1);
 
 /// How a sleep ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,7 +83,7 @@ impl WakeUps {
         self.divided.load(Ordering::Relaxed)
     }
 
-    /// Sleeps before which the clock was found to be off its rate by more than NTP's 500 ppm.
+    /// Sleeps and pieces before which the clock was found to be off its rate by more than NTP's 500 ppm.
     #[must_use]
     pub fn steered(&self) -> u64 {
         self.steered.load(Ordering::Relaxed)
@@ -82,59 +93,6 @@ impl WakeUps {
 /// One writer, so that no locked instruction is needed.
 fn count(counter: &AtomicU64) {
     counter.store(counter.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
-}
-
-/// Both clocks at one moment.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Moment {
-    /// The counter.
-    pub tsc: Tsc,
-    /// CLOCK_MONOTONIC.
-    pub clock: Nanos,
-}
-
-impl Moment {
-    /// Reads the counter, then the clock. An interrupt between the two would make a sleep end late by
-    /// what it takes, so they are read once more if it seems that there was one.
-    fn now(frequency: TscFrequency) -> Moment {
-        Moment::within(MOMENT, frequency)
-            .unwrap_or_else(|| Moment { tsc: Tsc::now(), clock: monotonic() })
-    }
-
-    /// Reads the counter, then the clock; `None` if that has taken longer than `time`.
-    #[must_use]
-    pub fn within(time: Nanos, frequency: TscFrequency) -> Option<Moment> {
-        let tsc = Tsc::now();
-        let clock = monotonic();
-        (Tsc::now().since(tsc) <= frequency.ticks(time)).then_some(Moment { tsc, clock })
-    }
-
-    /// How many ns the clock has gone ahead of the counter since an earlier moment, and how long that is
-    /// ago by the counter; nothing if the counter has gone back.
-    #[must_use]
-    pub fn ahead_since(self, earlier: Moment, frequency: TscFrequency) -> (i64, Nanos) {
-        let passed = frequency.nanos(self.tsc.since(earlier.tsc));
-        let clock = self.clock.less(earlier.clock);
-        let ahead = i128::from(clock.0) - i128::from(passed.0);
-        let ahead = ahead.clamp(i128::from(i64::MIN), i128::from(i64::MAX));
-        (ahead as i64, passed)
-    }
-
-    /// Whether the clock has kept within twice NTP's 500 ppm of the counter since an earlier moment, and
-    /// what two readings may be off.
-    fn agrees_with(self, earlier: Moment, frequency: TscFrequency) -> bool {
-        const READINGS: u64 = 2_000;
-        let (ahead, Nanos(passed)) = self.ahead_since(earlier, frequency);
-        ahead.unsigned_abs() <= (passed >> 10) + READINGS
-    }
-}
-
-/// CLOCK_MONOTONIC.
-fn monotonic() -> Nanos {
-    let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: `time` is a live timespec that the call fills in. It cannot fail for this clock.
-    unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut time) };
-    Nanos(time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64)
 }
 
 /// What a sleep needs of the machine.
@@ -179,7 +137,10 @@ impl Machine for Kernel {
 #[derive(Debug)]
 pub struct Sleeper {
     frequency: TscFrequency,
-    /// The moment at which the last sleep began.
+    /// Where wake-ups between pieces are wanted.
+    rest: Option<Rest>,
+    lazy: bool,
+    /// The moment at which the last sleep or piece began.
     last: Option<Moment>,
     /// Sleeps for which the clock is not trusted.
     distrust: u32,
@@ -189,7 +150,19 @@ impl Sleeper {
     /// Of a thread that has not slept yet. It trusts the clock from its second sleep on.
     #[must_use]
     pub fn new(frequency: TscFrequency) -> Sleeper {
-        Sleeper { frequency, last: None, distrust: 1 }
+        Sleeper { frequency, rest: None, lazy: false, last: None, distrust: 1 }
+    }
+
+    /// One whose wake-ups between pieces come where `rest` wants them.
+    #[must_use]
+    pub fn resting(self, rest: Rest) -> Sleeper {
+        Sleeper { rest: Some(rest), ..self }
+    }
+
+    /// One whose sleeps of up to [`LAZY`] are one piece while the clock is trusted.
+    #[must_use]
+    pub fn lazy(self) -> Sleeper {
+        Sleeper { lazy: true, ..self }
     }
 
     /// Sleeps until the TSC reaches `instant`, never shorter, or until a signal comes.
@@ -199,9 +172,9 @@ impl Sleeper {
 
     fn sleep(&mut self, machine: &mut impl Machine, instant: Tsc, wake_ups: &WakeUps) -> Woken {
         let mut moment = machine.moment();
-        let trusted = self.trusts(moment, wake_ups);
-        let mut divided = !trusted || self.nanos_to(instant, moment.tsc) > UNDIVIDED;
+        self.distrust = self.distrust.saturating_sub(u32::from(self.last.is_some()));
         loop {
+            self.judge(moment, wake_ups);
             let remaining = self.nanos_to(instant, moment.tsc);
             if remaining <= SPIN {
                 while machine.tsc() < instant {
@@ -209,31 +182,52 @@ impl Sleeper {
                 }
                 return Woken::OnTime;
             }
-            let last = !divided || remaining <= LAST;
-            let piece = if last { remaining } else { Nanos(remaining.0 - remaining.0 / 8) };
-            if machine.sleep(moment.clock.plus(piece)) == Woken::BySignal {
+            let piece = self.piece(moment.tsc, remaining);
+            if machine.sleep(moment.clock.plus(piece.unwrap_or(remaining))) == Woken::BySignal {
                 return Woken::BySignal;
             }
             if machine.tsc() >= instant {
                 return Woken::OnTime;
             }
-            count(if last { &wake_ups.early } else { &wake_ups.divided });
-            divided = true;
+            count(if piece.is_none() { &wake_ups.early } else { &wake_ups.divided });
             moment = machine.moment();
         }
     }
 
-    /// Whether the clock has kept its rate for long enough.
-    fn trusts(&mut self, now: Moment, wake_ups: &WakeUps) -> bool {
-        let last = self.last.replace(now);
-        let steered = last.is_some_and(|last| !now.agrees_with(last, self.frequency));
-        if steered {
-            count(&wake_ups.steered);
-            self.distrust = DISTRUST;
-        } else {
-            self.distrust = self.distrust.saturating_sub(u32::from(last.is_some()));
+    /// How long to sleep first, if not to the end.
+    fn piece(&self, now: Tsc, remaining: Nanos) -> Option<Nanos> {
+        let trusted = self.distrust == 0;
+        let short = if trusted || self.lazy { SHORT } else { SHORTER };
+        if remaining <= (if trusted && self.lazy { LAZY } else { short }) {
+            return None;
         }
-        self.distrust == 0
+        // What is left must be worth a piece of its own.
+        let leave = Nanos(remaining.0.div_ceil(9)).max(Nanos(short.0 / 2));
+        let wanted = remaining.less(leave);
+        let Some(rest) = &self.rest else { return Some(wanted) };
+        let at = now.after(self.frequency.ticks(wanted));
+        let placed = rest.before(at).filter(|placed| *placed > now);
+        let placed = placed.map(|placed| self.frequency.nanos(placed.since(now)));
+        // Where windows fill the time before the instant, a wake-up before them all would help little.
+        let patient = trusted && remaining <= LAZY;
+        let helps = |piece: &Nanos| !patient || remaining.less(*piece) <= SHORT.plus(SHORT);
+        match placed.filter(|piece| *piece >= PIECE_MIN && helps(piece)) {
+            Some(piece) => Some(piece),
+            None if patient => None,
+            None => Some(wanted),
+        }
+    }
+
+    /// Looks whether the clock has kept its rate since the last look.
+    fn judge(&mut self, now: Moment, wake_ups: &WakeUps) {
+        let last = self.last.replace(now);
+        if last.is_some_and(|last| !now.agrees_with(last, self.frequency)) {
+            count(&wake_ups.steered);
+            if let (0, Some(rest)) = (self.distrust, &self.rest) {
+                rest.tell_steered();
+            }
+            self.distrust = DISTRUST;
+        }
     }
 
     fn nanos_to(&self, instant: Tsc, now: Tsc) -> Nanos {

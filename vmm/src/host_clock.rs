@@ -18,7 +18,7 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-use takt_scheduler::sleep::Moment;
+use takt_scheduler::moment::Moment;
 use takt_scheduler::time::{Nanos, TscFrequency};
 
 use crate::health::{ClockFault, Text};

@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use takt_scheduler::time::Nanos;
 
-use crate::appliance;
+use crate::appliance::{self, Role};
 use crate::vcpu::Control;
 
 const DEVICE: &str = "/dev/watchdog";
@@ -55,8 +55,13 @@ impl HostWatchdog {
     ///
     /// # Errors
     /// If there is none, somebody else serves it, or it cannot wait for so long.
-    pub fn start(time: Nanos, frame: Nanos, threads: Vec<Arc<Control>>) -> io::Result<Self> {
-        appliance::load_watchdog_drivers();
+    pub fn start(
+        time: Nanos,
+        frame: Nanos,
+        threads: Vec<Arc<Control>>,
+        role: Role,
+    ) -> io::Result<Self> {
+        appliance::load_watchdog_drivers(role);
         let mut device = OpenOptions::new().write(true).open(DEVICE)?;
         let mut seconds = i32::try_from(time.0 / 1_000_000_000).unwrap_or(i32::MAX);
         // SAFETY: the request reads and writes one int, which is live.

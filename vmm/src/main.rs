@@ -8,6 +8,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use clap::{Parser, Subcommand};
+use takt::appliance::Role;
 use takt::config::{self, PartitionFile};
 use takt::run::Options;
 use takt::sandbox::{Mode, descriptors};
@@ -115,7 +116,7 @@ struct Run {
 }
 
 impl Run {
-    fn run(self) -> u8 {
+    fn run(self, role: Role) -> u8 {
         let began = Instant::now();
         if let Err(error) = descriptors::close_inherited() {
             eprintln!("takt: cannot close what is open: {error}; Linux 5.9 or newer is needed");
@@ -129,12 +130,13 @@ impl Run {
                     return status::BAD_FILE_OR_USAGE;
                 }
             }
-            run_partitions(&file, &self.options(began))
+            run_partitions(&file, &self.options(began, role))
         })
     }
 
-    fn options(&self, began: Instant) -> Options {
+    fn options(&self, began: Instant, role: Role) -> Options {
         Options {
+            role,
             duration: self.duration,
             began: Some(began),
             report: self.report.clone(),
@@ -158,14 +160,15 @@ fn duration(text: &str) -> Result<Duration, String> {
 }
 
 fn main() -> ExitCode {
-    let arguments = appliance::arguments();
-    if appliance::is_pid_one() {
+    let role = Role::of_this_process();
+    let arguments = appliance::arguments(role);
+    if role == Role::PidOne {
         appliance::main(&arguments)
     }
-    ExitCode::from(command_line(&arguments))
+    ExitCode::from(command_line(&arguments, role))
 }
 
-fn command_line(arguments: &[OsString]) -> u8 {
+fn command_line(arguments: &[OsString], role: Role) -> u8 {
     let cli = match Cli::try_parse_from(arguments) {
         Ok(cli) => cli,
         Err(answer) => {
@@ -180,7 +183,7 @@ fn command_line(arguments: &[OsString]) -> u8 {
             eprintln!("takt: {}", subcommand::run(&words));
             status::BAD_FILE_OR_USAGE
         }
-        Command::Run(run) => run.run(),
+        Command::Run(run) => run.run(role),
         Command::Check { file, needs: true } => with_file(&file, None, |file| {
             print!("{}", check::needs(&file));
             status::GOOD

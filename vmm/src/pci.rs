@@ -7,18 +7,39 @@
 use kvm_ioctls::VmFd;
 use takt_abi::PortTable;
 use takt_abi::memory::PAGE;
+use takt_devices::pci::bar::WindowFull;
 use takt_devices::pci::config_ports::{self, ConfigPorts};
 use takt_devices::pci::function::{Bars, Function};
-use takt_devices::ports::PortBus;
+use takt_devices::ports::{Overlap, PortBus};
 use takt_plan::linux_map::PCI_WINDOW;
 use takt_scheduler::time::TscFrequency;
+use thiserror::Error;
 use vmm_sys_util::eventfd::EventFd;
 
-use crate::channels::{OwnRegion, Ports};
+use crate::channels::{ChannelError, OwnRegion, Ports};
 use crate::doorbell;
 use crate::machine::MachineError;
-use crate::memory::{GuestMemory, SharedRegion, View};
-use crate::run_error::RunError;
+use crate::memory::{GuestMemory, MemoryError, SharedRegion, View};
+
+/// The function could not be made.
+#[derive(Debug, Error)]
+pub enum PciError {
+    /// It has more memory than there is room for.
+    #[error(transparent)]
+    Window(#[from] WindowFull),
+    /// There is no memory for the page of its table.
+    #[error(transparent)]
+    Memory(#[from] MemoryError),
+    /// A channel could not be written into its memory.
+    #[error(transparent)]
+    Channel(#[from] ChannelError),
+    /// Another device has its ports.
+    #[error("two devices of the Linux machine collide: {0}")]
+    Ports(#[from] Overlap),
+    /// KVM refuses.
+    #[error(transparent)]
+    Machine(#[from] MachineError),
+}
 
 /// A function that is laid out.
 pub struct Pci<'a> {
@@ -33,7 +54,7 @@ impl<'a> Pci<'a> {
     /// # Errors
     /// If there is no memory for the page of the table, or no room for the function's memory, of
     /// which a checked file does not ask for so much.
-    pub fn new(mut ports: Ports<'a>) -> Result<Option<Self>, RunError> {
+    pub fn new(mut ports: Ports<'a>) -> Result<Option<Self>, PciError> {
         if ports.table.count == 0 {
             return Ok(None);
         }
@@ -70,7 +91,7 @@ impl PciPortDevice {
     /// ports, the interrupt to `bell`. Once for each machine that the guest gets.
     ///
     /// # Errors
-    /// See [`RunError`].
+    /// See [`PciError`].
     pub fn attach(
         &self,
         memory: &GuestMemory,
@@ -78,7 +99,7 @@ impl PciPortDevice {
         vm: &VmFd,
         bus: &mut PortBus,
         bell: &EventFd,
-    ) -> Result<(), RunError> {
+    ) -> Result<(), PciError> {
         let mut table = memory
             .port_table(self.bars.read_only.address().into())
             .ok_or(MachineError::Missing("the Linux guest's port table"))?;

@@ -3,7 +3,6 @@
 use std::io;
 use std::path::PathBuf;
 
-use takt_devices::pci::bar::WindowFull;
 use takt_devices::ports::Overlap;
 use thiserror::Error;
 
@@ -17,9 +16,11 @@ use crate::cpuset::CpusetError;
 use crate::disk::DiskError;
 use crate::event::EventError;
 use crate::host_ports::HostPortError;
+use crate::interrupts::InterruptError;
 use crate::machine::MachineError;
 use crate::memory::MemoryError;
 use crate::passthrough::error::DeviceError;
+use crate::pci::PciError;
 use crate::sandbox::SandboxError;
 use crate::supervisor::error::SupervisorError;
 use crate::unix_socket::SocketError;
@@ -50,6 +51,8 @@ pub enum RunError {
     #[error(transparent)]
     Disk(#[from] DiskError),
     #[error(transparent)]
+    Interrupt(#[from] InterruptError),
+    #[error(transparent)]
     Event(#[from] EventError),
     #[error(transparent)]
     Start(#[from] StartError),
@@ -62,7 +65,7 @@ pub enum RunError {
     #[error(transparent)]
     Sandbox(#[from] SandboxError),
     #[error(transparent)]
-    Pci(#[from] WindowFull),
+    Pci(#[from] PciError),
     #[error("two devices of the Linux machine collide: {0}")]
     Ports(#[from] Overlap),
     #[error(
@@ -91,7 +94,7 @@ impl RunError {
             self,
             RunError::Plc { .. }
                 | RunError::Linux { .. }
-                | RunError::Disk(_)
+                | RunError::Disk(DiskError::File(_))
                 | RunError::Control(SocketError::InUse(_) | SocketError::NotASocket(_))
         )
     }

@@ -89,18 +89,24 @@ fn slow_image() -> PathBuf {
     image.canonicalize().unwrap()
 }
 
-/// A Linux with windows, whose thread the host's watchdog looks at, is started again under requests that its
-/// disk is busy with. Where the thread waited for the disk it would be taken for stuck, and the machine
-/// restarted.
+/// A Linux with windows, whose thread the host's watchdog looks at, has written and flushed for long when its
+/// disk stands still, and is started again under requests that the disk is busy with. Where the thread waited
+/// for the disk it would be taken for stuck, and the machine restarted.
 #[test]
 fn a_disk_that_stands_still_holds_up_neither_its_linux_nor_a_new_start_nor_the_watchdog() {
     let image = slow_image();
-    // Without -n it would write to the disk first, and wait.
-    let exec = "if head -c 4 /dev/vda | grep -q done; then sync; echo second life; poweroff -f; fi; \
-                echo done > /dev/vda; sync; echo; echo writing; \
-                (while :; do dd if=/dev/zero of=/dev/vda bs=64k seek=1 count=32 conv=fsync; done) \
-                > /dev/null 2>&1 & sleep 1; echo restarting; reboot -nf";
-    let linux = |key: &str| target(&format!("guest/{key}"));
+    // Two megabytes each, and a flush.
+    let loops = if long() { 1_024 } else { 32 };
+    let exec = format!(
+        "if head -c 4 /dev/vda | grep -q done; then sync; echo second life; poweroff -f; fi; \
+         echo done > /dev/vda; sync; \
+         w() {{ dd if=/dev/zero of=/dev/vda bs=64k seek=1 count=32 conv=fsync; }}; n=0; \
+         while [ $n -lt {loops} ]; do w 2> /dev/null; n=$((n+1)); done; \
+         echo; echo $((2*n)) MiB flushed; echo writing; \
+         (while :; do w; done) > /dev/null 2>&1 & sleep 1; echo restarting; reboot -nf"
+    );
+    let initrd = target("guest/initrd.img");
+    let kernel = target("guest/vmlinuz");
     let file = File::new("10ms")
         .watchdog("1s")
         .plc("plc", None, "")
@@ -109,8 +115,7 @@ fn a_disk_that_stands_still_holds_up_neither_its_linux_nor_a_new_start_nor_the_w
              kernel = {:?}\ninitrd = {:?}\ncmdline = \"console=ttyS0 takt.exec=\\\"{exec}\\\"\"\n\
              restarts = {{ at_most = 1, within = \"60s\" }}\n\
              [[partition.disk]]\npath = \"/mnt/disk\"\nread_only = false",
-            linux("vmlinuz"),
-            linux("initrd.img"),
+            kernel, initrd,
         ))
         .health("linux", "partition-reset", "cold-start")
         .health("linux", "partition-ended", "shut-down")
@@ -125,8 +130,8 @@ fn a_disk_that_stands_still_holds_up_neither_its_linux_nor_a_new_start_nor_the_w
         .with("--memory", "512")
         .with_file(&file)
         .with_file(&image)
-        .with_file(&linux("vmlinuz"))
-        .with_file(&linux("initrd.img"))
+        .with_file(&kernel)
+        .with_file(&initrd)
         .run("slow-disk", &[&path(&file), &path(&image)]);
     let console = left("slow-disk", "console");
     assert_eq!(outcome.status, 0, "{}\n{console}", outcome.output);
@@ -138,6 +143,7 @@ fn a_disk_that_stands_still_holds_up_neither_its_linux_nor_a_new_start_nor_the_w
         found.unwrap_or_else(|| panic!("no {text:?}\n{}", outcome.output))
     };
     let restarted = at("partition-reset: asked for a restart -> cold-start");
+    outcome.assert_shows(&format!("{} MiB flushed", 2 * loops));
     assert!(at("\nrestarting") < restarted && restarted < at("[host] the file system is thawed"));
     assert!(at("[host] the file system is thawed") < at("\nsecond life"));
     assert_eq!(outcome.number("linux", "restarts"), 1);

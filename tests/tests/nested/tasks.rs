@@ -79,6 +79,17 @@ fn a_task_runs_at_ring_3_at_each_release() {
 }
 
 #[test]
+fn a_call_for_the_time_takes_120_instructions_at_most() {
+    let program = Program::new("p").task(cyclic("main", us(1_000), 0, Entry::Times), 1_000);
+    let file = plc("tasks-times", 1_000, 300, &[("p", program, "")]);
+    let outcome = file.run("tasks-times").lasting("1500ms").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    // With three instructions of the program's for each call.
+    let shortest = Row::of(&outcome, "p.main").number("exec-min");
+    assert!(shortest <= 123 * 1_000, "{shortest}\n{}", outcome.output);
+}
+
+#[test]
 fn six_tasks_of_two_programs_span_windows_and_cost_the_most_urgent_nothing() {
     let fast = Program::new("fast")
         .task(cyclic("control", us(250), 0, Entry::Destroy), 0)
@@ -126,7 +137,8 @@ fn registers_survive_preemption_at_any_instant() {
     assert_on_time(&outcome, "urgent.destroy");
 }
 
-/// Each fault, and what is said of it. (The emulated processor knows no alignment checks.)
+/// Each fault, and what is said of it. (The emulated processor has no alignment checks and no
+/// exceptions of SSE.)
 const FAULTS: &[(Entry, &str)] = &[
     (Entry::Null, "page fault, read of 0x0 "),
     (Entry::WriteCode, "page fault, write of 0x40000000"),
@@ -158,7 +170,6 @@ const FAULTS: &[(Entry, &str)] = &[
     (Entry::ExtendedState, "invalid opcode"),
     (Entry::SetExtendedState, ""),
     (Entry::Avx, "invalid opcode"),
-    (Entry::FloatingPoint, "SIMD floating point"),
     (Entry::X87, "x87 floating point"),
     (Entry::ReadKernel, "page fault, read of 0x100000"),
     (Entry::ReadRam, "page fault, read of 0xffff800000200000"),

@@ -16,7 +16,7 @@ use takt_scheduler::table::{PartitionId, Role};
 use takt_scheduler::time::Nanos;
 
 use super::diagnostic::{Diagnostic, Span, quote};
-use super::interrupts;
+use super::interrupts::{self, Allowance};
 use super::program_tasks;
 use super::schedules::Draft;
 
@@ -37,6 +37,10 @@ pub struct Met {
     pub responses: Box<[Nanos]>,
     /// How much of what the windows give is asked for.
     pub load: Load,
+    /// What each window is taken to lose to a wake-up that no guard absorbs.
+    pub wake_up: Nanos,
+    /// The interrupts that each window is taken to lose time to.
+    pub interrupts: Allowance,
 }
 
 /// Analyses the tasks of one partition in each schedule in which it has a window.
@@ -56,7 +60,8 @@ pub fn check(
         Role::Background => WAKE_UP_ALLOWANCE,
     };
     let kinds: Vec<_> = draft.partitions.iter().map(|p| p.partition.kind()).collect();
-    let overhead = wake_up.plus(interrupts::allowance(schedules, partition, &kinds));
+    let interrupts = interrupts::allowance(schedules, partition, &kinds);
+    let overhead = wake_up.plus(interrupts.time());
     for (i, table) in schedules.tables().iter().enumerate() {
         let schedule = ScheduleId(i);
         let rules = match owner.programs[..] {
@@ -70,7 +75,7 @@ pub fn check(
         if nothing {
             continue;
         }
-        let case = Case { draft, partition, schedule, rules };
+        let case = Case { draft, partition, schedule, rules, wake_up, interrupts };
         match Supply::of(table, partition, overhead) {
             Ok(supply) => met.push(case.judge(&supply)?),
             Err(SupplyError::NoWindows { .. }) => {}
@@ -87,6 +92,8 @@ struct Case<'a> {
     schedule: ScheduleId,
     /// Of the tasks of programs.
     rules: Option<Vec<Rule>>,
+    wake_up: Nanos,
+    interrupts: Allowance,
 }
 
 impl Case<'_> {
@@ -95,7 +102,8 @@ impl Case<'_> {
         let Analysis { method, verdict, load } = self.analyse(&owner.tasks.set, supply);
         let (task, found) = match verdict {
             Verdict::Meets { responses } => {
-                return Ok(Met { schedule: self.schedule, method, responses, load });
+                let Case { schedule, wake_up, interrupts, .. } = *self;
+                return Ok(Met { schedule, method, responses, load, wake_up, interrupts });
             }
             Verdict::Misses(Miss { task, release, deadline, undone }) => {
                 let found = format!(

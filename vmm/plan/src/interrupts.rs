@@ -25,9 +25,26 @@ const TICK: Nanos = Nanos::from_millis(1);
 /// The shortest period of a guest's timer (`min_timer_period_us`, arch/x86/kvm/x86.c).
 const PERIODIC: Nanos = Nanos::from_micros(200);
 
-/// What interrupts may take from each window of `partition`, by its longest one in any schedule. `kinds`
-/// are those of all partitions.
-pub fn allowance(schedules: &Schedules, partition: PartitionId, kinds: &[&Kind]) -> Nanos {
+/// The interrupts that may come in a window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Allowance {
+    /// Of the host's tick.
+    pub tick: u64,
+    /// Of the timer of a Linux on the same CPU.
+    pub linux: u64,
+}
+
+impl Allowance {
+    /// What all of them take.
+    #[must_use]
+    pub fn time(&self) -> Nanos {
+        Nanos((self.tick + self.linux) * INTERRUPT.0)
+    }
+}
+
+/// What may come in each window of `partition`, by its longest one in any schedule. `kinds` are those of all
+/// partitions.
+pub fn allowance(schedules: &Schedules, partition: PartitionId, kinds: &[&Kind]) -> Allowance {
     let placements = schedules.placements();
     let own = placements[partition.0].cpu;
     let beside_linux = kinds.iter().zip(placements).enumerate().any(|(i, (kind, placement))| {
@@ -36,7 +53,7 @@ pub fn allowance(schedules: &Schedules, partition: PartitionId, kinds: &[&Kind])
     let longest = schedules.timetable_of(partition).map_or(Nanos::ZERO, |t| t.longest());
     let within = |period: Nanos| 1 + longest.0 / period.0;
     let linux = if beside_linux { within(PERIODIC) } else { 0 };
-    Nanos((within(TICK) + linux) * INTERRUPT.0)
+    Allowance { tick: within(TICK), linux }
 }
 
 #[cfg(test)]
@@ -64,7 +81,7 @@ mod tests {
             Kind::Plc { image: None },
             Kind::Linux { kernel: PathBuf::new(), initrd: None, cmdline: String::new() },
         ];
-        allowance(&schedules, PartitionId(0), &[&kinds[0], &kinds[1]])
+        allowance(&schedules, PartitionId(0), &[&kinds[0], &kinds[1]]).time()
     }
 
     #[test]

@@ -68,7 +68,7 @@ pub use deadlines::{Met, WAKE_UP_ALLOWANCE};
 pub use disks::{DISKS_MAX, Disk, SECTOR};
 pub use host_ports::HostPort;
 pub use images::{SOCKET_PATH_MAX, Unreadable, open as open_file};
-pub use interrupts::INTERRUPT;
+pub use interrupts::{Allowance, INTERRUPT};
 pub use passthrough::{
     Bar, DeviceMemory, Interrupt, InterruptSource, MemorySource, Passthrough, PciFunction, PortIo,
     SafePlace, SafeValue,

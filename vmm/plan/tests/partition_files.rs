@@ -254,6 +254,8 @@ plc        1 window    300us               30.0 %
 linux      background  650us               65.0 %
 
 tasks of plc: they may ask for 200us of the 282us that its windows give in 1ms: 71.0 %
+  6us of each window are kept for the host's tick (1 x 6us)
+  12us of each window are kept for timers of a Linux that Takt cannot place (2 x 6us)
   task     period  budget  priority  worst response  verdict
   control  1ms     200us   1         218us           meets, 782us of 1ms to spare (exact)
 
@@ -297,8 +299,8 @@ fast       plc    0    1028KiB  20us   ignore  100us, 1.0 %    120us every 5ms
 slow       plc    1    4MiB     200us  ignore  2500us, 25.0 %  2750us every 10ms
 linux      linux  0    64MiB    -      -       9800us, 98.0 %  -
 
-CPU 0: 3.3 % reserved, of at most 90.0 %; 20us every 2465us to end windows
-CPU 1: 28.1 % reserved, of at most 90.0 %; 20us every 3650us to end windows
+CPU 0: 4.1 % reserved, of at most 90.0 %; 40us every 2465us to end windows
+CPU 1: 28.6 % reserved, of at most 90.0 %; 40us every 3650us to end windows
 fast: no tasks given: not analysed
 slow: no tasks given: not analysed
 "#;
@@ -334,11 +336,16 @@ linux      background  2710us              67.7 %
 other      1 window    1ms                 25.0 %
 
 tasks of fast: they may ask for 8640001ms of the 15292800ms that its windows give in 86400s: 56.5 %
+  6us of each window are kept for the host's tick (1 x 6us)
+  12us of each window are kept for timers of a Linux that Takt cannot place (2 x 6us)
+  5us of each window are kept for a wake-up that the guard has no room for
   task     period  budget  priority  worst response  verdict
   control  1ms     100us   255       923us           meets, 77us of 1ms to spare (bound)
   logging  86400s  1ms     0         12999us         meets, 86399987001us of 86400s to spare (bound)
 
 tasks of slow: they may ask for 450us of the 484us that its windows give in 8ms: 93.0 %
+  6us of each window are kept for the host's tick (1 x 6us)
+  12us of each window are kept for timers of a Linux that Takt cannot place (2 x 6us)
   task     period  budget  priority  worst response  verdict
   heating  8ms     450us   7         6476us          meets, 1524us of 8ms to spare (exact)
 
@@ -365,6 +372,9 @@ linux      background  2440us              61.0 %
 other      not at all  0us                 0.0 %
 
 tasks of fast: they may ask for 8640001ms of the 21945600ms that its windows give in 86400s: 39.4 %
+  6us of each window are kept for the host's tick (1 x 6us)
+  12us of each window are kept for timers of a Linux that Takt cannot place (2 x 6us)
+  5us of each window are kept for a wake-up that the guard has no room for
   task     period  budget  priority  worst response  verdict
   control  1ms     100us   255       473us           meets, 527us of 1ms to spare (bound)
   logging  86400s  1ms     0         6922us          meets, 86399993078us of 86400s to spare (bound)

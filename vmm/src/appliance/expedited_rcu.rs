@@ -18,9 +18,8 @@
 
 use std::fs::{self, OpenOptions};
 use std::io::Write;
-use std::path::Path;
 
-use super::MODULE_LIST;
+use super::Role;
 
 /// What is set, and to what.
 const SETTINGS: [(&str, &str); 2] =
@@ -38,8 +37,8 @@ impl ExpeditedRcu {
     /// Begins to hurry, if this is the appliance. A kernel that knows no hurry starts guests as well,
     /// only later.
     #[must_use]
-    pub fn begin() -> ExpeditedRcu {
-        let appliance = Path::new(MODULE_LIST).exists();
+    pub fn begin(role: Role) -> ExpeditedRcu {
+        let appliance = role.owns_machine();
         // In turn with threads of the kernel's that have this priority too, since to clear memory takes
         // seconds; and not for the threads that it starts.
         let real_time = appliance && class(libc::SCHED_RR | libc::SCHED_RESET_ON_FORK, 1);

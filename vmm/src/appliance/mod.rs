@@ -23,6 +23,7 @@
 mod archive;
 pub mod expedited_rcu;
 mod result_port;
+mod role;
 
 use std::ffi::{CStr, OsStr, OsString};
 use std::fs::{self, File, OpenOptions};
@@ -36,6 +37,8 @@ use std::thread;
 use std::time::Duration;
 
 use result_port::ResultPort;
+
+pub use role::Role;
 
 use crate::sandbox::{self, Allowed};
 
@@ -115,30 +118,19 @@ pub enum Error {
     Results(#[from] io::Error),
 }
 
-/// Whether this process is PID 1 of the appliance image, and not merely of some container.
-pub fn is_pid_one() -> bool {
-    std::process::id() == FIRST && Path::new(MODULE_LIST).exists()
-}
-
-/// Whether this process is the one that PID 1 of the appliance runs.
-fn is_its_child() -> bool {
-    std::os::unix::process::parent_id() == FIRST && Path::new(MODULE_LIST).exists()
-}
-
 /// The command line, starting with the program's name.
 ///
 /// The kernel hands to PID 1 the words of its own command line that it does not know (`nokaslr`
 /// is one, on x86) and after them everything behind `--` (Linux init/main.c,
 /// `unknown_bootoption` and `set_init_arg`). Ours starts at the word `takt` in both cases.
-pub fn arguments() -> Vec<OsString> {
-    let all = std::env::args_os();
-    if is_pid_one() { all.skip_while(|word| word != PROGRAM).collect() } else { all.collect() }
-}
-
-/// The folder whose files are carried out of the machine, if this is the appliance.
 #[must_use]
-pub fn results() -> Option<&'static Path> {
-    is_its_child().then_some(Path::new(OUT))
+pub fn arguments(role: Role) -> Vec<OsString> {
+    let all = std::env::args_os();
+    if role == Role::PidOne {
+        all.skip_while(|word| word != PROGRAM).collect()
+    } else {
+        all.collect()
+    }
 }
 
 /// Prepares the machine, runs the ordinary command line on `arguments`, carries out the results and
@@ -235,13 +227,13 @@ fn has_fine_timers() -> bool {
         || (resolution.tv_sec, resolution.tv_nsec) <= (0, 1000)
 }
 
-/// Loads what interrupts of devices need, if this is the appliance. Elsewhere it is the user who
-/// decides which modules there are.
+/// Loads what interrupts of devices need, if this is the run of the appliance. Elsewhere it is the user
+/// who decides which modules there are.
 ///
 /// # Errors
 /// What is wrong with the list or a module.
-pub fn load_for_interrupts() -> io::Result<()> {
-    if !is_its_child() {
+pub fn load_for_interrupts(role: Role) -> io::Result<()> {
+    if role != Role::Run {
         return Ok(());
     }
     load_modules(Path::new(INTERRUPT_MODULES)).map_err(io::Error::other)
@@ -251,8 +243,8 @@ pub fn load_for_interrupts() -> io::Result<()> {
 ///
 /// # Errors
 /// What is wrong with the list or a module.
-pub fn load_for_vfio() -> io::Result<()> {
-    if !is_its_child() {
+pub fn load_for_vfio(role: Role) -> io::Result<()> {
+    if role != Role::Run {
         return Ok(());
     }
     load_modules(Path::new(VFIO_MODULES)).map_err(io::Error::other)
@@ -299,8 +291,8 @@ fn take_console() -> io::Result<()> {
 
 /// Loads the drivers of hardware watchdogs, if this is the appliance. Which of them finds its
 /// hardware shows when the watchdog is opened.
-pub fn load_watchdog_drivers() {
-    if is_its_child() {
+pub fn load_watchdog_drivers(role: Role) {
+    if role == Role::Run {
         for name in fs::read_to_string(WATCHDOGS).unwrap_or_default().lines() {
             let _ = load_module(&Path::new(MODULES).join(name));
         }
@@ -406,7 +398,6 @@ mod tests {
 
     #[test]
     fn a_test_run_is_not_the_appliance() {
-        assert!(!is_pid_one());
-        assert_eq!(arguments(), std::env::args_os().collect::<Vec<_>>());
+        assert_eq!(arguments(Role::of_this_process()), std::env::args_os().collect::<Vec<_>>());
     }
 }

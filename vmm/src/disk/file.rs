@@ -15,7 +15,7 @@ use crate::config::{self, Unreadable};
 
 /// A disk's file that cannot be used.
 #[derive(Debug, Error)]
-pub enum DiskError {
+pub enum DiskFileError {
     /// It cannot be opened as it has to be.
     #[error("cannot open the disk {}: {reason}{}", path.display(), if *.read_only { "" } else { "; to read a file that may not be written, say read_only = true" })]
     Open {
@@ -56,25 +56,25 @@ pub(super) struct DiskFile(File);
 impl DiskFile {
     /// Opens a disk's file: for itself alone if the guest may write, else together with others that
     /// only read.
-    pub(super) fn open(disk: &config::Disk) -> Result<(Self, Shape), DiskError> {
+    pub(super) fn open(disk: &config::Disk) -> Result<(Self, Shape), DiskFileError> {
         let config::Disk { path, read_only } = disk;
         let (path, read_only) = (path.clone(), *read_only);
         let file = match open(&path, read_only) {
             Ok(file) => file,
-            Err(reason) => return Err(DiskError::Open { path, read_only, reason }),
+            Err(reason) => return Err(DiskFileError::Open { path, read_only, reason }),
         };
         let locked = if read_only { file.try_lock_shared() } else { file.try_lock() };
         match locked {
             Ok(()) => {}
-            Err(TryLockError::WouldBlock) => return Err(DiskError::InUse { path }),
-            Err(TryLockError::Error(source)) => return Err(DiskError::Lock { path, source }),
+            Err(TryLockError::WouldBlock) => return Err(DiskFileError::InUse { path }),
+            Err(TryLockError::Error(source)) => return Err(DiskFileError::Lock { path, source }),
         }
         match file.metadata() {
             Ok(metadata) if metadata.len() > 0 && metadata.len().is_multiple_of(SECTOR) => {
                 Ok((Self(file), Shape { sectors: metadata.len() / SECTOR, read_only }))
             }
-            Ok(metadata) => Err(DiskError::Size { path, bytes: metadata.len() }),
-            Err(error) => Err(DiskError::Open { path, read_only, reason: error.into() }),
+            Ok(metadata) => Err(DiskFileError::Size { path, bytes: metadata.len() }),
+            Err(error) => Err(DiskFileError::Open { path, read_only, reason: error.into() }),
         }
     }
 }

@@ -14,6 +14,7 @@
 //! `drivers/virtio/virtio_mmio.c`). As a PCI function it would need capabilities and
 //! message-signalled interrupts in addition; see `docs/decisions/0010-disk.md`.
 
+mod error;
 mod file;
 mod thread;
 
@@ -32,11 +33,11 @@ use crate::config;
 use crate::event::{self, eventfd};
 use crate::machine::MachineError;
 use crate::memory::GuestMemory;
-use crate::run_error::RunError;
 use crate::vcpu::thread::Place;
 use file::DiskFile;
 
-pub use file::DiskError;
+pub use error::DiskError;
+pub use file::DiskFileError;
 pub use thread::DiskThread;
 
 /// Where the registers of a disk lie, counted from 0.
@@ -72,11 +73,10 @@ impl Drive {
         disk: &config::Disk,
         memory: &GuestMemory,
         place: Place,
-    ) -> Result<(Self, DiskThread), RunError> {
+    ) -> Result<(Self, DiskThread), DiskError> {
         let (medium, shape) = DiskFile::open(disk)?;
         let shared: Arc<Handover> = Arc::default();
-        let bell = EventFd::new(EFD_CLOEXEC)
-            .map_err(|source| RunError::Host { what: "make an event descriptor", source })?;
+        let bell = EventFd::new(EFD_CLOEXEC).map_err(DiskError::Bell)?;
         let interrupt = eventfd()?;
         let disk = Disk { shape, id: id(number), medium };
         let server = Server::new(shared.clone(), memory.only_ram()?, disk);

@@ -7,8 +7,8 @@ use takt_devices::disk::Medium;
 use takt_devices::disk::server::Server;
 use vmm_sys_util::eventfd::EventFd;
 
+use super::DiskError;
 use crate::event;
-use crate::run_error::RunError;
 use crate::vcpu::Control;
 use crate::vcpu::thread::{self, Place, Ready};
 
@@ -30,7 +30,7 @@ impl DiskThread {
         mut server: Server<M>,
         bell: EventFd,
         interrupt: EventFd,
-    ) -> Result<Self, RunError> {
+    ) -> Result<Self, DiskError> {
         let control: Arc<Control> = Arc::default();
         let (own, rung) = (control.clone(), event::clone(&bell)?);
         let run = move |_| {

@@ -21,6 +21,7 @@
 //! has arrived meanwhile waits in its interrupt controller.
 
 pub mod apic;
+mod error;
 pub mod line;
 pub mod route;
 
@@ -32,7 +33,7 @@ use kvm_ioctls::VmFd;
 use vmm_sys_util::epoll::{ControlOperation, Epoll, EpollEvent, EventSet};
 use vmm_sys_util::eventfd::EventFd;
 
-use crate::run_error::RunError;
+pub use error::InterruptError;
 use line::Line;
 
 /// How often a source is armed between two ticks of the event thread, at most: a thousand times a
@@ -85,7 +86,7 @@ impl Interrupts {
     ///
     /// # Errors
     /// If the host gives no descriptor.
-    pub fn new() -> Result<Self, RunError> {
+    pub fn new() -> Result<Self, InterruptError> {
         let epoll = Epoll::new().map_err(cannot("watch interrupts"))?;
         Ok(Self { sources: Vec::new(), epoll, machines: Vec::new(), news: Vec::new() })
     }
@@ -100,7 +101,7 @@ impl Interrupts {
         partition: &str,
         vm: VmFd,
         lines: &[(u8, Arc<Line>)],
-    ) -> Result<(), RunError> {
+    ) -> Result<(), InterruptError> {
         if lines.is_empty() {
             return Ok(());
         }
@@ -233,8 +234,8 @@ impl Source {
     }
 }
 
-fn cannot(what: &'static str) -> impl FnOnce(io::Error) -> RunError {
-    move |source| RunError::Host { what, source }
+fn cannot(what: &'static str) -> impl FnOnce(io::Error) -> InterruptError {
+    move |source| InterruptError::Host { what, source }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::error::DeviceError;
-use crate::appliance;
+use crate::appliance::{self, Role};
 
 /// A driver that knows no function of its own and takes what it is told to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,10 +25,10 @@ impl HostDriver {
         }
     }
 
-    fn load(self) -> io::Result<()> {
+    fn load(self, role: Role) -> io::Result<()> {
         match self {
-            HostDriver::Uio => appliance::load_for_interrupts(),
-            HostDriver::Vfio => appliance::load_for_vfio(),
+            HostDriver::Uio => appliance::load_for_interrupts(role),
+            HostDriver::Vfio => appliance::load_for_vfio(role),
         }
     }
 
@@ -58,12 +58,13 @@ impl Bound {
         function: &Path,
         drivers: &Path,
         name: &str,
+        role: Role,
     ) -> Result<Self, DeviceError> {
         let cannot =
             |what| move |source| DeviceError::Host { what, device: name.to_owned(), source };
         let folder = drivers.join(driver.name());
         if !folder.exists() {
-            driver.load().map_err(cannot("load the host's driver for"))?;
+            driver.load(role).map_err(cannot("load the host's driver for"))?;
         }
         if !folder.exists() {
             return Err(driver.missing(name));

@@ -34,6 +34,7 @@ use std::sync::Arc;
 use kvm_ioctls::VmFd;
 use takt_scheduler::table::PartitionId;
 
+use crate::appliance::Role;
 use crate::config::{
     Bar, DeviceMemory, Interrupt, InterruptSource, MemorySource, Partition, PartitionFile,
     Passthrough, PciFunction, PortIo, SafePlace,
@@ -101,10 +102,10 @@ impl Devices {
     ///
     /// # Errors
     /// See [`DeviceError`].
-    pub fn take(file: &PartitionFile) -> Result<Self, DeviceError> {
+    pub fn take(file: &PartitionFile, role: Role) -> Result<Self, DeviceError> {
         let (mut functions, mut spaces) = (Vec::new(), Vec::new());
         for partition in file.partitions() {
-            spaces.push(take_functions(partition, &mut functions)?.map(Arc::new));
+            spaces.push(take_functions(partition, &mut functions, role)?.map(Arc::new));
         }
         let mut found = Found::default();
         let partitions = file.partitions().iter().zip(spaces);
@@ -150,6 +151,7 @@ impl Devices {
 fn take_functions(
     partition: &Partition,
     functions: &mut Vec<Function>,
+    role: Role,
 ) -> Result<Option<Space>, DeviceError> {
     let devices = Path::new(PCI_DEVICES);
     let Passthrough { ports, memory, interrupts, .. } = partition.passthrough();
@@ -170,6 +172,7 @@ fn take_functions(
         // A function has one driver and one bit, however many of its registers are named.
         let same = || bars.iter().filter(|other| other.function == bar.function);
         let terms = Terms {
+            role,
             unbind: same().any(|bar| bar.unbind),
             trusted_dma: same().any(|bar| bar.trusted_dma),
             vfio: same().any(|bar| bar.vfio),

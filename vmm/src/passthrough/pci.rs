@@ -20,6 +20,7 @@ use super::error::DeviceError;
 use super::uio;
 use super::vfio::Space;
 use super::vfio::device::Device;
+use crate::appliance::Role;
 use crate::interrupts::line::Line;
 
 /// Kinds of a resource (`include/linux/ioport.h`).
@@ -29,6 +30,8 @@ const RESOURCE_MEMORY: u64 = 0x200;
 /// What the partition file allows with a function.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Terms {
+    /// What this process is to the appliance, which has drivers to load.
+    pub role: Role,
     /// Unbind the host's driver.
     pub unbind: bool,
     /// Leave it able to master the bus.
@@ -108,13 +111,15 @@ impl Function {
         let drivers = devices.with_file_name("drivers");
         if terms.vfio {
             // That enables it too.
-            this.bound = Some(Bound::bind(HostDriver::Vfio, &this.folder, &drivers, name)?);
+            this.bound =
+                Some(Bound::bind(HostDriver::Vfio, &this.folder, &drivers, name, terms.role)?);
             return Ok(this);
         }
         this.write("enable", "1").map_err(|e| this.cannot("enable", e))?;
         this.enabled = true;
         if terms.interrupt {
-            this.bound = Some(Bound::bind(HostDriver::Uio, &this.folder, &drivers, name)?);
+            this.bound =
+                Some(Bound::bind(HostDriver::Uio, &this.folder, &drivers, name, terms.role)?);
         }
         this.set_command(terms)?;
         Ok(this)

@@ -7,6 +7,7 @@ mod linux;
 mod plc;
 mod spawn;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
@@ -86,6 +87,8 @@ pub struct Preparation<'a> {
     pub late_wake_up: Option<u64>,
     /// The deadlines of the Linux guest's timer, if there are windows of others on its CPU.
     pub deadlines: Option<Arc<Deadlines>>,
+    /// Of the threads that end windows, which are made last.
+    pub enforcers: BTreeMap<Cpu, Arc<Control>>,
     /// What follows from a system call that a thread may not make.
     pub mode: Mode,
     /// What starts threads that have no part in the schedule.
@@ -145,11 +148,19 @@ impl Preparation<'_> {
         Some(Arc::new(Deadlines::new(quiet, board.clone())))
     }
 
+    /// What ends, or will end, the windows of a CPU.
+    fn enforcer(&mut self, cpu: Cpu) -> Arc<Control> {
+        self.enforcers.entry(cpu).or_default().clone()
+    }
+
     /// One thread per CPU with windows, to end them.
     ///
     /// # Errors
     /// See [`RunError`].
-    pub fn window_enforcers(&self, prepared: &[Prepared]) -> Result<Vec<WindowEnforcer>, RunError> {
+    pub fn window_enforcers(
+        &mut self,
+        prepared: &[Prepared],
+    ) -> Result<Vec<WindowEnforcer>, RunError> {
         let schedules = self.file.schedules();
         let mut enforcers = Vec::new();
         for cpu in schedules.cpus() {
@@ -162,9 +173,10 @@ impl Preparation<'_> {
                 timetable,
                 owners,
                 board: self.board.clone(),
+                quiet: schedules.quiet_on(cpu, None),
                 deadlines: self.deadlines.clone(),
             };
-            let control: Arc<Control> = Arc::default();
+            let control = self.enforcer(cpu);
             let own = control.clone();
             let reservation = CpuReservations::of(schedules, cpu).kicker;
             let domain = self.domains.entry(cpu);

@@ -97,11 +97,14 @@ impl Preparation<'_> {
         };
         let schedules = self.file.schedules();
         let says_done = guest.says_done();
+        let enforcer = self.enforcer(cpu);
         let plan = match (schedules.placements()[id.0].role, schedules.timetable_of(id)) {
             (Role::Windowed { guard }, Some(timetable)) => Some(Plan {
                 timetable,
                 board: self.board.clone(),
                 guard,
+                quiet: schedules.quiet_on(cpu, None),
+                enforcer,
                 late_wake_up: self.late_wake_up,
                 deadlines: self.waiting_for(partition),
                 on_switch: match partition.on_schedule_change() {

@@ -7,33 +7,17 @@
 //! clock runs with the TSC unless somebody steers it, and a steered one creeps over the margin sooner or
 //! later; how far it has crept, the report tells.
 
+use takt_scheduler::moment::Moment;
 use takt_scheduler::quiet::{QuietTimes, TickPhase, tick_phase};
-use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
+use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
 
 use crate::report;
 
-/// The TSC and CLOCK_MONOTONIC at the same moment.
-#[derive(Clone, Copy, Debug)]
-struct Clocks {
-    tsc: Tsc,
-    monotonic: Nanos,
-}
-
-impl Clocks {
-    fn now() -> Clocks {
-        let tsc = Tsc::now();
-        Clocks { tsc, monotonic: time(libc::clock_gettime, libc::CLOCK_MONOTONIC) }
-    }
-}
-
-/// What a call says of a clock. Both that are asked for exist on every Linux, so that it cannot fail.
-fn time(
-    call: unsafe extern "C" fn(libc::clockid_t, *mut libc::timespec) -> libc::c_int,
-    clock: libc::clockid_t,
-) -> Nanos {
+/// How often the host's tick comes: the coarse clock moves once in each.
+fn tick_of_host() -> Nanos {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: both calls fill in a live structure.
-    unsafe { call(clock, &raw mut time) };
+    // SAFETY: fills in a live structure. Every Linux has this clock, so that it cannot fail.
+    unsafe { libc::clock_getres(libc::CLOCK_MONOTONIC_COARSE, &raw mut time) };
     Nanos(time.tv_sec.unsigned_abs() * 1_000_000_000 + time.tv_nsec.unsigned_abs())
 }
 
@@ -44,7 +28,9 @@ pub(super) struct Epoch {
     pub base: Timebase,
     /// How long that is from when it was chosen.
     pub delay: Nanos,
-    clocks: Clocks,
+    /// Of that: until the tick is at its place.
+    pub aligning: Nanos,
+    chosen: Moment,
     tick: Nanos,
     phase: Option<TickPhase>,
 }
@@ -52,28 +38,26 @@ pub(super) struct Epoch {
 impl Epoch {
     /// Chooses one at least so far ahead.
     pub(super) fn choose(least: Nanos, frequency: TscFrequency, quiet: &[QuietTimes]) -> Epoch {
-        let clocks = Clocks::now();
-        // The coarse clock moves once in each tick.
-        let tick = time(libc::clock_getres, libc::CLOCK_MONOTONIC_COARSE);
+        let chosen = Moment::now(frequency);
+        let tick = tick_of_host();
         let phase = tick_phase(quiet, tick);
         let delay = match phase {
-            Some(phase) => delay(clocks.monotonic, least, phase),
+            Some(phase) => delay(chosen.clock, least, phase),
             None => least,
         };
-        let base = Timebase { epoch: clocks.tsc.after(frequency.ticks(delay)), frequency };
-        Epoch { base, delay, clocks, tick, phase }
+        let base = Timebase { epoch: chosen.tsc.after(frequency.ticks(delay)), frequency };
+        Epoch { base, delay, aligning: delay.less(least), chosen, tick, phase }
     }
 
     /// What a report says of the tick, at the end of a run.
     pub(super) fn told(&self) -> report::Tick {
-        let now = Clocks::now();
-        let by_tsc = self.base.frequency.nanos(now.tsc.since(self.clocks.tsc));
-        let by_clock = now.monotonic.less(self.clocks.monotonic);
+        let frequency = self.base.frequency;
+        let (ahead, _) = Moment::now(frequency).ahead_since(self.chosen, frequency);
         report::Tick {
             period_ns: self.tick.0,
             clear: self.phase.map(|phase| phase.clear.into()),
             margin_ns: self.phase.map_or(0, |phase| phase.margin.0),
-            crept_ns: by_tsc.0.abs_diff(by_clock.0),
+            crept_ns: ahead.unsigned_abs(),
         }
     }
 }
@@ -112,7 +96,7 @@ mod tests {
 
     #[test]
     fn the_tick_of_this_host_is_known() {
-        let tick = time(libc::clock_getres, libc::CLOCK_MONOTONIC_COARSE);
+        let tick = tick_of_host();
         assert!((Nanos::from_micros(900)..=Nanos::from_millis(10)).contains(&tick), "{tick}");
     }
 }

@@ -13,6 +13,7 @@ mod result;
 mod start;
 mod this_host;
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -30,7 +31,7 @@ use output::Output;
 use start::Started;
 
 use crate::account::Account;
-use crate::appliance::{self, expedited_rcu::ExpeditedRcu};
+use crate::appliance::expedited_rcu::ExpeditedRcu;
 use crate::channels::Channels;
 use crate::config::{HostPort, PartitionFile};
 use crate::control::Operators;
@@ -80,7 +81,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         .transpose()?;
     steps.pass()?;
     // Given back after all threads have been let go.
-    let devices = Devices::take(file)?;
+    let devices = Devices::take(file, options.role)?;
     steps.pass()?;
     // While there is no guest and no thread that it would be a copy of. Dropped after all threads
     // have written their values.
@@ -90,7 +91,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let operators =
         control.map(|listener| Operators::new(listener, file, &channels)).transpose()?;
     steps.pass()?;
-    let hurry = ExpeditedRcu::begin();
+    let hurry = ExpeditedRcu::begin(options.role);
     // Dropped after all threads have been let go.
     let domains = Domains::set_up(file.schedules())?;
     steps.pass()?;
@@ -116,6 +117,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         interrupts: Interrupts::new()?,
         late_wake_up: options.late_wake_up,
         deadlines: Preparation::deadlines(file, &board),
+        enforcers: BTreeMap::new(),
         mode: options.seccomp,
         spawner: &spawn,
     };
@@ -131,7 +133,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         return Err(MachineError::Missing("a machine to run").into());
     };
 
-    let host_ports = HostPorts::open(&channels, frequency, appliance::results(), &spawn)?;
+    let host_ports = HostPorts::open(&channels, frequency, options.role.results(), &spawn)?;
     steps.pass()?;
     let output = |what, path: &Option<PathBuf>| {
         path.as_deref().map(|path| Output::create(what, path)).transpose()
@@ -355,7 +357,7 @@ fn given_back(
     let figures = Allowed::Read("/proc/self".into());
     let control = options.control.as_deref().or(file.control());
     let ends = file.channels().iter().filter_map(|channel| match &channel.host {
-        Some(HostPort::Socket(path)) if appliance::results().is_none() => Some(path.as_path()),
+        Some(HostPort::Socket(path)) if options.role.results().is_none() => Some(path.as_path()),
         _ => None,
     });
     let folder = |socket: &Path| match socket.parent() {

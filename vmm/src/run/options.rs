@@ -3,11 +3,14 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use crate::appliance::Role;
 use crate::sandbox;
 
 /// What the command line adds to the partition file.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
+    /// What this process is to the appliance.
+    pub role: Role,
     /// End by itself after this time.
     pub duration: Option<Duration>,
     /// When Takt began, for the report.

@@ -32,7 +32,7 @@ use crate::vcpu::thread::{Ready, Running};
 /// fall asleep until its first window. One that is late begins with its next window; a window enforcer that is
 /// late lets windows go on, so there is time to spare.
 const fn start_delay(threads: usize) -> Nanos {
-    Nanos::from_micros(1000 + 100 * threads as u64)
+    Nanos::from_micros(300 + 50 * threads as u64)
 }
 
 /// The CPU that the calling thread runs on. It stays there, or at least on one of those without windows:
@@ -109,6 +109,7 @@ impl Run<'_> {
         let starting = report::Starting {
             first_release_ns: began.map(|began| nanos(began.elapsed()) + epoch.delay.0),
             clearing_ns: nanos(self.clearing),
+            aligning_ns: epoch.aligning.0,
         };
         let base = epoch.base;
         // No window may begin whose end nobody has been told of, and who has no windows may take the
@@ -169,7 +170,9 @@ impl Run<'_> {
         let threads = windowed.map(|account| account.control.clone());
         let threads = threads.chain(kickers.iter().map(|kicker| kicker.control.clone()));
         let frame = self.file.schedules().frame();
-        HostWatchdog::start(time, frame, threads.collect()).map(Some).map_err(RunError::Watchdog)
+        HostWatchdog::start(time, frame, threads.collect(), self.options.role)
+            .map(Some)
+            .map_err(RunError::Watchdog)
     }
 
     fn begin_trace(&self, outlet: Arc<Outlet>, base: Timebase) -> Trace {

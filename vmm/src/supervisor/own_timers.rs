@@ -9,6 +9,7 @@
 use std::io;
 use std::os::fd::AsRawFd;
 
+use takt_scheduler::moment::Moment;
 use takt_scheduler::quiet::QuietTimes;
 use takt_scheduler::switch::Switch;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
@@ -76,15 +77,13 @@ impl OwnTimers {
 
     fn set(&self, timer: &TimerFd, at: Nanos) -> io::Result<()> {
         let at = self.base.instant(at);
-        // The TSC first: what comes between the two looks makes the timer late and not early.
-        let left = self.base.frequency.nanos(at.since(Tsc::now()));
-        let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-        // SAFETY: fills in a live structure; cannot fail for this clock.
-        unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut time) };
+        let frequency = self.base.frequency;
         // A timer for the instant 0 would be none.
-        let ns = left.0.max(1).saturating_add(time.tv_nsec.unsigned_abs());
-        time.tv_sec += (ns / 1_000_000_000) as libc::time_t;
-        time.tv_nsec = (ns % 1_000_000_000) as libc::c_long;
+        let Nanos(ns) = Moment::now(frequency).clock_at(at, frequency).max(Nanos(1));
+        let time = libc::timespec {
+            tv_sec: (ns / 1_000_000_000) as libc::time_t,
+            tv_nsec: (ns % 1_000_000_000) as libc::c_long,
+        };
         let never = libc::timespec { tv_sec: 0, tv_nsec: 0 };
         let setting = libc::itimerspec { it_interval: never, it_value: time };
         // SAFETY: the descriptor is open, the kernel reads a live structure, and the old setting is not

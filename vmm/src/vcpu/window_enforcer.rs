@@ -10,6 +10,8 @@
 
 use std::sync::Arc;
 
+use takt_scheduler::quiet::QuietTimes;
+use takt_scheduler::rest::Rest;
 use takt_scheduler::sleep::{Sleeper, Woken};
 use takt_scheduler::switch::ScheduleState;
 use takt_scheduler::time::{Timebase, Tsc};
@@ -26,15 +28,22 @@ pub struct Windows {
     pub owners: Vec<Vec<Arc<Control>>>,
     /// Which schedule holds.
     pub board: Arc<ScheduleState>,
+    /// In which it does not wake between the pieces of a sleep.
+    pub quiet: Option<QuietTimes>,
     /// Of a Linux, which go by the schedule.
     pub deadlines: Option<Arc<Deadlines>>,
 }
 
 /// Kicks until it is told to stop.
 pub fn run(windows: &Windows, base: &Timebase, own: &Control) {
-    let Windows { timetable, owners, board, deadlines } = windows;
+    let Windows { timetable, owners, board, quiet, deadlines } = windows;
     let mut slot = timetable.first(board.switch());
-    let mut sleeper = Sleeper::new(base.frequency);
+    // Most of its wake-ups find nobody, so it saves those between: of a clock that is steered it is told by
+    // a kick, and looks at it again.
+    let mut sleeper = Sleeper::new(base.frequency).lazy();
+    if let Some(quiet) = quiet {
+        sleeper = sleeper.resting(Rest::new(quiet.clone(), board.clone(), *base));
+    }
     loop {
         let instant = base.instant(match slot {
             Slot::Window(release) => release.end,

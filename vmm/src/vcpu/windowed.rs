@@ -9,6 +9,8 @@ use std::sync::Arc;
 
 use kvm_ioctls::VcpuExit;
 use rtrb::Producer;
+use takt_scheduler::quiet::QuietTimes;
+use takt_scheduler::rest::Rest;
 use takt_scheduler::sleep::{Sleeper, Woken};
 use takt_scheduler::switch::{ScheduleState, Switch};
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
@@ -36,6 +38,10 @@ pub struct Plan {
     pub board: Arc<ScheduleState>,
     /// How long before a window the thread wakes.
     pub guard: Nanos,
+    /// The quiet times of its CPU, in which it does not wake between the pieces of a sleep.
+    pub quiet: Option<QuietTimes>,
+    /// Who ends the windows of its CPU, to be told of a steered clock.
+    pub enforcer: Arc<Control>,
     /// For tests: the wake-up for the release of this number comes late.
     pub late_wake_up: Option<u64>,
     /// A Linux's deadlines that wait for this partition's windows, if it is not that Linux's own.
@@ -97,7 +103,15 @@ impl Windowed {
         let slot = plan.timetable.first(switch);
         let log = Log { records, unrecorded: 0 };
         let acted = switch.frame;
-        let sleeper = Sleeper::new(base.frequency);
+        let enforcer = plan.enforcer.clone();
+        let rest = plan.quiet.clone().map(|quiet| {
+            let rest = Rest::new(quiet, plan.board.clone(), base);
+            rest.on_steered(Box::new(move || enforcer.kick()))
+        });
+        let sleeper = match rest {
+            Some(rest) => Sleeper::new(base.frequency).resting(rest),
+            None => Sleeper::new(base.frequency),
+        };
         Self {
             plan,
             base,

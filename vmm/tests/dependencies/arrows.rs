@@ -109,6 +109,23 @@ fn clients_link_no_hypervisor() {
     }
 }
 
+#[test]
+fn the_lines_of_code_to_trust_are_counted_in_every_crate_that_takt_links() {
+    let counted = read("tests/src/bin/results/footprint.rs");
+    let arguments = ["tree", "-p", "takt", "-e", "normal", "--prefix", "none"];
+    let tree = cargo(&root(), &arguments);
+    let root = root().canonicalize().unwrap();
+    let folders = tree.lines().filter_map(|line| line.split_once('('));
+    let folders =
+        folders.filter_map(|(_, rest)| rest.split_once(')')?.0.strip_prefix(root.to_str()?));
+    let folders: BTreeSet<&str> = folders.collect();
+    assert!(folders.contains("/vmm") && folders.contains("/scheduler"), "{folders:?}");
+    for folder in folders {
+        let source = format!("\"{}/src\"", folder.trim_start_matches('/'));
+        assert!(counted.contains(&source), "{source} is not counted in docs/results.md");
+    }
+}
+
 /// A line of the picture: `NAME --> NAME, NAME`, each without `takt-`.
 #[test]
 fn the_picture_of_the_crates_is_what_is_built() {

@@ -38,7 +38,7 @@ impl Kernel {
         }
         self.print_row(self.figures.row, now);
         self.figures.row += 1;
-        if usize::from(self.figures.row) > self.scheduler.ids().count() {
+        if usize::from(self.figures.row) > self.scheduler.ids().count() + 1 {
             let intervals = now.0 / INTERVAL.0 + 1;
             self.figures = Figures { row: 0, next: Instant(0).after(INTERVAL.times(intervals)) };
         }
@@ -47,7 +47,7 @@ impl Kernel {
     /// Prints the whole table: the guest is about to end.
     pub fn print_figures(&mut self) {
         let now = self.now();
-        for row in 0..=self.scheduler.ids().count() as u8 {
+        for row in 0..self.scheduler.ids().count() as u8 + 2 {
             self.print_row(row, now);
         }
     }
@@ -70,8 +70,25 @@ impl Kernel {
                 "switches",
                 "share"
             )),
-            Some(id) => self.print_task(TaskId(id), now),
+            Some(id) if usize::from(id) < self.scheduler.ids().count() => {
+                self.print_task(TaskId(id), now);
+            }
+            Some(_) => self.print_rest(now),
         }
+    }
+
+    /// What no task has had of the time, with the time outside of windows, and how often the processor
+    /// changed hands.
+    fn print_rest(&self, now: Instant) {
+        let all = self.scheduler.ids().map(|id| self.scheduler.task(id).statistics().executed.0);
+        let rest = now.0.saturating_sub(all.sum());
+        let per_mille = rest.saturating_mul(1000) / now.0.max(1);
+        print(format_args!(
+            "idle {}.{} %, {} switches",
+            per_mille / 10,
+            per_mille % 10,
+            self.scheduler.switches()
+        ));
     }
 
     fn print_task(&mut self, id: TaskId, now: Instant) {

@@ -23,6 +23,8 @@ pub struct Starting {
     pub first_release_ns: Option<u64>,
     /// Of that: what it took to clear the guests' memory.
     pub clearing_ns: u64,
+    /// Of that: what the epoch waited for its place to the host's tick, less than a frame.
+    pub aligning_ns: u64,
 }
 
 impl fmt::Display for Starting {
@@ -30,8 +32,12 @@ impl fmt::Display for Starting {
         let ms = |ns: u64| ns as f64 / 1e6;
         write!(f, "guest memory cleared in {:.1} ms", ms(self.clearing_ns))?;
         match self.first_release_ns {
-            Some(ns) => write!(f, ", first release {:.1} ms after the command", ms(ns)),
-            None => Ok(()),
+            Some(ns) => write!(f, ", first release {:.1} ms after the command", ms(ns))?,
+            None => return Ok(()),
+        }
+        match self.aligning_ns {
+            0 => Ok(()),
+            ns => write!(f, ", {:.1} ms of them for its place to the host's tick", ms(ns)),
         }
     }
 }

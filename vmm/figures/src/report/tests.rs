@@ -4,7 +4,9 @@ use super::*;
 fn a_start_is_told_with_and_without_its_whole_time() {
     let starting = report().process.starting;
     let told = "guest memory cleared in 16.1 ms, first release 33.3 ms after the command";
-    assert_eq!(starting.to_string(), told);
+    let placed = format!("{told}, 0.4 ms of them for its place to the host's tick");
+    assert_eq!(starting.to_string(), placed);
+    assert_eq!(Starting { aligning_ns: 0, ..starting }.to_string(), told);
     let partly = Starting { first_release_ns: None, ..starting };
     assert_eq!(partly.to_string(), "guest memory cleared in 16.1 ms");
 }
@@ -108,7 +110,11 @@ fn report() -> Report {
         process: Process {
             start: None,
             end: None,
-            starting: Starting { first_release_ns: Some(33_300_000), clearing_ns: 16_080_000 },
+            starting: Starting {
+                first_release_ns: Some(33_300_000),
+                clearing_ns: 16_080_000,
+                aligning_ns: 400_000,
+            },
         },
         output: Output::default(),
     }

@@ -39,7 +39,11 @@ impl fmt::Display for Tick {
                 write!(f, "in windows, {:.0} us off all releases", us(self.margin_ns))?;
             }
         }
-        write!(f, " at the start, crept by {:.3} us", us(self.crept_ns))
+        write!(f, " at the start, crept by {:.3} us", us(self.crept_ns))?;
+        if self.clear.is_some() && self.crept_ns > self.margin_ns {
+            f.write_str(", further than that")?;
+        }
+        Ok(())
     }
 }
 
@@ -49,5 +53,23 @@ impl From<quiet::Clear> for Clear {
             quiet::Clear::Windows => Clear::Windows,
             quiet::Clear::Releases => Clear::Releases,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tick_that_has_come_to_the_windows_is_told() {
+        let tick = |crept_ns| Tick {
+            period_ns: 4_000_000,
+            clear: Some(Clear::Windows),
+            margin_ns: 337_000,
+            crept_ns,
+        };
+        let told = "host's tick: every 4000 us, 337 us off all windows at the start, crept by ";
+        assert_eq!(tick(337_000).to_string(), format!("{told}337.000 us"));
+        assert_eq!(tick(337_001).to_string(), format!("{told}337.001 us, further than that"));
     }
 }

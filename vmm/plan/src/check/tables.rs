@@ -7,7 +7,7 @@ use takt_scheduler::table::{Role, Table};
 use takt_scheduler::time::Nanos;
 
 use super::{line, programs};
-use crate::{Bytes, Kind, Met, NamedTask, Partition, PartitionFile, percent};
+use crate::{Allowance, Bytes, INTERRUPT, Kind, Met, NamedTask, Partition, PartitionFile, percent};
 
 /// What each partition has under one schedule, whatever the others do.
 pub fn shares(out: &mut String, file: &PartitionFile, table: &Table) {
@@ -45,11 +45,28 @@ pub fn tasks(out: &mut String, file: &PartitionFile, schedule: ScheduleId) {
             percent(load.permille())
         );
         line(out, &text);
+        for (time, what) in kept(met) {
+            line(out, &format!("  {time} of each window are kept for {what}"));
+        }
         let rows = partition.tasks().iter().zip(&met.responses);
         let rows = rows.map(|(task, response)| fate(met, task, *response)).collect();
         let header = ["task", "period", "budget", "priority", "worst response", "verdict"];
         columns(out, "  ", header, rows);
     }
+}
+
+/// What the analysis takes from each window, and for what.
+fn kept(met: &Met) -> impl Iterator<Item = (Nanos, String)> {
+    let Allowance { tick, linux } = met.interrupts;
+    let interrupts = |count: u64, what: &str| {
+        (Nanos(count * INTERRUPT.0), format!("{what} ({count} x {INTERRUPT})"))
+    };
+    let terms = [
+        interrupts(tick, "the host's tick"),
+        interrupts(linux, "timers of a Linux that Takt cannot place"),
+        (met.wake_up, "a wake-up that the guard has no room for".to_owned()),
+    ];
+    terms.into_iter().filter(|(time, _)| *time > Nanos::ZERO)
 }
 
 fn fate(met: &Met, NamedTask { name, task }: &NamedTask, response: Nanos) -> [String; 6] {

@@ -1,0 +1,61 @@
+//! Where a thread of the schedule may wake between the pieces of a sleep.
+//!
+//! Such a wake-up serves no window, so it must not fall into one: it would interrupt a program between its
+//! guard and its "done". It is moved to the last instant before, from which it is over in time.
+
+use std::fmt;
+use std::sync::Arc;
+
+use crate::quiet::QuietTimes;
+use crate::switch::ScheduleState;
+use crate::time::{Timebase, Tsc};
+
+/// Whoever wants to know that the clock was found steered.
+pub type Listener = Box<dyn Fn() + Send>;
+
+/// What a sleeping thread knows of its CPU.
+pub struct Rest {
+    quiet: QuietTimes,
+    board: Arc<ScheduleState>,
+    base: Timebase,
+    on_steered: Option<Listener>,
+}
+
+impl Rest {
+    /// Outside of these times, under the schedule that the board shows.
+    #[must_use]
+    pub fn new(quiet: QuietTimes, board: Arc<ScheduleState>, base: Timebase) -> Rest {
+        Rest { quiet, board, base, on_steered: None }
+    }
+
+    /// Has another thread told, at once, when this one finds the clock steered for the first time in
+    /// long.
+    #[must_use]
+    pub fn on_steered(self, listener: Listener) -> Rest {
+        Rest { on_steered: Some(listener), ..self }
+    }
+
+    pub(crate) fn tell_steered(&self) {
+        if let Some(listener) = &self.on_steered {
+            listener();
+        }
+    }
+
+    /// The last instant up to `at` from which a wake-up is over before any quiet time; `None` if there is no
+    /// gap before it.
+    pub(crate) fn before(&self, at: Tsc) -> Option<Tsc> {
+        // Before the epoch there are no windows.
+        if at < self.base.epoch {
+            return Some(at);
+        }
+        let offset = self.base.offset(at);
+        let placed = self.quiet.before(offset, self.board.switch())?;
+        Some(if placed == offset { at } else { self.base.instant(placed) })
+    }
+}
+
+impl fmt::Debug for Rest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Rest").field("quiet", &self.quiet).finish_non_exhaustive()
+    }
+}
