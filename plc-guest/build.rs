@@ -15,8 +15,8 @@ fn main() {
     let Some(script) = script else {
         panic!("no link.ld in {} or above", package.display());
     };
+    println!("cargo:rerun-if-changed={}", script.with_file_name("build.rs").display());
     let script = script.display();
-    println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-changed={script}");
     let flags = [
         "-nostdlib",
