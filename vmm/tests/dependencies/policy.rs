@@ -126,10 +126,9 @@ impl Policy {
 
     fn skips(&self, name: &str, version: &str) -> bool {
         self.bans.skip.iter().any(|skip| {
-            // The form that is used: all versions with this first number.
-            let major = skip.version.strip_prefix('^').and_then(|n| n.parse::<u64>().ok());
-            let first = version.split('.').next().and_then(|n| n.parse::<u64>().ok());
-            skip.name == name && major.is_some() && major == first
+            // `^1` is every 1.x, and `^0.16` every 0.16.x.
+            let same = skip.version.strip_prefix('^').map(|same| format!("{same}."));
+            skip.name == name && same.is_some_and(|same| version.starts_with(&same))
         })
     }
 
