@@ -89,7 +89,7 @@ impl Generator {
                 Some(StatementKind::If(vec![(condition, vec![leave])], Vec::new()))
             }
             5 => self.assign_part(),
-            0..=9 => {
+            2..=4 | 6..=9 => {
                 let ty = self.some_type();
                 let writable = self.writable.clone();
                 let place = self.place_of(&writable, ty)?;
