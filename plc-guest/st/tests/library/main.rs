@@ -1,0 +1,12 @@
+//! The library against tables of expected values: the functions of the standard (`tests/standard`), and the
+//! function blocks, whose tables are those of the crate `takt-blocks`.
+//!
+//! Each table becomes a program of ST with a task that makes the calls and compares. The interpreter
+//! of the typed tree runs it.
+
+mod blocks;
+mod functions;
+#[path = "../oracle/mod.rs"]
+#[allow(dead_code, reason = "the interpreter is made for other tests too")]
+mod oracle;
+mod program;
