@@ -29,7 +29,7 @@ pub enum BuildError {
     Image(takt_program::ImageError),
 }
 
-/// Compiles a checked program and makes its image.
+/// Compiles a checked program and makes its image. It may need the room of [`crate::stack`].
 ///
 /// # Errors
 /// See [`BuildError`].

@@ -18,4 +18,5 @@ pub mod limits;
 pub mod native;
 pub mod project;
 pub mod source;
+pub mod stack;
 pub mod syntax;

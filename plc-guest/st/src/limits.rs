@@ -13,7 +13,7 @@ pub const DEPTH: u32 = 100;
 /// The height of an expression's tree. `a + b + c` is a tree as high as it has operators.
 pub const HEIGHT: u32 = 250;
 
-/// The stack that checking takes at most, in bytes; see [`crate::project::check`].
+/// The stack that any stage takes at most, in bytes; see [`crate::stack`].
 pub const STACK: usize = 64 << 20;
 
 /// The errors that are kept for one file. A file that is no Structured Text at all would have one

@@ -4,8 +4,8 @@ use crate::check::{self, Input};
 use crate::diagnostic::{Diagnostic, Diagnostics};
 use crate::hir::Program;
 use crate::library;
-use crate::limits;
 use crate::source::Sources;
+use crate::stack;
 use crate::syntax::ast::File;
 use crate::syntax::parser;
 
@@ -23,15 +23,9 @@ pub struct Checked {
 ///
 /// # Errors
 ///
-/// If the system has no room for a thread. Trees are walked by recursion, and a thread that this
-/// function is called on may have little stack.
+/// If the system has no room for a thread (see [`stack`]).
 pub fn check(name: &str, sources: &mut Sources) -> std::io::Result<Checked> {
-    std::thread::scope(|scope| {
-        let thread = std::thread::Builder::new().stack_size(limits::STACK);
-        let checking = thread.spawn_scoped(scope, || check_here(name, sources))?;
-        // A panic goes on where it would have gone without the thread.
-        Ok(checking.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-    })
+    stack::with_room(|| check_here(name, sources))
 }
 
 fn check_here(name: &str, sources: &mut Sources) -> Checked {

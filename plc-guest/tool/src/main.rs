@@ -43,7 +43,7 @@ enum Command {
     Import(commands::import::Import),
     /// Check sources in Structured Text without building them.
     Check(commands::check::Check),
-    /// Make a program image of object files and static libraries.
+    /// Make a program image of Structured Text, or of object files and static libraries.
     Build(commands::build::Build),
     /// Run a program on this machine, cycle by cycle, and compare its outputs with a table.
     Test(commands::test::Test),

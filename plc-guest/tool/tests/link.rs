@@ -99,7 +99,6 @@ fn what_is_no_object_file_is_refused() {
     folder.write("x.o", "nonsense");
     folder.takt_plc(&["build", "x.o", "-o", "x.plc"]).expect(2, "x.o is no object file");
     folder.takt_plc(&["build", "y.o", "-o", "x.plc"]).expect(2, "cannot read y.o");
-    folder.takt_plc(&["build", "x.st", "-o", "x.plc"]).expect(2, "Structured Text");
 }
 
 #[test]

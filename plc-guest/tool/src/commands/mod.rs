@@ -7,6 +7,7 @@ pub mod inspect;
 pub mod keygen;
 pub mod new;
 pub mod sign;
+mod structured_text;
 pub mod test;
 pub mod verify;
 

@@ -83,14 +83,19 @@ const C: &[File] = &[
     ("takt-sdk/blocks.h", include_str!("../../../blocks/c/blocks.h")),
 ];
 
+const STRUCTURED_TEXT: &[File] = &[
+    ("main.st", include_str!("../templates/st/main.st")),
+    ("tests/tank.csv", include_str!("../templates/st/tank.csv")),
+    (".gitignore", "*.plc\n*.key\n"),
+    ("README.md", include_str!("../templates/st/README.md")),
+];
+
 impl New {
     pub fn run(self) -> Result<(), Failure> {
         let files = match self.lang {
             Language::Rust => RUST,
             Language::C => C,
-            Language::St => {
-                return Err(Failure::input("this takt plc has no compiler for Structured Text"));
-            }
+            Language::St => STRUCTURED_TEXT,
         };
         let name = self.path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
         let good = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';

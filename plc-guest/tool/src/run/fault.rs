@@ -35,23 +35,37 @@ pub struct Fault {
     pub now: u64,
     /// What happened.
     pub what: String,
-    /// Where: file and line, or an address.
-    pub place: String,
+    /// Where.
+    pub place: Place,
     /// The last line of the log in this job, which says why if the program gave up by itself.
     pub last_words: Option<String>,
+}
+
+/// Where a fault happened.
+#[derive(Debug)]
+pub enum Place {
+    /// `FILE:LINE`, which editors understand at the beginning of a message.
+    Source(String),
+    /// In words: an address, or the place of a caller.
+    Words(String),
 }
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { task, cycle, now, what, place, .. } = self;
         let now = takt_program::Nanoseconds(*now);
-        write!(f, "task {task}, job {cycle}, at {now}: {what}, {place}")?;
+        match place {
+            Place::Source(place) => {
+                write!(f, "{place}: {what} (task {task}, job {cycle}, at {now})")
+            }
+            Place::Words(place) => write!(f, "task {task}, job {cycle}, at {now}: {what}, {place}"),
+        }?;
         self.last_words.as_ref().map_or(Ok(()), |words| write!(f, "\n  last log line: {words}"))
     }
 }
 
 /// What a stop that is no call means.
-pub fn describe(image: &Image<'_>, memory: &Memory, stop: &Stop) -> (String, String) {
+pub fn describe(image: &Image<'_>, memory: &Memory, stop: &Stop) -> (String, Place) {
     let (what, rip) = match stop {
         Stop::Signal { number, code, address, registers } => {
             let trap = code_offset(image, registers.rip).and_then(|at| image.trap(at));
@@ -69,7 +83,8 @@ pub fn describe(image: &Image<'_>, memory: &Memory, stop: &Stop) -> (String, Str
         }
         Stop::Call(registers) => ("a call".into(), registers.rip.wrapping_sub(2)),
         Stop::Gone => {
-            return ("its process is gone".into(), "nothing is known of the place".into());
+            let place = Place::Words("nothing is known of the place".into());
+            return ("its process is gone".into(), place);
         }
     };
     let called = match stop {
@@ -82,24 +97,26 @@ pub fn describe(image: &Image<'_>, memory: &Memory, stop: &Stop) -> (String, Str
     let caller = called.map(u64::from_le_bytes).filter(|&at| code_offset(image, at).is_some());
     let place = match caller {
         // The return address is after the call.
-        Some(at) => format!("called at {}", place(image, at - 1)),
+        Some(at) => {
+            let (Place::Source(caller) | Place::Words(caller)) = place(image, at - 1);
+            Place::Words(format!("called at {caller}"))
+        }
         None => place(image, rip),
     };
     (what, place)
 }
 
 /// File and line of an instruction, or its address.
-pub fn place(image: &Image<'_>, rip: u64) -> String {
+fn place(image: &Image<'_>, rip: u64) -> Place {
     let Some(at) = code_offset(image, rip) else {
-        return format!("at {rip:#x}, which is not in the code");
+        return Place::Words(format!("at {rip:#x}, which is not in the code"));
     };
-    let trap = image.trap(at).and_then(|trap| trap.place);
-    if let Some(place) = trap {
-        return format!("{}:{}:{}", place.file, place.line, place.column);
+    if let Some(place) = image.trap(at).and_then(|trap| trap.place) {
+        return Place::Source(format!("{}:{}", place.file, place.line));
     }
     match image.line(at) {
-        Some(line) => format!("{}:{}", line.file, line.line),
-        None => format!("at {rip:#x}; no line is known there"),
+        Some(line) => Place::Source(format!("{}:{}", line.file, line.line)),
+        None => Place::Words(format!("at {rip:#x}; no line is known there")),
     }
 }
 

@@ -8,7 +8,7 @@ use takt_program::{
 
 use super::HostError;
 use super::child::{Child, Registers, Stop};
-use super::fault::{Failed, Fault, describe};
+use super::fault::{Failed, Fault, Place, describe};
 use super::kernel::{Caller, Kernel, Outcome};
 use super::memory::Memory;
 
@@ -82,7 +82,12 @@ impl<'a> Machine<'a> {
             None => Ok(lines),
             Some(name) => {
                 let what = format!("it changed the output `{name}`, which another task writes");
-                Err(self.fault(job.task.name, information, what, "somewhere in the job".into()))
+                Err(self.fault(
+                    job.task.name,
+                    information,
+                    what,
+                    Place::Words("somewhere in the job".into()),
+                ))
             }
         }
     }
@@ -175,7 +180,7 @@ impl<'a> Machine<'a> {
         }
     }
 
-    fn fault(&mut self, task: &str, job: TaskInformation, what: String, place: String) -> Failed {
+    fn fault(&mut self, task: &str, job: TaskInformation, what: String, place: Place) -> Failed {
         let last_words = std::mem::take(&mut self.kernel.log).pop();
         let (cycle, now, task) = (job.cycle, job.now, task.to_owned());
         Failed::Program(Fault { task, cycle, now, what, place, last_words })

@@ -1,0 +1,144 @@
+//! Programs in Structured Text, from source to a test on this machine, as a user goes that way.
+
+mod common;
+
+use common::Folder;
+
+/// A program, run each 100 ms.
+fn project(variables: &str, body: &str) -> String {
+    format!(
+        "PROGRAM Main\nVAR\n{variables}\nEND_VAR\n{body}\nEND_PROGRAM\nCONFIGURATION Plant\n\
+         TASK often (INTERVAL := T#100ms, PRIORITY := 1);\nPROGRAM one WITH often : Main;\n\
+         END_CONFIGURATION\n"
+    )
+}
+
+#[test]
+fn a_project_is_made_checked_built_inspected_and_tested() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "tank", "--lang", "st"]).expect(0, "tank");
+    folder.takt_plc(&["check", "tank"]).expect(0, "");
+    let built = folder.takt_plc(&["build", "tank", "-o", "tank.plc"]);
+    built.expect(0, "tank.plc: tank 0.0.0").expect(0, "2 tasks, 7 points");
+    let shown = folder.takt_plc(&["inspect", "tank.plc"]);
+    let shown = shown.expect(0, "every 10 ms, priority 0, budget 500 us");
+    for (name, place, ty, flags) in [
+        ("level", "%IB0", "REAL", "input forceable"),
+        ("alarm", "%QX4.0", "BOOL", "output forceable"),
+        ("setpoint", "state+", "REAL", "retain forceable"),
+        ("control", "state+", "Control", "forceable"),
+    ] {
+        let words: Vec<&str> = shown
+            .text
+            .lines()
+            .map(|line| line.split_whitespace().collect::<Vec<_>>())
+            .find(|words| words.first() == Some(&name))
+            .unwrap_or_else(|| panic!("no {name}: {}", shown.text));
+        assert!(words[1].starts_with(place), "{words:?}");
+        assert_eq!((words[2], words[3..].join(" ").as_str()), (ty, flags));
+    }
+    let table = "tank/tests/tank.csv";
+    folder.takt_plc(&["test", "tank.plc", table]).expect(0, "21 cycles, 210 ms");
+    // The timer of the alarm and the state of the controller are seen from outside.
+    folder
+        .write("inside.csv", "level,enable,watch.too_high.Q,control.controller.sum\n1,1,0,0.005\n");
+    folder.takt_plc(&["test", "tank.plc", "inside.csv"]).expect(0, "all as expected");
+    let text = String::from_utf8(folder.read(table)).unwrap();
+    folder.write("wrong.csv", &text.replace("0.1055", "0.1155"));
+    let ended = folder.takt_plc(&["test", "tank.plc", "wrong.csv"]);
+    ended.expect(1, "line 5: valve is 0.1055").expect(1, "expected 0.1155");
+}
+
+#[test]
+fn two_builds_of_a_source_are_equal_and_another_source_is_not() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "tank", "--lang", "st"]).expect(0, "");
+    let mut images = Vec::new();
+    for _ in 0..2 {
+        folder.takt_plc(&["build", "tank"]).expect(0, "tank.plc: tank");
+        images.push(folder.read("tank.plc"));
+        std::fs::remove_file(folder.path().join("tank.plc")).unwrap();
+    }
+    assert!(images[0] == images[1]);
+    let source = String::from_utf8(folder.read("tank/main.st")).unwrap();
+    folder.write("tank/main.st", &source.replace("RATE := 0.5", "RATE := 0.25"));
+    folder.takt_plc(&["build", "tank"]).expect(0, "");
+    assert!(images[0] != folder.read("tank.plc"));
+}
+
+#[test]
+fn a_trap_is_told_with_its_line() {
+    let folder = Folder::new();
+    let variables = "i AT %IW0 : INT; q AT %QW0 : INT; row : ARRAY[1..3] OF INT := [5, 6, 7];\n\
+                     small : INT (0..9); none : REF_TO INT;";
+    let body = "CASE i OF\n1: q := 10 / (i - 1);\n2: q := row[i + 2];\n3: small := i * 4;\n\
+                4: q := none^;\n5: WHILE i > 0 DO\n;\nEND_WHILE;\nELSE q := row[1]; END_CASE;";
+    folder.write("main.st", &project(variables, body));
+    folder.takt_plc(&["build", "main.st"]).expect(0, "main.plc: main");
+    for (input, says) in [
+        (1, "main.st:7: division by zero (task often, job 1, at 100 ms)"),
+        (2, "main.st:8: index out of bounds"),
+        (3, "main.st:9: value out of its subrange"),
+        (4, "main.st:10: null reference"),
+        (5, "main.st:11: a loop made too many rounds"),
+    ] {
+        folder.write("t.csv", &format!("one.i,one.q\n0,5\n{input},\n"));
+        let ended = folder.takt_plc(&["test", "main.plc", "t.csv", "--time-limit", "60000"]);
+        ended.expect(3, says);
+    }
+}
+
+#[test]
+fn a_mistake_is_told_as_check_tells_it_and_leaves_no_image() {
+    let folder = Folder::new();
+    folder.write("main.st", &project("level : INT;", "levl := 3;"));
+    let built = folder.takt_plc(&["build", "main.st"]);
+    let built = built.expect(2, "error[unknown-name]: main.st:5:1: ");
+    let checked = folder.takt_plc(&["check", "main.st"]).expect(2, "1 errors");
+    assert_eq!(built.text, checked.text);
+    folder
+        .takt_plc(&["build", "main.st", "--message-format", "json"])
+        .expect(2, "\"code\":\"unknown-name\"");
+    assert!(!folder.path().join("main.plc").exists());
+    folder.write("alone.st", "FUNCTION f : INT\nf := 1;\nEND_FUNCTION\n");
+    folder.takt_plc(&["build", "alone.st"]).expect(2, "no task runs a program");
+}
+
+#[test]
+fn what_cannot_be_built_together_or_named_is_refused() {
+    let folder = Folder::new();
+    folder.write("main.st", &project("level : INT;", "level := 3;"));
+    folder.write("a.o", "");
+    folder.takt_plc(&["build", "main.st", "a.o"]).expect(2, "one or the other");
+    folder.takt_plc(&["build", "a.o"]).expect(2, "-o IMAGE");
+    folder.takt_plc(&["build", "a.o", "--emit", "ir"]).expect(2, "for Structured Text");
+    folder.takt_plc(&["build", "main.st", "-o", "two words.plc"]).expect(2, "found `two words`");
+    folder.takt_plc(&["build", "none.st"]).expect(2, "cannot read none.st");
+}
+
+#[test]
+fn stages_of_the_compiler_are_shown() {
+    let folder = Folder::new();
+    folder.write("main.st", &project("level : INT;", "level := level + 3;"));
+    folder.takt_plc(&["build", "main.st", "--emit", "types"]).expect(0, "this.level + INT#3");
+    folder.takt_plc(&["build", "main.st", "--emit", "ir"]).expect(0, "iadd");
+    assert!(!folder.path().join("main.plc").exists());
+}
+
+#[test]
+fn a_project_of_plcopen_is_imported_built_and_tested() {
+    let folder = Folder::new();
+    let project = r#"<project><types><pous><pou name="Doubler" pouType="program"><interface><localVars>
+<variable name="measured" address="%IW0"><type><INT/></type></variable>
+<variable name="doubled" address="%QW0"><type><INT/></type></variable>
+</localVars></interface><body><ST>doubled := 2 * measured;</ST></body></pou></pous></types>
+<instances><configurations><configuration name="Plant"><resource name="Cpu">
+<task name="often" priority="1" interval="T#20ms"><pouInstance name="one" typeName="Doubler"/></task>
+</resource></configuration></configurations></instances></project>"#;
+    folder.write("plant.xml", project);
+    folder.takt_plc(&["import", "plant.xml", "plant"]).expect(0, "plant/Doubler.st");
+    folder.takt_plc(&["build", "plant", "-o", "plant.plc"]).expect(0, "plant.plc: plant");
+    folder.takt_plc(&["inspect", "plant.plc"]).expect(0, "every 20 ms");
+    folder.write("t.csv", "one.measured,one.doubled\n4,8\n-3,-6\n");
+    folder.takt_plc(&["test", "plant.plc", "t.csv"]).expect(0, "2 cycles, 40 ms");
+}
