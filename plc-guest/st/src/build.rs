@@ -21,7 +21,8 @@ pub enum BuildError {
     Native(#[from] NativeError),
     /// It has no task, so nothing of it would ever run.
     #[error(
-        "no task runs a program: declare a PROGRAM, or a CONFIGURATION with a TASK and a program in it"
+        "nothing runs a program. Declare when, such as: CONFIGURATION Plant TASK often (INTERVAL := T#10ms, PRIORITY := 1); \
+         PROGRAM one WITH often : Main; END_CONFIGURATION"
     )]
     NoTask,
     /// The image's rules refuse it.

@@ -82,7 +82,7 @@ fn a_trap_is_told_with_its_line() {
         (4, "main.st:10: null reference"),
         (5, "main.st:11: a loop made too many rounds"),
     ] {
-        folder.write("t.csv", &format!("one.i,one.q\n0,5\n{input},\n"));
+        folder.write("t.csv", &format!("Main.i,Main.q\n0,5\n{input},\n"));
         let ended = folder.takt_plc(&["test", "main.plc", "t.csv", "--time-limit", "60000"]);
         ended.expect(3, says);
     }
@@ -101,7 +101,7 @@ fn a_mistake_is_told_as_check_tells_it_and_leaves_no_image() {
         .expect(2, "\"code\":\"unknown-name\"");
     assert!(!folder.path().join("main.plc").exists());
     folder.write("alone.st", "FUNCTION f : INT\nf := 1;\nEND_FUNCTION\n");
-    folder.takt_plc(&["build", "alone.st"]).expect(2, "no task runs a program");
+    folder.takt_plc(&["build", "alone.st"]).expect(2, "nothing runs a program");
 }
 
 #[test]
@@ -139,6 +139,19 @@ fn a_project_of_plcopen_is_imported_built_and_tested() {
     folder.takt_plc(&["import", "plant.xml", "plant"]).expect(0, "plant/Doubler.st");
     folder.takt_plc(&["build", "plant", "-o", "plant.plc"]).expect(0, "plant.plc: plant");
     folder.takt_plc(&["inspect", "plant.plc"]).expect(0, "every 20 ms");
-    folder.write("t.csv", "one.measured,one.doubled\n4,8\n-3,-6\n");
+    folder.write("t.csv", "Doubler.measured,Doubler.doubled\n4,8\n-3,-6\n");
     folder.takt_plc(&["test", "plant.plc", "t.csv"]).expect(0, "2 cycles, 40 ms");
+}
+
+#[test]
+fn what_is_as_deep_as_allowed_is_built() {
+    let folder = Folder::new();
+    let sum = "a + ".repeat(240);
+    let calls = format!("{}r{}", "SIN(".repeat(95), ")".repeat(95));
+    let blocks = format!("{}a := {sum}a;{}", "IF a < 3 THEN ".repeat(98), " END_IF;".repeat(98));
+    let text = project("a : DINT; r : LREAL;", &format!("{blocks}\nr := {calls};"));
+    folder.write("main.st", &text);
+    folder.takt_plc(&["build", "main.st"]).expect(0, "main.plc: main");
+    folder.takt_plc(&["build", "main.st", "--emit", "ir"]).expect(0, "function");
+    folder.takt_plc(&["test", "main.plc"]).expect(0, "1 cycles");
 }
