@@ -17,7 +17,10 @@ impl Parser<'_> {
         let open = self.advance();
         loop {
             while self.eat_sign(Sign::Semicolon).is_some() {}
-            if self.current.kind != TokenKind::Identifier {
+            // A keyword before a colon was meant as a name.
+            let named = self.current.kind == TokenKind::Identifier
+                || self.peek(1) == TokenKind::Sign(Sign::Colon);
+            if !named {
                 break;
             }
             match self.type_declaration() {

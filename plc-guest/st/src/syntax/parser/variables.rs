@@ -105,7 +105,12 @@ impl Parser<'_> {
     fn declared(&mut self) -> Parse<Variables> {
         let start = self.current.span;
         let mut names = Vec::new();
-        if !self.at_keyword(Keyword::At) {
+        let named = |next| {
+            let begins = [Sign::Colon, Sign::Comma].map(TokenKind::Sign);
+            begins.contains(&next) || next == TokenKind::Keyword(Keyword::At)
+        };
+        // Without a name there is an address. But AT itself may have been meant as a name.
+        if !self.at_keyword(Keyword::At) || named(self.peek(1)) {
             names.push(self.name("the name of a variable")?);
             while self.eat_sign(Sign::Comma).is_some() {
                 names.push(self.name("the name of a variable")?);
