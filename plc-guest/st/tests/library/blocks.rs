@@ -1,7 +1,7 @@
 //! Function blocks: the tables of `takt-blocks`, one release of the task for each row.
 
-use crate::oracle::{Job, Machine};
-use crate::program::{CONFIGURATION, compile, marker, run, set_marker, tables};
+use crate::oracle::Job;
+use crate::program::{CONFIGURATION, Twice, compile, tables};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -211,7 +211,7 @@ fn check(name: &str, text: &str, suffix: &str) {
     source.push_str(CONFIGURATION);
 
     let program = compile(name, &source);
-    let mut machine = Machine::new(&program);
+    let mut machine = Twice::start(&program);
     for (number, case) in table.cases.iter().enumerate() {
         let mut job = Job { now_ns: 5_000_000, ..Job::default() };
         for (at, cells) in case.rows.iter().enumerate() {
@@ -219,10 +219,10 @@ fn check(name: &str, text: &str, suffix: &str) {
                 u64::try_from(cells[0].as_integer().expect("a time")).expect("a time");
             job.elapsed_ns = milliseconds * 1_000_000;
             job.now_ns += job.elapsed_ns;
-            set_marker(&mut machine, 0, number as i32);
-            set_marker(&mut machine, 1, at as i32);
-            run(&mut machine, &program, job);
-            let wrong = marker(&mut machine, 2);
+            machine.set_marker(0, number as i32);
+            machine.set_marker(1, at as i32);
+            machine.run(job);
+            let wrong = machine.marker(2);
             assert_eq!(wrong, 0, "{name}, {:?}, row {}: {cells:?}", case.name, at + 1);
         }
     }
@@ -289,9 +289,9 @@ fn counters_count_in_their_type_and_stop_at_its_ends() {
     source.push_str("END_PROGRAM\n");
     source.push_str(CONFIGURATION);
     let program = compile("counters", &source);
-    let mut machine = Machine::new(&program);
-    run(&mut machine, &program, Job::default());
-    assert_eq!(marker(&mut machine, 0), 0);
+    let mut machine = Twice::start(&program);
+    machine.run(Job::default());
+    assert_eq!(machine.marker(0), 0);
 }
 
 #[test]
@@ -324,7 +324,7 @@ fn the_transform_gives_the_values_of_its_table() {
     source.push_str("END_PROGRAM\n");
     source.push_str(CONFIGURATION);
     let program = compile("fft", &source);
-    let mut machine = Machine::new(&program);
-    run(&mut machine, &program, Job::default());
-    assert_eq!(marker(&mut machine, 0), 0);
+    let mut machine = Twice::start(&program);
+    machine.run(Job::default());
+    assert_eq!(machine.marker(0), 0);
 }

@@ -1,7 +1,7 @@
 //! Functions: a case is a call with its arguments in variables, row by row.
 
-use crate::oracle::{Job, Machine};
-use crate::program::{CONFIGURATION, compile, marker, run, tables};
+use crate::oracle::Job;
+use crate::program::{CONFIGURATION, Twice, compile, tables};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -85,11 +85,11 @@ fn check(name: &str) {
     source.push_str(CONFIGURATION);
 
     let program = compile(name, &source);
-    let mut machine = Machine::new(&program);
-    run(&mut machine, &program, Job::default());
+    let mut machine = Twice::start(&program);
+    machine.run(Job::default());
     let mut failures = String::new();
     for (number, (case, stand_in)) in cases.iter().enumerate() {
-        let row = marker(&mut machine, number);
+        let row = machine.marker(number);
         if row != 0 {
             let values = &case.rows[row as usize - 1];
             writeln!(failures, "{} {stand_in}: row {row}, {values:?}", case.call).unwrap();

@@ -1,9 +1,11 @@
 //! Programs that the tests write, and what they leave in `%M`.
 
-use crate::oracle::{Job, Machine, area_address};
+use crate::machine;
+use crate::oracle::{self, Job, area_address};
 use std::path::{Path, PathBuf};
 use takt_st::diagnostic::text;
 use takt_st::hir::{Area, Program};
+use takt_st::native;
 use takt_st::project;
 use takt_st::source::Sources;
 
@@ -24,24 +26,49 @@ pub fn compile(name: &str, source: &str) -> Program {
     })
 }
 
-/// Runs the only task once.
-pub fn run(machine: &mut Machine<'_>, program: &Program, job: Job) {
-    let [task] = &program.tasks[..] else { panic!("one task") };
-    if let Err(stop) = machine.run(task.entry, job) {
-        panic!("{}: {stop:?}", program.name);
+/// A program on the interpreter of the typed tree and as machine code at once.
+pub struct Twice<'p> {
+    program: &'p Program,
+    interpreted: oracle::Machine<'p>,
+    compiled: machine::Machine,
+}
+
+impl<'p> Twice<'p> {
+    /// A cold start.
+    pub fn start(program: &'p Program) -> Self {
+        let native = native::compile(program).expect("machine code");
+        let mut compiled = machine::Machine::load(&native);
+        compiled.start();
+        Self { program, interpreted: oracle::Machine::new(program), compiled }
     }
-}
 
-/// The DINT at `%MD index`.
-pub fn marker(machine: &mut Machine<'_>, index: usize) -> i32 {
-    let address = area_address(Area::Marker) + 4 * index as u64;
-    let bytes = machine.memory.read(address, 4);
-    i32::from_le_bytes(bytes.try_into().expect("four bytes"))
-}
+    /// Runs the only task once.
+    pub fn run(&mut self, job: Job) {
+        let [task] = &self.program.tasks[..] else { panic!("one task") };
+        if let Err(stop) = self.interpreted.run(task.entry, job) {
+            panic!("{}: {stop:?}", self.program.name);
+        }
+        let Job { now_ns, elapsed_ns, cycle } = job;
+        if let Err(trap) = self.compiled.run(task.entry.0 as usize, now_ns, elapsed_ns, cycle) {
+            panic!("{}: {trap:?}", self.program.name);
+        }
+    }
 
-/// Sets the DINT at `%MD index`.
-pub fn set_marker(machine: &mut Machine<'_>, index: usize, value: i32) {
-    machine.memory.write(area_address(Area::Marker) + 4 * index as u64, &value.to_le_bytes());
+    /// The DINT at `%MD index`.
+    #[track_caller]
+    pub fn marker(&mut self, index: usize) -> i32 {
+        let address = area_address(Area::Marker) + 4 * index as u64;
+        let interpreted = self.interpreted.memory.read(address, 4);
+        assert_eq!(interpreted, self.compiled.read(address, 4), "machine code, %MD{index}");
+        i32::from_le_bytes(interpreted.try_into().expect("four bytes"))
+    }
+
+    /// Sets the DINT at `%MD index`.
+    pub fn set_marker(&mut self, index: usize, value: i32) {
+        let address = area_address(Area::Marker) + 4 * index as u64;
+        self.interpreted.memory.write(address, &value.to_le_bytes());
+        self.compiled.write(address, &value.to_le_bytes());
+    }
 }
 
 /// The tables in a folder of the repository, by name.
