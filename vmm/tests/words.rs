@@ -1,7 +1,7 @@
 //! Plain English: README, the pages of `docs/` and `--help` use the field's terms.
 //!
 //! The project once had a dialect of its own. `docs/glossary.md` has the terms that took its place. This
-//! test keeps the old words out of what is rewritten already. Text in backticks and code blocks is not
+//! test keeps the old words out. Text in backticks and code blocks is not
 //! looked at, since names of files, keys and threads are what they are.
 
 use std::fs;
@@ -24,25 +24,6 @@ const OLD: [(&str, &str); 14] = [
     ("whoever", "the one who does it, by name"),
     ("nobody", "a sentence with a subject"),
     ("means ill", "malicious process"),
-];
-
-/// Pages that are not rewritten yet. A page that is leaves this list: the test sees to it.
-const NOT_YET: [&str; 15] = [
-    "docs/architecture.md",
-    "docs/clocks.md",
-    "docs/control.md",
-    "docs/dependencies.md",
-    "docs/doctor.md",
-    "docs/health.md",
-    "docs/information-page.md",
-    "docs/jitter.md",
-    "docs/lab.md",
-    "docs/partition-file.md",
-    "docs/passthrough.md",
-    "docs/ports.md",
-    "docs/results.md",
-    "docs/service.md",
-    "docs/timing.md",
 ];
 
 fn root() -> PathBuf {
@@ -80,14 +61,8 @@ fn pages_are_in_plain_english() {
     for page in &pages {
         let text = fs::read_to_string(root().join(page)).unwrap();
         let found = old_words(&prose(&text));
-        if NOT_YET.contains(&page.as_str()) {
-            assert!(!found.is_empty(), "{page} has no old word left: take it off NOT_YET");
-        } else {
-            assert!(found.is_empty(), "{page}:\n{}", found.join("\n"));
-        }
+        assert!(found.is_empty(), "{page}:\n{}", found.join("\n"));
     }
-    let gone = NOT_YET.iter().find(|page| !pages.iter().any(|p| p == *page));
-    assert_eq!(gone, None, "NOT_YET has a page that is gone");
 }
 
 #[test]

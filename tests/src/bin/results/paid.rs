@@ -109,7 +109,7 @@ pub fn beyond(measured: &Measured) -> Option<String> {
         "guard: the PLC's thread is awake and waits for its release",
         "from the window's end until that thread is out of the guest, median",
         "what compiling in a guest takes more than on the host, without a share",
-        "the rest: to the PLC and back, the kicker",
+        "the rest: to the PLC and back, the window enforcer",
     ];
     for (row, label) in rows.iter().enumerate() {
         let us = |column: &[u64; 5]| format!("{:.1}", column[row] as f64 / 1e3);
