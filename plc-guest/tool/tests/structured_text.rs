@@ -70,10 +70,12 @@ fn two_builds_of_a_source_are_equal_and_another_source_is_not() {
 fn a_trap_is_told_with_its_line() {
     let folder = Folder::new();
     let variables = "i AT %IW0 : INT; q AT %QW0 : INT; row : ARRAY[1..3] OF INT := [5, 6, 7];\n\
-                     small : INT (0..9); none : REF_TO INT;";
+                     small : INT (0..9); none : REF_TO INT; long : ARRAY[1..200] OF INT;";
     let body = "CASE i OF\n1: q := 10 / (i - 1);\n2: q := row[i + 2];\n3: small := i * 4;\n\
-                4: q := none^;\n5: WHILE i > 0 DO\n;\nEND_WHILE;\nELSE q := row[1]; END_CASE;";
-    folder.write("main.st", &project(variables, body));
+                4: q := none^;\n5: WHILE i > 0 DO\n;\nEND_WHILE;\n6: q := last(long);\nELSE q := row[1]; END_CASE;";
+    let last = "FUNCTION last : SINT\nVAR_IN_OUT row : ARRAY[*] OF INT; END_VAR\n\
+                last := UPPER_BOUND(row, 1);\nEND_FUNCTION\n";
+    folder.write("main.st", &(project(variables, body) + last));
     folder.takt_plc(&["build", "main.st"]).expect(0, "main.plc: main");
     for (input, says) in [
         (1, "main.st:7: division by zero (task often, job 1, at 100 ms)"),
@@ -81,6 +83,7 @@ fn a_trap_is_told_with_its_line() {
         (3, "main.st:9: value out of its subrange"),
         (4, "main.st:10: null reference"),
         (5, "main.st:11: a loop made too many rounds"),
+        (6, "main.st:23: value out of its subrange"),
     ] {
         folder.write("t.csv", &format!("Main.i,Main.q\n0,5\n{input},\n"));
         let ended = folder.takt_plc(&["test", "main.plc", "t.csv", "--time-limit", "60000"]);
@@ -154,4 +157,21 @@ fn what_is_as_deep_as_allowed_is_built() {
     folder.takt_plc(&["build", "main.st"]).expect(0, "main.plc: main");
     folder.takt_plc(&["build", "main.st", "--emit", "ir"]).expect(0, "function");
     folder.takt_plc(&["test", "main.plc"]).expect(0, "1 cycles");
+}
+
+/// Whole programs with structures, enumerations, references, strings, timers and a controller; the tables were
+/// worked out by hand.
+#[test]
+fn larger_programs_do_what_was_worked_out() {
+    let folder = Folder::new();
+    for (name, source, table, cycles) in [
+        ("lights", include_str!("programs/lights.st"), include_str!("programs/lights.csv"), 17),
+        ("batch", include_str!("programs/batch.st"), include_str!("programs/batch.csv"), 17),
+    ] {
+        folder.write(&format!("{name}.st"), source);
+        folder.write("t.csv", table);
+        folder.takt_plc(&["build", &format!("{name}.st")]).expect(0, ".plc: ");
+        let ended = folder.takt_plc(&["test", &format!("{name}.plc"), "t.csv"]);
+        ended.expect(0, &format!("{cycles} cycles"));
+    }
 }

@@ -33,7 +33,7 @@ impl<'a> Body<'_, 'a> {
     ) -> Option<Operand> {
         match &*name.key {
             "REF" => return self.reference(arguments, span),
-            "LOWER_BOUND" | "UPPER_BOUND" => return self.bound(name, arguments, span),
+            "LOWER_BOUND" | "UPPER_BOUND" => return self.bound(name, arguments, span, hint),
             _ => {}
         }
         let Some(function) = table::function(&name.key) else {

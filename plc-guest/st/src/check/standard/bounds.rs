@@ -1,9 +1,12 @@
-//! LOWER_BOUND and UPPER_BOUND (IEC 61131-3:2013, table 36).
+//! LOWER_BOUND and UPPER_BOUND (IEC 61131-3:2013, section 6.5.3).
+//!
+//! Their result is any integer, as the standard has it: the type that is needed where they stand, or else DINT.
 
 use crate::check::body::Body;
 use crate::check::expression::Operand;
+use crate::check::types::is_integer;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::hir::{Elementary, ExprKind, Type};
+use crate::hir::{Conversion, Elementary, Expr, ExprKind, Type, TypeId};
 use crate::source::Span;
 use crate::syntax::ast::{Argument, Name};
 
@@ -13,6 +16,7 @@ impl<'a> Body<'_, 'a> {
         name: &Name,
         arguments: &'a [Argument],
         span: Span,
+        hint: Option<TypeId>,
     ) -> Option<Operand> {
         let value = |formal: &str, at: usize| {
             let by_name = arguments.iter().find(|argument| {
@@ -44,7 +48,8 @@ impl<'a> Body<'_, 'a> {
                 return wrong(self, format!("1..{dimensions}"));
             }
             let kind = ExprKind::Bound { place, dimension: number as u8 - 1, upper };
-            return Some(Operand::typed(self.expr(long, kind, span)));
+            let bound = self.expr(long, kind, span);
+            return Some(Operand::typed(self.of_needed_type(bound, hint, span)));
         }
         let mut ty = place.ty;
         let mut dimensions = 0;
@@ -53,7 +58,8 @@ impl<'a> Body<'_, 'a> {
             dimensions += 1;
             if number == dimensions {
                 let bound = if upper { last } else { lower };
-                return Some(Operand::typed(self.integer(long, bound.into(), span)));
+                let bound = self.integer(long, bound.into(), span);
+                return Some(Operand::typed(self.of_needed_type(bound, hint, span)));
             }
             ty = element;
         }
@@ -64,5 +70,23 @@ impl<'a> Body<'_, 'a> {
         let one = Diagnostic::new(Code::TypeMismatch, array.span, found);
         self.tell(one.allowed("an array"));
         None
+    }
+
+    /// A bound, which is a LINT, in the integer type that is needed; one that does not fit traps.
+    fn of_needed_type(&mut self, bound: Expr, hint: Option<TypeId>, span: Span) -> Expr {
+        let types = &self.checker.program.types;
+        let needed = hint
+            .and_then(|ty| types.scalar(ty))
+            .filter(|ty| is_integer(*ty))
+            .unwrap_or(Elementary::Dint);
+        let Some((lower, upper)) = needed.range().filter(|_| needed != Elementary::Lint) else {
+            return bound;
+        };
+        let ty = self.elementary(needed);
+        let types = &mut self.checker.program.types;
+        let fitting =
+            types.subrange(needed.name(), Elementary::Lint, lower, upper.min(i64::MAX.into()));
+        let checked = self.convert(Conversion::Check, bound, fitting, span);
+        self.convert(Conversion::Value, checked, ty, span)
     }
 }
