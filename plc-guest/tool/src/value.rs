@@ -2,7 +2,9 @@
 
 use std::fmt;
 
-use takt_program::{Elementary, Image, Type, TypeId, TypeKind, Variable};
+use takt_program::{Elementary, Image, Nanoseconds, Type, TypeId, TypeKind, Variable};
+use takt_st::syntax::ast::LiteralValue;
+use takt_st::syntax::literal;
 
 use crate::run::Machine;
 
@@ -21,6 +23,8 @@ pub enum Value {
     Signed(i64),
     Unsigned(u64),
     Float(f64),
+    /// In nanoseconds.
+    Duration(i64),
 }
 
 /// Why there is no such value.
@@ -74,6 +78,7 @@ impl Place {
             Elementary::Bool => Value::Bool(raw >> self.bit.unwrap_or(0) & 1 == 1),
             Elementary::Real => Value::Float(f32::from_bits(raw as u32).into()),
             Elementary::Lreal => Value::Float(f64::from_bits(raw)),
+            Elementary::Time | Elementary::Ltime => Value::Duration(raw.cast_signed()),
             elementary if is_signed(elementary) => {
                 Value::Signed((raw << unused).cast_signed() >> unused)
             }
@@ -92,7 +97,7 @@ impl Place {
             }
             (Value::Float(number), Elementary::Real) => (number as f32).to_bits().into(),
             (Value::Float(number), _) => number.to_bits(),
-            (Value::Signed(number), _) => number.cast_unsigned(),
+            (Value::Signed(number) | Value::Duration(number), _) => number.cast_unsigned(),
             (Value::Unsigned(number), _) => number,
         };
         machine.put(self.address, &bits.to_le_bytes()[..self.elementary.bytes() as usize]);
@@ -113,6 +118,7 @@ impl Place {
                     text.parse().map_err(|_| format!("found `{found}`, which is no number"))?;
                 Ok(Value::Float(number))
             }
+            Elementary::Time | Elementary::Ltime => duration(text),
             elementary if is_signed(elementary) => {
                 let most = i64::MAX >> (64 - bits);
                 let number = text.parse().ok().filter(|n| (!most..=most).contains(n));
@@ -156,7 +162,7 @@ impl Value {
     fn number(self) -> f64 {
         match self {
             Self::Bool(on) => on.into(),
-            Self::Signed(number) => number as f64,
+            Self::Signed(number) | Self::Duration(number) => number as f64,
             Self::Unsigned(number) => number as f64,
             Self::Float(number) => number,
         }
@@ -170,25 +176,32 @@ impl fmt::Display for Value {
             Self::Signed(number) => write!(f, "{number}"),
             Self::Unsigned(number) => write!(f, "{number}"),
             Self::Float(number) => write!(f, "{number}"),
+            Self::Duration(number) => {
+                let sign = if *number < 0 { "-" } else { "" };
+                let shown = Nanoseconds(number.unsigned_abs()).to_string().replace(' ', "");
+                write!(f, "T#{sign}{shown}")
+            }
         }
     }
 }
 
+/// A duration: as in Structured Text, or a number of nanoseconds.
+fn duration(text: &str) -> Result<Value, String> {
+    let prefix = text.split_once('#').map(|(prefix, _)| prefix.to_ascii_uppercase());
+    let nanoseconds = match prefix.as_deref() {
+        Some("T" | "TIME" | "LT" | "LTIME") => match literal::duration(text) {
+            Ok(LiteralValue::Duration { nanoseconds, .. }) => Some(nanoseconds),
+            _ => None,
+        },
+        _ => text.parse().ok(),
+    };
+    let allowed = "a duration is T#1.5s, T#250ms and so on, or a number of nanoseconds";
+    nanoseconds.map(Value::Duration).ok_or_else(|| format!("found `{text}`; {allowed}"))
+}
+
 fn is_signed(elementary: Elementary) -> bool {
     use Elementary as E;
-    matches!(
-        elementary,
-        E::Sint
-            | E::Int
-            | E::Dint
-            | E::Lint
-            | E::Time
-            | E::Ltime
-            | E::Date
-            | E::Ldate
-            | E::Dt
-            | E::Ldt
-    )
+    matches!(elementary, E::Sint | E::Int | E::Dint | E::Lint | E::Date | E::Ldate | E::Dt | E::Ldt)
 }
 
 /// The variable whose name is the longest beginning of `name`, and the rest.

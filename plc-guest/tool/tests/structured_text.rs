@@ -175,3 +175,21 @@ fn larger_programs_do_what_was_worked_out() {
         ended.expect(0, &format!("{cycles} cycles"));
     }
 }
+
+#[test]
+fn durations_in_tables_are_written_as_in_the_source() {
+    let folder = Folder::new();
+    let variables = "pause AT %IL0 : TIME; twice AT %QL0 : LTIME;";
+    folder.write("main.st", &project(variables, "twice := pause + pause;"));
+    folder.takt_plc(&["build", "main.st"]).expect(0, "");
+    folder.write("t.csv", "Main.pause,Main.twice\nT#1.5s,LT#3s\nT#-20ms,T#-40ms\n7,14\n");
+    folder.takt_plc(&["test", "main.plc", "t.csv"]).expect(0, "3 cycles");
+    folder.write("t.csv", "Main.pause,Main.twice\nT#1.5s,T#4s\n-7,T#0s\n");
+    let ended = folder.takt_plc(&["test", "main.plc", "t.csv"]);
+    ended.expect(1, "is T#3s, expected T#4s").expect(1, "is T#-14ns, expected T#0ns");
+    for wrong in ["5ms", "T#", "T#5", "T#5x", "X#1s", "D#2026-01-01", "T#99999999999999999999s"] {
+        folder.write("t.csv", &format!("Main.pause\n{wrong}\n"));
+        let ended = folder.takt_plc(&["test", "main.plc", "t.csv"]);
+        ended.expect(2, &format!("line 2, column 1: found `{wrong}`; a duration is"));
+    }
+}

@@ -4,6 +4,6 @@
 
 pub mod ast;
 pub mod lexer;
-mod literal;
+pub mod literal;
 pub mod parser;
 pub mod token;
