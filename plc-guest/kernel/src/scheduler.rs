@@ -437,8 +437,7 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
             count(&mut task.statistics.misses, 1);
             self.late |= id.bit();
         }
-        let deadline =
-            if settings.deadline == Span::ZERO { Span(u64::MAX) } else { settings.deadline };
+        let deadline = Some(settings.deadline).filter(|deadline| *deadline != Span::ZERO);
         task.statistics.ended(executed, response, deadline);
         let told = task.exceeded;
         if !told && task.watchdog.exceeds(executed) {

@@ -2,6 +2,7 @@
 
 use crate::objects::{Object, ObjectId, Received, Seen};
 use crate::scheduler::{Phase, Scheduler, Violation};
+use crate::statistics::Statistics;
 use crate::task::{ProgramId, Release, Settings, State, TaskId, Wait, Wake};
 use crate::time::{Instant, Span};
 use takt_program::call::Error;
@@ -137,6 +138,8 @@ fn a_freewheeling_task_has_one_job_in_each_window() {
     assert_eq!(at(&mut s, 150), None);
     s.window(Instant(200));
     assert_eq!(at(&mut s, 200), Some(0));
+    // It has no deadline, so a job that is complete leaves no slack.
+    assert_eq!(Statistics::measured(s.task(TaskId(0)).statistics().slack_min), None);
 }
 
 #[test]

@@ -52,19 +52,21 @@ impl Statistics {
         switches: 0,
     };
 
-    /// A job has ended after so much execution, this long after its release.
-    pub(crate) fn ended(&mut self, executed: Span, response: Span, deadline: Span) {
+    /// A job has ended after so much execution, this long after its release. Without a deadline it has no slack.
+    pub(crate) fn ended(&mut self, executed: Span, response: Span, deadline: Option<Span>) {
         count(&mut self.jobs, 1);
         self.executed_min = self.executed_min.min(executed);
         self.executed_max = self.executed_max.max(executed);
         self.response_max = self.response_max.max(response);
-        self.slack_min = self.slack_min.min(Span(deadline.0.saturating_sub(response.0)));
+        if let Some(deadline) = deadline {
+            self.slack_min = self.slack_min.min(Span(deadline.0.saturating_sub(response.0)));
+        }
     }
 
-    /// The smallest of a span that has been measured, for people: 0 before the first.
+    /// A smallest span, if it has been measured.
     #[must_use]
-    pub const fn measured(span: Span) -> Span {
-        if span.0 == u64::MAX { Span::ZERO } else { span }
+    pub fn measured(span: Span) -> Option<Span> {
+        (span.0 != u64::MAX).then_some(span)
     }
 }
 

@@ -113,16 +113,28 @@ impl Kernel {
             figures.misses,
             figures.overruns,
             figures.skipped,
-            Statistics::measured(figures.executed_min).0,
+            Smallest(figures.executed_min),
             figures.executed_max.0,
             figures.response_max.0,
             figures.start_max.0,
-            Statistics::measured(figures.slack_min).0,
+            Smallest(figures.slack_min),
             stack,
             figures.switches,
             per_mille / 10,
             per_mille % 10,
         ));
+    }
+}
+
+/// A smallest span, or `-` where none has been measured.
+struct Smallest(Span);
+
+impl fmt::Display for Smallest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match Statistics::measured(self.0) {
+            Some(span) => fmt::Display::fmt(&span.0, f),
+            None => f.pad("-"),
+        }
     }
 }
 
