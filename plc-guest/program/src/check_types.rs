@@ -12,13 +12,21 @@ use crate::types::{Type, TypeKind, kind_of};
 use crate::units::TypeId;
 
 pub(crate) fn check(image: &Image<'_>) -> Result<(), ImageError> {
+    let mut next = Next { field: 0, enumerator: 0 };
     for index in image.indices(SectionKind::Types) {
-        check_type(image, index)?;
+        check_type(image, index, &mut next)?;
     }
     Ok(())
 }
 
-fn check_type(image: &Image<'_>, index: u32) -> Result<(), ImageError> {
+/// Where the parts of the next type begin. No two types share a part: types that all had the same parts would
+/// make the check as long as the product of both tables.
+struct Next {
+    field: u32,
+    enumerator: u32,
+}
+
+fn check_type(image: &Image<'_>, index: u32, next: &mut Next) -> Result<(), ImageError> {
     let record = image.record(SectionKind::Types, index);
     let whence = Where::new(record.offset, "type", index);
     image.strings().optional_name(whence, record.text(ty::NAME))?;
@@ -38,7 +46,7 @@ fn check_type(image: &Image<'_>, index: u32) -> Result<(), ImageError> {
         }
         TypeKind::Enumeration { base } => {
             whence.rule(size_is(base.bytes()), "size", size_rule)?;
-            check_values(image, whence, record)?;
+            check_values(image, whence, record, &mut next.enumerator)?;
             0
         }
         TypeKind::Subrange { base, .. } => {
@@ -71,7 +79,7 @@ fn check_type(image: &Image<'_>, index: u32) -> Result<(), ImageError> {
             element.depth
         }
         TypeKind::Structure | TypeKind::FunctionBlock => {
-            check_fields(image, whence, record, index)?
+            check_fields(image, whence, record, index, &mut next.field)?
         }
         TypeKind::Reference { target } => {
             whence.rule(size_is(8), "size", "a reference has 8 bytes")?;
@@ -102,15 +110,23 @@ fn range(
     whence: Where,
     record: Record<'_>,
     table: SectionKind,
+    next: &mut u32,
 ) -> Result<Range<u32>, ImageError> {
     let (first, count) = (record.u32(ty::FIRST), record.u32(ty::COUNT));
+    whence.rule(first == *next, "first", "the parts follow those of the type before")?;
     let end = u64::from(first) + u64::from(count);
     whence.at_most("count", end, image.sections[table.index()].count.into())?;
-    Ok(first..first + count)
+    *next = first + count;
+    Ok(first..*next)
 }
 
-fn check_values(image: &Image<'_>, of: Where, record: Record<'_>) -> Result<(), ImageError> {
-    for index in range(image, of, record, SectionKind::Enumerators)? {
+fn check_values(
+    image: &Image<'_>,
+    of: Where,
+    record: Record<'_>,
+    next: &mut u32,
+) -> Result<(), ImageError> {
+    for index in range(image, of, record, SectionKind::Enumerators, next)? {
         let record = image.record(SectionKind::Enumerators, index);
         let whence = Where::new(record.offset, "enumerator", index);
         image.strings().name(whence, record.text(enumerator::NAME))?;
@@ -124,10 +140,11 @@ fn check_fields(
     of: Where,
     record: Record<'_>,
     structure: u32,
+    next: &mut u32,
 ) -> Result<u16, ImageError> {
     let bytes = u64::from(record.u32(ty::SIZE));
     let (mut end, mut deepest) = (0, 0);
-    for index in range(image, of, record, SectionKind::Fields)? {
+    for index in range(image, of, record, SectionKind::Fields, next)? {
         let record = image.record(SectionKind::Fields, index);
         let whence = Where::new(record.offset, "field", index);
         image.strings().name(whence, record.text(field::NAME))?;

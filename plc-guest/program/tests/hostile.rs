@@ -4,7 +4,8 @@ mod common;
 
 use common::{full, minimal};
 use proptest::prelude::*;
-use takt_program::{CodeOffset, Image, SectionKind, signature};
+use takt_program::build::{Field, Kind, Type};
+use takt_program::{CodeOffset, Defect, Elementary, Image, SectionKind, signature};
 
 /// Reads everything that an accepted image has.
 fn read_all(image: &Image<'_>) -> usize {
@@ -58,6 +59,42 @@ fn no_part_of_an_image_is_one() {
     let mut longer = file.clone();
     longer.push(0);
     assert!(Image::parse(&longer).is_err(), "with one byte more");
+}
+
+/// An image with so many structures, of which only the first has fields of its own: the others name the same.
+fn with_shared_fields(structures: usize, fields: u32) -> Vec<u8> {
+    let mut b = minimal();
+    let byte = b.elementary(Elementary::Byte);
+    let field = |offset| Field { name: "f".into(), ty: byte, offset };
+    b.ty(Type::new(fields, Kind::Structure { fields: (0..fields).map(field).collect() }));
+    for number in 1..structures {
+        let empty = Kind::Structure { fields: Vec::new() };
+        b.ty(Type::new(fields, empty).named(&format!("s{number}")));
+    }
+    let mut file = b.build().unwrap();
+    // A structure's record has its depth at 2, and where its fields begin and how many there are at 16.
+    let record = |number: usize| 40 * number;
+    let types = (256..file.len() - 40).step_by(8).find(|&at| {
+        let second = at + record(1);
+        file[at] == 1 && file[second] == 5 && file[second + 20..][..4] == fields.to_le_bytes()
+    });
+    let types = types.unwrap();
+    for number in 2..=structures {
+        let at = types + record(number);
+        assert_eq!(file[at], 5);
+        file[at + 2] = 2;
+        file[at + 16..][..4].copy_from_slice(&0u32.to_le_bytes());
+        file[at + 20..][..4].copy_from_slice(&fields.to_le_bytes());
+    }
+    file
+}
+
+#[test]
+fn types_with_the_same_fields_are_refused_before_they_take_time() {
+    assert!(Image::parse(&with_shared_fields(1, 100)).is_ok());
+    let refused = Image::parse(&with_shared_fields(2, 100)).unwrap_err();
+    assert_eq!((refused.record, refused.index, refused.field), ("type", 2, "first"));
+    assert!(matches!(refused.defect, Defect::Rule(_)), "{refused}");
 }
 
 /// The metadata, in which all numbers are; the segments after it may be anything.
