@@ -380,7 +380,10 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
     /// The most urgent task in such a state.
     fn most_urgent(&self, wanted: impl Fn(State) -> bool) -> Option<TaskId> {
         let all = self.ids().filter(|id| wanted(self.tasks[id.index()].state));
-        all.min_by_key(|id| (self.tasks[id.index()].settings.priority, *id))
+        all.min_by_key(|id| {
+            let task = &self.tasks[id.index()];
+            (task.class(), task.settings.priority, *id)
+        })
     }
 }
 

@@ -1,7 +1,8 @@
 //! Who runs: fixed priorities, preemptive.
 //!
 //! All tasks are ranked together: by priority, those of one priority in the order in which they were added,
-//! which is that of the programs and of the tasks in them. A holder of a semaphore comes before all of
+//! which is that of the programs and of the tasks in them. Tasks whose releases or execution nothing bounds come
+//! after all others, whatever their priority ([`Class`](crate::task::Class)). A holder of a semaphore comes before all of
 //! the semaphore's ceiling. There is always one most urgent task, and what runs follows from the state
 //! alone.
 //!
@@ -15,7 +16,7 @@
 
 use crate::objects::{Object, ObjectId};
 use crate::statistics::count;
-use crate::task::{ProgramId, Release, Settings, State, Task, TaskId, Wait, Wake};
+use crate::task::{Class, ProgramId, Release, Settings, State, Task, TaskId, Wait, Wake};
 use crate::time::{Instant, Span};
 use core::ops::Range;
 
@@ -392,18 +393,18 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
 
     /// Gives the processor to the most urgent ready task.
     pub fn pick(&mut self) -> Option<Picked> {
-        let mut best: Option<(u8, bool, TaskId)> = None;
+        let mut best: Option<(Class, u8, bool, TaskId)> = None;
         let mut rest = self.ready;
         while rest != 0 {
             let id = TaskId(rest.trailing_zeros() as u8);
             rest &= rest - 1;
             let task = &self.tasks[id.index()];
-            let key = (task.effective, task.held == 0, id);
+            let key = (task.class(), task.effective, task.held == 0, id);
             if best.is_none_or(|best| key < best) {
                 best = Some(key);
             }
         }
-        self.running = best.map(|(_, _, id)| id);
+        self.running = best.map(|(_, _, _, id)| id);
         let id = self.running?;
         let task = &mut self.tasks[id.index()];
         if self.last != self.running {

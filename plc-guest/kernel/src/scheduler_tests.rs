@@ -258,6 +258,35 @@ fn tasks_begin_when_the_initialisation_has_ended() {
 }
 
 #[test]
+fn an_initialisation_without_end_keeps_no_task_of_another_program_waiting() {
+    let mut s = started(&[settings(Release::Start, 255)]);
+    let other = s.add_program(core::iter::empty()).unwrap();
+    assert!(s.add_task(Settings { program: other, ..cyclic(100, 0, 255) }).is_ok());
+    s.start(other, Instant(0));
+    assert_eq!(at(&mut s, 0), Some(1));
+    s.end(Instant(10));
+    assert_eq!((at(&mut s, 10), at(&mut s, 100)), (Some(0), Some(1)));
+}
+
+#[test]
+fn a_freewheeling_task_of_any_priority_has_what_the_others_leave() {
+    let mut s = started(&[settings(Release::Freewheeling, 0), cyclic(100, 0, 255)]);
+    s.window(Instant(0));
+    assert_eq!(at(&mut s, 0), Some(1));
+    s.end(Instant(10));
+    assert_eq!((at(&mut s, 10), at(&mut s, 100)), (Some(0), Some(1)));
+    s.end(Instant(110));
+    // Who holds a semaphore runs at its ceiling, whatever it is.
+    let mut s = started(&[settings(Release::Freewheeling, 9), cyclic(100, 0, 1)]);
+    s.window(Instant(0));
+    assert_eq!(at(&mut s, 0), Some(1));
+    s.end(Instant(10));
+    assert_eq!((at(&mut s, 10), s.take(ObjectId(2))), (Some(0), Ok(())));
+    assert_eq!(at(&mut s, 100), Some(0));
+    assert_eq!((s.give(ObjectId(2)), at(&mut s, 101)), (Ok(()), Some(1)));
+}
+
+#[test]
 fn a_failed_program_does_nothing_until_it_is_started_anew() {
     let mut s = started(&[cyclic(100, 0, 0), cyclic(100, 0, 1)]);
     assert_eq!(at(&mut s, 0), Some(0));

@@ -82,6 +82,17 @@ pub struct Settings {
     pub sensitivity: u16,
 }
 
+/// What precedes the priority in a task's rank: the analysis of the tasks reckons only with those of the first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Class {
+    /// It is released at most so often, or holds a semaphore that such a task may want.
+    Bounded,
+    /// It takes what the others leave.
+    Freewheeling,
+    /// The initialisation of a program, which has no budget and may never end.
+    Initialisation,
+}
+
 /// What a task waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Wait {
@@ -223,6 +234,15 @@ impl Task {
     /// True from a release to the end of its job.
     pub(crate) const fn is_active(&self) -> bool {
         !matches!(self.state, State::Dormant | State::Faulted | State::Waiting(Wait::Release))
+    }
+
+    pub(crate) const fn class(&self) -> Class {
+        match self.settings.release {
+            _ if self.held != 0 => Class::Bounded,
+            Release::Cyclic { .. } | Release::Event { .. } => Class::Bounded,
+            Release::Freewheeling => Class::Freewheeling,
+            Release::Start => Class::Initialisation,
+        }
     }
 
     /// Latest end of the current job.
