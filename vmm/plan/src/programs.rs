@@ -26,6 +26,8 @@ use super::units::Bytes;
 const KEYS_MAX: usize = 16;
 /// Longest image: its segments, the longest of its tables, and room to spare.
 const IMAGE_MAX: u64 = 192 << 20;
+/// What one page table maps.
+const BANK_TABLE: u64 = 2 << 20;
 /// What a bank and the memory for the state are a multiple of, where the file gives no size.
 const STEP: u64 = 64 << 10;
 
@@ -138,7 +140,7 @@ fn check_one(raw: &raw::Program, around: Surroundings<'_>) -> Result<CheckedProg
         on_deadline: check_action("on_deadline", raw.on_deadline.as_ref(), &DEADLINE_ACTIONS)?,
         ..program::Program::NONE
     };
-    let work = work(&image);
+    let work = work(&image, bank);
     let program = Program { name, path: file.path, place, trust, image: bytes.into() };
     Ok(CheckedProgram { program, span: file.span, work })
 }
@@ -250,16 +252,21 @@ fn area(
 }
 
 /// What the guest needs to run it, apart from banks and state.
-fn work(image: &Image<'_>) -> u64 {
+fn work(image: &Image<'_>, bank: u64) -> u64 {
     let stacks = image.tasks().map(|task| u64::from(task.stack_bytes));
     let objects = image.objects().map(|object| match object.kind {
         ObjectKind::Queue { message_bytes, depth } => program::queue_bytes(message_bytes, depth),
         ObjectKind::Mailbox { bytes } => program::mailbox_bytes(bytes),
         ObjectKind::Semaphore { .. } | ObjectKind::Flags => 0,
     });
+    // Each object's messages have pages of their own.
+    let objects = objects.map(|bytes| bytes.next_multiple_of(PAGE));
+    // The kernel closes a bank to itself page by page, with a table for each part of 2 MiB, of which it may
+    // begin and end in the middle.
+    let tables = (bank / BANK_TABLE + 2) * PAGE;
     // Bounded by the limits of an image: 16 stacks of 1 MiB, 64 queues of 4 MiB.
     const { assert!(limit::TASKS <= 16 && limit::OBJECTS <= 64) };
-    let bytes = program::WORK_BYTES_EACH + stacks.sum::<u64>() + objects.sum::<u64>();
+    let bytes = program::WORK_BYTES_EACH + tables + stacks.sum::<u64>() + objects.sum::<u64>();
     bytes.next_multiple_of(PAGE)
 }
 

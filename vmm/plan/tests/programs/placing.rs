@@ -68,6 +68,30 @@ fn a_memory_that_is_too_small_is_told_what_it_lacks() {
     assert!(table.work_bytes >= needed);
 }
 
+/// The guest would find too late that the pages of many small objects, or the tables of a large bank, do not fit.
+#[test]
+fn whole_pages_of_objects_and_tables_of_banks_are_reckoned_with() {
+    let mut many = builder("many");
+    for number in 0..64 {
+        let name = format!("last-{number}");
+        many.object(Object { name, kind: ObjectKind::Mailbox { bytes: 1 } });
+    }
+    let many = many.build().unwrap();
+    // 16 MiB, less 2 MiB for the guest, 128 KiB for the banks, 792 KiB for all but the objects.
+    let with = |state: u64| {
+        let case = Case::new("many").file("many.plc", &many);
+        case.program("many.plc", &format!("bank = \"64KiB\"\nstate = \"{state}KiB\""))
+    };
+    with(14_336 - 128 - 792 - 256).good();
+    with(14_336 - 128 - 792).refused(&["a `memory` of at least 17MiB"]);
+    let with = |state: u64| {
+        let case = Case::new("bank").file("a.plc", &image("a"));
+        case.program("a.plc", &format!("bank = \"6MiB\"\nstate = \"{state}KiB\""))
+    };
+    with(14_336 - 12_288 - 792 - 12).good();
+    with(14_336 - 12_288 - 792).refused(&["a `memory` of at least 17MiB"]);
+}
+
 #[test]
 fn an_image_is_trusted_by_its_signature_if_the_file_has_keys() {
     let trust = |bytes: &[u8], keys: &str| {
