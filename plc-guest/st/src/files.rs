@@ -51,24 +51,34 @@ pub enum FilesError {
 /// At the first that cannot be a source.
 pub fn read(paths: &[PathBuf]) -> Result<Sources, FilesError> {
     let mut sources = Sources::new();
+    for path in list(paths)? {
+        add(&mut sources, &path)?;
+    }
+    Ok(sources)
+}
+
+/// The files that [`read`] reads.
+///
+/// # Errors
+///
+/// At the first path that is neither a file nor a folder with a source.
+pub fn list(paths: &[PathBuf]) -> Result<Vec<PathBuf>, FilesError> {
+    let mut files = Vec::new();
     for path in paths {
         let metadata = path.metadata().map_err(|error| cannot_read(path, error))?;
         if metadata.is_dir() {
-            let mut files = Vec::new();
+            let before = files.len();
             collect(path, FOLDERS, &mut files)?;
-            if files.is_empty() {
+            if files.len() == before {
                 return Err(FilesError::Empty { path: path.clone() });
             }
-            for file in files {
-                add(&mut sources, &file)?;
-            }
         } else if metadata.is_file() {
-            add(&mut sources, path)?;
+            files.push(path.clone());
         } else {
             return Err(FilesError::Special { path: path.clone() });
         }
     }
-    Ok(sources)
+    Ok(files)
 }
 
 fn cannot_read(path: &Path, error: std::io::Error) -> FilesError {

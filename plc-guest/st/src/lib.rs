@@ -12,6 +12,7 @@ pub mod build;
 pub mod check;
 pub mod diagnostic;
 pub mod files;
+pub mod format;
 pub mod hir;
 pub mod library;
 pub mod limits;

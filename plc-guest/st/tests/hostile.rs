@@ -5,6 +5,7 @@
 
 use std::path::Path;
 
+use takt_st::format::{self, FormatError};
 use takt_st::project;
 use takt_st::source::Sources;
 
@@ -74,4 +75,34 @@ fn no_source_makes_the_compiler_panic() {
         let errors = checked.diagnostics.iter().filter(|one| one.is_error()).count();
         assert_eq!(checked.program.is_some(), errors == 0, "round {round}:\n{source}");
     }
+}
+
+/// Whether it was formatted. What comes out says the same and stays as it is.
+fn formatted_well(source: &str) -> bool {
+    let mut sources = Sources::new();
+    let file = sources.add("hostile.st", source.as_bytes()).expect("it is text");
+    let once = match format::format(&sources, file) {
+        Ok(once) => once,
+        Err(FormatError::Syntax(_)) => return false,
+        Err(error) => panic!("{error}"),
+    };
+    let again = sources.add("once.st", once.as_bytes()).expect("it is text");
+    assert_eq!(format::format(&sources, again).expect("it parses"), once);
+    true
+}
+
+#[test]
+fn no_source_makes_the_formatter_panic_or_change_its_mind() {
+    let mut cases = Vec::new();
+    collect(&Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cases"), &mut cases);
+    cases.sort();
+    let mut random = Random(0x466F_726D_6174_7465);
+    let count = if std::env::var_os("TAKT_TEST_LONG").is_some() { 200_000 } else { 2000 };
+    let mut formatted = 0;
+    for round in 0..count {
+        let source = spoiled(&mut random, &cases);
+        let well = std::panic::catch_unwind(|| formatted_well(&source));
+        formatted += usize::from(well.unwrap_or_else(|_| panic!("round {round}:\n{source}")));
+    }
+    assert!(formatted > count / 50, "only {formatted} of {count} parse");
 }

@@ -23,8 +23,8 @@ mod status {
 }
 
 const AFTER_HELP: &str = "\
-Exit status: 0 good; 1 the program ran, but not as the table expects, an image is not signed as asked, or
-a part of a project was refused;
+Exit status: 0 good; 1 the program ran, but not as the table expects, an image is not signed as asked,
+a part of a project was refused, or a source is not formatted (`fmt --check`);
 2 bad file or usage; 3 the program faulted, stopped itself or did not end; 4 this machine cannot.";
 
 /// Makes, inspects, signs and tests control programs.
@@ -43,6 +43,8 @@ enum Command {
     Import(commands::import::Import),
     /// Check sources in Structured Text without building them.
     Check(commands::check::Check),
+    /// Format sources in Structured Text: white space and the case of keywords.
+    Fmt(commands::fmt::Fmt),
     /// Make a program image of Structured Text, or of object files and static libraries.
     Build(commands::build::Build),
     /// Run a program on this machine, cycle by cycle, and compare its outputs with a table.
@@ -75,6 +77,7 @@ fn main() -> ExitCode {
         Command::New(command) => command.run(),
         Command::Import(command) => command.run(),
         Command::Check(command) => command.run(),
+        Command::Fmt(command) => command.run(),
         Command::Build(command) => command.run(),
         Command::Test(command) => command.run(),
         Command::Inspect(command) => command.run(),

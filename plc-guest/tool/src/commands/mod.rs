@@ -2,6 +2,7 @@
 
 pub mod build;
 pub mod check;
+pub mod fmt;
 pub mod import;
 pub mod inspect;
 pub mod keygen;
@@ -11,6 +12,8 @@ mod structured_text;
 pub mod test;
 pub mod verify;
 
+use std::fs::Permissions;
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use takt_program::Image;
@@ -25,11 +28,15 @@ fn read(path: &Path) -> Result<Vec<u8>, Failure> {
 
 /// Writes a file as a whole: what was there stays until the new one is complete.
 fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    write_as(path, bytes, PermissionsExt::from_mode(0o644))
+}
+
+/// [`write`], with these permissions.
+fn write_as(path: &Path, bytes: &[u8], permissions: Permissions) -> Result<(), Failure> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let written =
         tempfile::NamedTempFile::new_in(folder.unwrap_or(Path::new("."))).and_then(|mut file| {
             std::io::Write::write_all(&mut file, bytes)?;
-            let permissions = std::os::unix::fs::PermissionsExt::from_mode(0o644);
             file.as_file().set_permissions(permissions)?;
             file.persist(path).map_err(|error| error.error)
         });
