@@ -37,6 +37,13 @@ fn what_is_too_deep_is_one_error() {
 }
 
 #[test]
+fn a_keyword_in_place_of_a_types_name_ends() {
+    for keyword in ["END_TYPE", "PROGRAM", "IF"] {
+        assert_ne!(errors(&format!("TYPE {keyword} : INT; END_TYPE")), 0, "{keyword}");
+    }
+}
+
+#[test]
 fn a_chain_without_end_is_an_error_and_no_exhausted_stack() {
     for link in [" + 1", ".x", "^", "[1]", "(1)", " ** 2", " AND b"] {
         let text = format!("PROGRAM p\nx := a{};\nEND_PROGRAM", link.repeat(100_000));

@@ -23,9 +23,14 @@ impl Parser<'_> {
             if !named {
                 break;
             }
+            let start = self.current.span;
             match self.type_declaration() {
                 Ok(declaration) => into.push(Declaration::Type(declaration)),
                 Err(Told) => {
+                    // At least one word: else `END_TYPE :` would be tried again and again.
+                    if self.current.span == start {
+                        self.advance();
+                    }
                     self.skip_to(|kind| {
                         matches!(
                             kind,
