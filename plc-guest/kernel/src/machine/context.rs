@@ -15,6 +15,8 @@
 //!   because interrupts are off (SFMASK) and exceptions have stacks of their own (IST).
 //! - TF is in SFMASK, so a task that single-steps into the kernel takes its #DB at ring 3 afterwards; NT
 //!   and AC are, so that neither reaches an `iretq` or an access of the kernel; DF and IF are.
+//! - An interrupt or exception keeps AC, which would suspend SMAP: `back` sets the kernel's own flags for
+//!   every entry.
 //! - SYSRET faults in ring 0 for an `rcx` that is not canonical (Intel), and takes flags from `r11`. The
 //!   kernel returns with `iretq` from a frame of its own in every case: one way out for all entries.
 //! - SWAPGS is not needed: the kernel has no data behind GS. CR4.FSGSBASE stays off, and both bases are
@@ -64,6 +66,8 @@ const _: () = assert!(FRAME_END.is_multiple_of(16), "the processor aligns the st
 
 /// Interrupts on, and the bit that is always set.
 const FLAGS: u64 = 1 << 9 | 1 << 1;
+/// Flags of the kernel: none but the bit that is always set.
+const KERNEL_FLAGS: u64 = 1 << 1;
 /// State of the x87 unit and of SSE after a reset: all exceptions masked.
 const X87_CONTROL: u16 = 0x37f;
 const MXCSR: u32 = 0x1f80;
@@ -288,9 +292,10 @@ unsafe extern "C" fn save() {
 #[unsafe(naked)]
 unsafe extern "C" fn back() {
     naked_asm!(
-        "cld",
         "ldmxcsr [rip + {mxcsr}]",
         "mov rsp, [rip + {way} + {kernel}]",
+        "push {flags}",
+        "popfq",
         "pop r15",
         "pop r14",
         "pop r13",
@@ -299,6 +304,7 @@ unsafe extern "C" fn back() {
         "pop rbx",
         "ret",
         mxcsr = sym KERNEL_MXCSR,
+        flags = const KERNEL_FLAGS,
         way = sym WAY,
         kernel = const offset_of!(Way, kernel),
     )
