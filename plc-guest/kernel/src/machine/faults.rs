@@ -46,9 +46,15 @@ fn consequence(wanted: u32) -> &'static str {
 
 impl Kernel {
     /// Tells of an exception.
-    pub fn tell_fault(&self, id: TaskId, fault: &Fault) {
+    pub fn tell_fault(&mut self, id: TaskId, fault: &Fault) {
         let place = self.places[id.index()];
-        let Some(program) = &self.programs[usize::from(place.program)] else { return };
+        let now = self.now();
+        let Some(program) = &mut self.programs[usize::from(place.program)] else { return };
+        // A program that starts anew and fails, again and again, must not fill the console.
+        let Some(untold) = program.fault_lines.take(now) else { return };
+        if untold > 0 {
+            print(format_args!("program {}: {untold} faults were not told", program.name()));
+        }
         print(format_args!(
             "program {}, task {}: {} at {:#x}{}: {}",
             program.name(),

@@ -172,9 +172,12 @@ impl Kernel {
             return;
         }
         let next = self.clock.tsc(self.scheduler.next_event());
+        let release = self.window.release;
         if next < self.window.end_tsc {
             processor::wait_until(next);
-        } else if let Some(program) = self.programs.iter_mut().flatten().find(|p| p.is_loading()) {
+        } else if let Some(program) =
+            self.programs.iter_mut().flatten().find(|p| p.can_load(release))
+        {
             if program.load_some() {
                 let id = program.id;
                 let now = self.now();
@@ -223,19 +226,24 @@ impl Kernel {
             to = to.min(self.window.end_tsc);
         }
         let ran = self.clock.span(to.saturating_sub(from));
-        if let Some(violation) = self.scheduler.account(ran) {
+        let violation = self.scheduler.account(ran);
+        if let Entry::Fault(fault) = entry {
+            self.tell_fault(task, &fault);
+            let program = self.entry_of(task);
+            self.act(task, program.on_fault);
+            // What a fault leads to, no action after a budget that is used up takes back.
+            if program.on_overrun != action::STOP_PARTITION {
+                return;
+            }
+        }
+        if let Some(violation) = violation {
             self.violated(task, violation);
             if self.scheduler.running() != Some(task) {
                 return;
             }
         }
-        match entry {
-            Entry::Tick => {}
-            Entry::Call => self.call(task),
-            Entry::Fault(fault) => {
-                self.tell_fault(task, &fault);
-                self.act(task, self.entry_of(task).on_fault);
-            }
+        if let Entry::Call = entry {
+            self.call(task);
         }
     }
 
@@ -311,7 +319,7 @@ impl Kernel {
             action::RESTART_PROGRAM => {
                 self.scheduler.fail(id);
                 if let Some(program) = &mut self.programs[usize::from(place.program)] {
-                    program.reload();
+                    program.reload(self.window.release);
                 }
             }
             action::STOP_PARTITION => {

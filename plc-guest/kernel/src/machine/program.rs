@@ -106,8 +106,13 @@ pub struct Program {
     stacks_used: [u64; limit::TASKS as usize],
     /// How much of the state has been set up; none: all.
     loading: Option<u64>,
+    /// Release of the window in which it failed last. One that fails in its initialisation again and again would
+    /// take windows whole if it started anew in the same one.
+    failed_in: Option<u64>,
     /// Lines that it may log, and those that were too many.
     pub lines: super::lines::Allowance,
+    /// The same for lines that tell of its faults, so that it cannot hide one by logging.
+    pub fault_lines: super::lines::Allowance,
 }
 
 impl Program {
@@ -138,7 +143,9 @@ impl Program {
             information: pages.take(PAGE)?,
             stacks_used: [0; limit::TASKS as usize],
             loading: Some(0),
+            failed_in: None,
             lines: super::lines::Allowance::FULL,
+            fault_lines: super::lines::Allowance::FULL,
         };
         program.map_fixed(pages, bank, state, call_page)?;
         ram.write_protect(pages, bank)?;
@@ -272,9 +279,15 @@ impl Program {
         address::stack_end(takt_program::TaskId(number)) - 8
     }
 
-    /// Its state is to be set up again.
-    pub fn reload(&mut self) {
+    /// Its state is to be set up again, after the window of this release.
+    pub fn reload(&mut self, release: u64) {
         self.loading = Some(0);
+        self.failed_in = Some(release);
+    }
+
+    /// True if some of its state can be set up in the window of this release.
+    pub fn can_load(&self, release: u64) -> bool {
+        self.is_loading() && self.failed_in != Some(release)
     }
 
     /// True if its state is not set up yet.
