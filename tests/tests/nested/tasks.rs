@@ -318,6 +318,34 @@ fn an_endless_job_is_ended_at_its_budget_and_lesser_tasks_go_on() {
 }
 
 #[test]
+fn a_fault_of_a_job_that_has_used_up_its_budget_stops_its_program() {
+    let task = cyclic("main", us(1_000), 0, Entry::Divide);
+    let program = Program::new("p").task(Task { budget: Some(Nanoseconds(1)), ..task }, 0);
+    let programs = [("p", program, "on_overrun = \"skip\"")];
+    let outcome =
+        plc("tasks-late-fault", 1_000, 300, &programs).run("tasks-late-fault").lasting("1s").run();
+    outcome.assert_shows("program p, task main: division by zero at 0x4000");
+    outcome.assert_shows("(tank.st:12:7): the program stops");
+}
+
+#[test]
+fn a_program_that_always_fails_to_start_fills_neither_the_windows_nor_the_console() {
+    let bad = Program::new("bad").init(Entry::Divide);
+    let bad = bad.task(cyclic("main", us(1_000), 0, Entry::Nothing), 0);
+    let good = Program::new("good").task(cyclic("main", us(1_000), 1, Entry::Work), 1_000);
+    let programs = [("bad", bad, "on_fault = \"restart\""), ("good", good, "")];
+    let outcome =
+        plc("tasks-again", 1_000, 300, &programs).run("tasks-again").lasting("2500ms").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    Row::of(&outcome, "good.main").assert_in_time(900);
+    assert_on_time(&outcome, "good.main");
+    let told = outcome.output.matches("program bad, task init: division by zero").count();
+    // 32 at once, and one each 20 ms.
+    assert!((100..=32 + 126).contains(&told), "{told}\n{}", outcome.output);
+    outcome.assert_shows("faults were not told");
+}
+
+#[test]
 fn a_program_can_stop_its_partition() {
     let program = Program::new("p").task(cyclic("main", us(1_000), 0, Entry::Null), 0);
     let programs = [("p", program, "on_fault = \"stop-partition\"")];
