@@ -339,6 +339,11 @@ functions! {
         "mov eax, 2", "mov rdi, 0x50000038", "mov dword ptr [rdi], 0x6c6c6568",
         "mov byte ptr [rdi + 4], 0x6f", "mov esi, 5", "syscall",
     ]
+    /// Says "hi", a line feed and "you".
+    LogTwoLines = "takt_test_log_two_lines": [
+        "mov eax, 2", "mov rdi, 0x50000078", "mov dword ptr [rdi], 0x790a6968",
+        "mov word ptr [rdi + 4], 0x756f", "mov esi, 6", "syscall",
+    ]
 }
 
 #[cfg(test)]

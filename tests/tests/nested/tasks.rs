@@ -332,7 +332,9 @@ fn a_fault_of_a_job_that_has_used_up_its_budget_stops_its_program() {
 fn a_program_that_always_fails_to_start_fills_neither_the_windows_nor_the_console() {
     let bad = Program::new("bad").init(Entry::Divide);
     let bad = bad.task(cyclic("main", us(1_000), 0, Entry::Nothing), 0);
-    let good = Program::new("good").task(cyclic("main", us(1_000), 1, Entry::Work), 1_000);
+    let good = Program::new("good")
+        .task(cyclic("main", us(1_000), 1, Entry::Work), 1_000)
+        .task(cyclic("log", us(1_000_000), 9, Entry::LogTwoLines), 0);
     let programs = [("bad", bad, "on_fault = \"restart\""), ("good", good, "")];
     let outcome =
         plc("tasks-again", 1_000, 300, &programs).run("tasks-again").lasting("2500ms").run();
@@ -343,6 +345,8 @@ fn a_program_that_always_fails_to_start_fills_neither_the_windows_nor_the_consol
     // 32 at once, and one each 20 ms.
     assert!((100..=32 + 126).contains(&told), "{told}\n{}", outcome.output);
     outcome.assert_shows("faults were not told");
+    // No line of a program's text looks like another's.
+    outcome.assert_shows("good.log: hi you");
 }
 
 #[test]

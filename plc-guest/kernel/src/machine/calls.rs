@@ -188,6 +188,8 @@ impl Kernel {
         let from = self.message(program, pointer, bytes, limit::LOG_BYTES)?;
         let mut buffer = [0; limit::LOG_BYTES as usize];
         from.read(&mut buffer);
+        // A line feed in it would begin a line that seems to be the kernel's, or another program's.
+        buffer.iter_mut().filter(|byte| byte.is_ascii_control()).for_each(|byte| *byte = b' ');
         let now = self.now();
         let number = self.places[task.index()].number;
         let Some(program) = &mut self.programs[program.index()] else {
