@@ -191,6 +191,21 @@ fn a_skipped_job_gives_back_what_it_holds_and_the_task_goes_on() {
 }
 
 #[test]
+fn a_violation_that_is_found_at_the_end_is_not_that_of_the_next_job() {
+    let event = settings(Release::Event { minimum: Span(100) }, 0);
+    let mut s = started(&[Settings { budget: Span(10), deadline: Span(50), ..event }]);
+    s.signal(TaskId(0), Instant(0));
+    assert_eq!(at(&mut s, 0), Some(0));
+    assert_eq!(s.account(Span(11)), Some(Violation::Budget));
+    assert!(s.task(TaskId(0)).has_violated());
+    s.signal(TaskId(0), Instant(150));
+    s.end(Instant(150));
+    assert_eq!(s.take_late(), Some(TaskId(0)));
+    assert_eq!(s.task(TaskId(0)).released(), Instant(150));
+    assert!(!s.task(TaskId(0)).has_violated());
+}
+
+#[test]
 fn a_wait_ends_with_its_time_and_says_so() {
     let mut s = started(&[cyclic(1000, 0, 0)]);
     assert_eq!(at(&mut s, 0), Some(0));

@@ -219,6 +219,12 @@ impl Task {
         self.released
     }
 
+    /// True if the current job has not kept a limit. The next one may be released the moment it ends.
+    #[must_use]
+    pub const fn has_violated(&self) -> bool {
+        self.missed || self.exceeded
+    }
+
     /// Time between that release and the one before; zero for the first.
     #[must_use]
     pub const fn elapsed(&self) -> Span {

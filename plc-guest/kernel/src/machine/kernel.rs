@@ -313,8 +313,11 @@ impl Kernel {
         match wanted {
             action::LOG => {}
             action::SKIP if self.scheduler.task(id).settings().release != Release::Start => {
-                let now = self.now();
-                self.scheduler.skip(id, now);
+                // A violation that is found at a job's end is not the next one's.
+                if self.scheduler.task(id).has_violated() {
+                    let now = self.now();
+                    self.scheduler.skip(id, now);
+                }
             }
             action::RESTART_PROGRAM => {
                 self.scheduler.fail(id);
