@@ -98,6 +98,10 @@ fn the_library_and_all_cases_keep_their_words() {
             let parses = keeps_its_words(&text, &path.display().to_string());
             assert!(parses || folder == "tests/cases", "{} does not parse", path.display());
             cases += usize::from(parses);
+            if folder == "library" {
+                let formatted = formatted(&text).expect("it parses");
+                assert_eq!(formatted, text, "{} is not formatted", path.display());
+            }
         }
     }
     assert!(cases > 60, "only {cases} of the sources parse");

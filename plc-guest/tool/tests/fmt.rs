@@ -77,3 +77,10 @@ fn what_is_no_source_is_refused_by_name() {
         folder.takt_plc(&["fmt", path]).expect(2, message);
     }
 }
+
+#[test]
+fn a_new_project_is_formatted() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "tank", "--lang", "st"]).expect(0, "");
+    folder.takt_plc(&["fmt", "--check", "tank"]).expect(0, "");
+}
