@@ -188,9 +188,16 @@ impl<'a> Checker<'a> {
             return None;
         }
         let kind = match (properties.single.clone(), properties.interval) {
-            (Some(source), interval) => {
-                let minimum_ns = interval.map_or(0, |(interval, _)| interval);
+            (Some(source), Some((minimum_ns, _))) if minimum_ns > 0 => {
                 TaskKind::Event { source, minimum_ns }
+            }
+            // Without it nothing could be said of how much time the other tasks have.
+            (Some(_), interval) => {
+                let span = interval.map_or(task.name.span, |(_, span)| span);
+                let found = format!("no least time between two releases of `{}`", task.name.text);
+                let one = Diagnostic::new(Code::InvalidTask, span, found);
+                self.tell(one.allowed("with SINGLE also INTERVAL, such as `INTERVAL := T#10ms`"));
+                return None;
             }
             (None, Some((0, span))) => {
                 let one = Diagnostic::new(Code::InvalidTask, span, "an interval of 0");
