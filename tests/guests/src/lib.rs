@@ -107,6 +107,15 @@ pub fn cyclic(name: &str, period: Nanoseconds, priority: u8, entry: Entry) -> Ta
     Task { priority, ..Task::cyclic(name, period, entry.offset()) }
 }
 
+/// A cyclic task, first released this long after the tasks have begun.
+#[must_use]
+pub fn cyclic_from(offset: Nanoseconds, task: Task) -> Task {
+    match task.when {
+        When::Cyclic { period, .. } => Task { when: When::Cyclic { period, offset }, ..task },
+        _ => task,
+    }
+}
+
 /// A task that runs in what is left of the windows.
 #[must_use]
 pub fn freewheeling(name: &str, priority: u8, entry: Entry) -> Task {

@@ -1,7 +1,7 @@
 //! Program images in a PLC: how they get into the guest's memory, and which never do.
 
 use takt_program::signature;
-use takt_test_programs::{Entry, Program, cyclic, us};
+use takt_test_programs::{Entry, Program, cyclic, cyclic_from, us};
 use takt_tests::{File, Outcome, save_bytes};
 
 /// A private key, for tests.
@@ -95,9 +95,10 @@ fn an_image_that_is_damaged_starts_nothing() {
 /// A guest that ends itself for a program's fault, and is started anew: it finds its programs again.
 #[test]
 fn a_guest_that_is_started_anew_finds_its_programs_whole() {
-    let program = Program::new("tank")
-        .task(cyclic("control", us(1_000), 0, Entry::Work), 100)
-        .task(cyclic("fault", us(100_000), 5, Entry::Divide), 0);
+    // Not in the first window: a guest that ends before its first scan is not started again.
+    let fault = cyclic_from(us(50_000), cyclic("fault", us(100_000), 5, Entry::Divide));
+    let program =
+        Program::new("tank").task(cyclic("control", us(1_000), 0, Entry::Work), 100).task(fault, 0);
     let file = plc("program-restart", &program.image(), "on_fault = \"stop-partition\"")
         .schedule("normal")
         .window("plc", 0, 300)
