@@ -268,12 +268,28 @@ fn event_tasks_see_edges_and_messages() {
     let receiver = Program::new("r")
         .port("numbers", Direction::In)
         .task(on("read", message, us(1_000), 0, Entry::ReadPort), 0);
+    // Two tasks wait at one sampling port.
+    let writer = Program::new("w")
+        .port("level", Direction::Out)
+        .task(cyclic("write", us(4_000), 3, Entry::WritePort), 0);
+    let level = || Event::Channel("level".into());
+    let watcher = Program::new("o")
+        .port("level", Direction::In)
+        .task(on("first", level(), us(1_000), 3, Entry::Nothing), 0)
+        .task(on("second", level(), us(1_000), 4, Entry::Nothing), 0);
     let file = File::new("1ms")
-        .plc_with("plc", &lines("tasks-events", &[("sender", sender, "")]))
-        .plc_with("other", &lines("tasks-events", &[("receiver", receiver, "")]))
+        .plc_with("plc", &lines("tasks-events", &[("sender", sender, ""), ("writer", writer, "")]))
+        .plc_with(
+            "other",
+            &lines("tasks-events", &[("receiver", receiver, ""), ("watcher", watcher, "")]),
+        )
         .lines(
             "[[channel]]\nname = \"numbers\"\nkind = \"queuing\"\nmessage_bytes = 8\n\
              source = \"plc:numbers\"\ndestinations = [\"other:numbers\"]\ndepth = 8",
+        )
+        .lines(
+            "[[channel]]\nname = \"level\"\nkind = \"sampling\"\nmessage_bytes = 8\n\
+             source = \"plc:level\"\ndestinations = [\"other:level\"]\nrefresh_period = \"1s\"",
         )
         .schedule("normal")
         .window("plc", 100, 200)
@@ -283,6 +299,9 @@ fn event_tasks_see_edges_and_messages() {
     assert!(!outcome.output.contains("stops"), "{}", outcome.output);
     Row::of(&outcome, "sender.edge").assert_in_time(220);
     Row::of(&outcome, "receiver.read").assert_in_time(220);
+    for task in ["watcher.first", "watcher.second"] {
+        Row::of(&outcome, task).assert_in_time(220);
+    }
 }
 
 /// A task with a budget.

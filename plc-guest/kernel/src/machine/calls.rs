@@ -168,10 +168,7 @@ impl Kernel {
 
     fn channel_read(&mut self, program: ProgramId, a: &Arguments) -> Answer {
         let to = self.memory(program, a.second, a.third, true)?;
-        let message = self.ports.read(program.0, a.first, cycle::now())?;
-        if message.len() as u64 > to.bytes() {
-            return Err(Error::TooLong);
-        }
+        let message = self.ports.read(program.0, a.first, to.bytes(), cycle::now())?;
         to.write(message);
         Ok(Some(message.len() as i64))
     }

@@ -17,8 +17,13 @@ pub const EVENTS: usize = 32;
 /// What a task waits for.
 #[derive(Clone, Copy, Debug)]
 pub enum Source {
-    /// A message at this port of the program.
-    Port(u8),
+    /// A message at a port of the program.
+    Port {
+        /// The port.
+        number: u8,
+        /// The stamp of the newest message that has released the task.
+        seen: u64,
+    },
     /// That this bit becomes one.
     Rise {
         /// The byte.
@@ -60,9 +65,9 @@ impl Events {
     ) {
         for (task, program, source) in self.all.iter_mut().map_while(Option::as_mut) {
             let happened = match source {
-                Source::Port(number) => {
+                Source::Port { number, seen } => {
                     let tsc = takt_plc_guest::cycle::now();
-                    ports.has_news(*program, u64::from(*number), tsc)
+                    ports.has_news(*program, u64::from(*number), seen, tsc)
                 }
                 Source::Rise { byte, mask, last } => {
                     let loading =

@@ -18,9 +18,10 @@ pub const PORTS: usize = takt_abi::PORTS_MAX;
 enum End {
     Output(Output),
     Sender(Sender),
-    /// With the stamp of the message that was seen last.
+    /// With the stamp of the message that was read last.
     Input(Input, u64),
-    Receiver(Receiver),
+    /// With the length of its longest message.
+    Receiver(Receiver, usize),
 }
 
 /// The open ports of all programs.
@@ -48,7 +49,7 @@ impl Ports {
         let end = match (kind, port.direction) {
             (port_kind::SAMPLING, Direction::In) => End::Input(channel::input(name, bytes)?, 0),
             (port_kind::SAMPLING, Direction::Out) => End::Output(channel::output(name, bytes)?),
-            (_, Direction::In) => End::Receiver(channel::receiver(name, bytes)?),
+            (_, Direction::In) => End::Receiver(channel::receiver(name, bytes)?, bytes as usize),
             (_, Direction::Out) => End::Sender(channel::sender(name, bytes)?),
         };
         *slot = Some((program, number, end));
@@ -61,19 +62,22 @@ impl Ports {
         found.map(|(_, _, end)| (end, &mut self.buffer[..]))
     }
 
-    /// Reads a message; it is valid until the next call.
-    pub fn read(&mut self, program: u8, number: u64, now: u64) -> Result<&[u8], Error> {
+    /// Reads a message for which the program has so much room; it is valid until the next call. A queue is
+    /// not read where its longest message has no room, since a message that is taken is gone.
+    pub fn read(&mut self, program: u8, number: u64, room: u64, now: u64) -> Result<&[u8], Error> {
         let (end, buffer) = self.end(program, number).ok_or(Error::BadId)?;
         match end {
-            End::Input(input, seen) => match input.read(buffer, Tsc(now)) {
+            End::Input(input, read) => match input.read(buffer, Tsc(now)) {
+                Ok(sample) if sample.bytes.len() as u64 > room => Err(Error::TooLong),
                 Ok(sample) => {
-                    *seen = sample.stamp.0;
+                    *read = sample.stamp.0;
                     Ok(sample.bytes)
                 }
                 Err(ReadError::Buffer(_)) => Err(Error::TooLong),
                 Err(_) => Err(Error::Empty),
             },
-            End::Receiver(receiver) => match receiver.receive(buffer) {
+            End::Receiver(_, longest) if *longest as u64 > room => Err(Error::TooLong),
+            End::Receiver(receiver, _) => match receiver.receive(buffer) {
                 Ok(received) => Ok(received.bytes),
                 Err(ReceiveError::Buffer(_)) => Err(Error::TooLong),
                 Err(_) => Err(Error::Empty),
@@ -98,18 +102,19 @@ impl Ports {
                 Err(SendError::Full) => Err(Error::Full),
                 Err(SendError::Length(_)) => Err(Error::TooLong),
             },
-            End::Input(..) | End::Receiver(_) => Err(Error::NotAllowed),
+            End::Input(..) | End::Receiver(..) => Err(Error::NotAllowed),
         }
     }
 
-    /// True if there is a message that the program has not read.
-    pub fn has_news(&mut self, program: u8, number: u64, now: u64) -> bool {
+    /// True if there is a message that the program has not read. `seen` is the stamp of the newest one that the
+    /// caller knows: several tasks may wait at one port, and each of them is told of each message.
+    pub fn has_news(&mut self, program: u8, number: u64, seen: &mut u64, now: u64) -> bool {
         let Some((end, buffer)) = self.end(program, number) else { return false };
         match end {
-            End::Receiver(receiver) => receiver.status().waiting > 0,
-            End::Input(input, seen) => {
+            End::Receiver(receiver, _) => receiver.status().waiting > 0,
+            End::Input(input, read) => {
                 let stamp = input.read(buffer, Tsc(now)).map(|sample| sample.stamp.0);
-                stamp.is_ok_and(|stamp| core::mem::replace(seen, stamp) != stamp)
+                stamp.is_ok_and(|stamp| core::mem::replace(seen, stamp) != stamp && *read != stamp)
             }
             End::Output(_) | End::Sender(_) => false,
         }

@@ -168,7 +168,9 @@ fn source_of(program: &Program, source: EventSource<'_>) -> Result<Source, LoadE
     match source {
         EventSource::Channel(name) => {
             let number = image.ports().position(|port| port.name == name);
-            number.map(|number| Source::Port(number as u8)).ok_or(LoadError::Source("a port"))
+            number
+                .map(|number| Source::Port { number: number as u8, seen: 0 })
+                .ok_or(LoadError::Source("a port"))
         }
         EventSource::Rise(name) => {
             let variable = image.variable(name).ok_or(LoadError::Source("a variable"))?;
