@@ -31,7 +31,7 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     write_as(path, bytes, PermissionsExt::from_mode(0o644))
 }
 
-/// [`write`], with these permissions.
+/// [`write()`], with these permissions.
 fn write_as(path: &Path, bytes: &[u8], permissions: Permissions) -> Result<(), Failure> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let written =
