@@ -1,9 +1,9 @@
 //! The formatter: one layout for all sources of a project.
 //!
 //! It works on tokens, not on the tree, because the tree has no comments. A file has to parse, so that
-//! the structure that the tokens are laid out by is the one that the compiler sees. [`words`] cuts the
-//! file, [`layout`] decides where lines begin, [`spacing`] what stands between two words of a line, and
-//! [`render`] writes the text.
+//! the structure that the tokens are laid out by is the one that the compiler sees. `words` cuts the
+//! file, `layout` decides where lines begin, `spacing` what stands between two words of a line, and
+//! `render` writes the text.
 //!
 //! White space and the case of keywords are all that changes. The result is read again and compared
 //! with the source word by word before anyone gets it: a mistake in here is an error and no damage.
