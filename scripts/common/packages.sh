@@ -118,7 +118,7 @@ as_root() {
 
 update_own_lists() {
     echo "${0##*/}: bringing apt's package lists up to date" >&2
-    as_root apt-get update -qq >&2
+    as_root apt-get update -qq -o DPkg::Lock::Timeout=600 >&2
 }
 
 # need_packages PACKAGE...: installs those that are missing.
@@ -138,7 +138,7 @@ need_packages() {
 
 install_packages() {
     as_root env DEBIAN_FRONTEND=noninteractive \
-        apt-get install -qq --no-install-recommends "$@" </dev/null >&2
+        apt-get install -qq --no-install-recommends -o DPkg::Lock::Timeout=600 "$@" </dev/null >&2
 }
 
 # newest LINK NAME FETCH [ARGUMENT]...: prints the folder behind $cache/LINK, made of what apt knows now. NAME
