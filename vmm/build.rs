@@ -1,23 +1,18 @@
 //! Builds what is embedded in `takt`: two PLC guests, the demonstration and the kernel that runs program images,
 //! and the system calls that its threads may make.
 //!
-//! Guests are freestanding and have their own profile and link flags, so they cannot be members of
-//! this workspace: they are built by a second cargo, for the same target and with the same toolchain,
-//! into this crate's own output folder. Whoever builds `takt` has thereby built the guest.
+//! Guests are freestanding: a second cargo builds them, for the same target and with the same toolchain,
+//! into this crate's own output folder. So a build of `takt` builds its guests too.
 
-use std::env;
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 
 #[path = "seccomp/compile.rs"]
 mod seccomp;
-
-const TARGET: &str = "x86_64-unknown-linux-gnu";
+#[path = "../plc-guest/second_cargo.rs"]
+mod second_cargo;
 
 fn main() {
-    let Some(out) = env::var_os("OUT_DIR").map(PathBuf::from) else {
-        panic!("OUT_DIR is not set: this is a cargo build script");
-    };
+    let out = second_cargo::out_folder();
     seccomp::compile(Path::new("seccomp"), &out);
     let guest = Path::new("../plc-guest");
     let crates = [
@@ -36,26 +31,8 @@ fn main() {
         }
     }
 
-    let target_dir = out.join("plc-guest");
-    let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    cargo.current_dir(guest).args(["build", "--release", "--offline", "--workspace"]);
-    cargo.args(["--bin", "demo", "--bin", "kernel"]);
-    cargo.args(["--target", TARGET, "--target-dir"]).arg(&target_dir);
-    // What this cargo tells its build scripts must not reach the other one: its flags and
-    // wrappers are for the host's program, its CARGO_* variables for this crate.
-    for (name, _) in env::vars_os() {
-        let text = name.to_string_lossy();
-        let inherited = text.starts_with("CARGO") && text != "CARGO_HOME";
-        if inherited || text.starts_with("RUSTC") || text == "RUSTFLAGS" || text == "CLIPPY_ARGS" {
-            cargo.env_remove(&name);
-        }
-    }
-    match cargo.status() {
-        Ok(status) if status.success() => {}
-        Ok(status) => panic!("building the PLC guest failed: {status}"),
-        Err(error) => panic!("cannot run cargo for the PLC guest: {error}"),
-    }
-    let images = target_dir.join(TARGET).join("release");
+    let arguments = ["--workspace", "--bin", "demo", "--bin", "kernel"];
+    let images = second_cargo::build_in(guest, &out.join("plc-guest"), &arguments);
     println!("cargo::rustc-env=TAKT_PLC_DEMO={}", images.join("demo").display());
     println!("cargo::rustc-env=TAKT_PLC_KERNEL={}", images.join("kernel").display());
 }
