@@ -28,7 +28,7 @@ const LONG: Duration = Duration::from_secs(60);
 fn a_push_never_waits_and_what_was_accepted_comes_in_order_and_whole() {
     let (outlet, mut reader) = piped(&[16 << 10, 16 << 10]);
     let (mut accepted, mut refused) = (Vec::new(), 0);
-    // Nobody reads: this would not come to an end if a push waited.
+    // The other end is not read: this would not come to an end if a push waited.
     for n in 0..10_000u32 {
         let piece = format!("line {n}\n");
         match outlet.push((n % 2) as usize, piece.as_bytes()) {
@@ -108,11 +108,11 @@ fn a_reader_that_is_gone_costs_what_is_written_and_nothing_else() {
     let (outlet, reader) = piped(&[8192]);
     drop(reader);
     for _ in 0..100 {
-        outlet.push(0, b"nobody reads this").unwrap();
+        outlet.push(0, b"no reader takes this").unwrap();
         assert!(outlet.settle(LONG, LONG));
     }
     assert_eq!((outlet.waiting(), outlet.written()), (0, 0));
-    assert_eq!(outlet.unwritten(), 100 * b"nobody reads this".len() as u64);
+    assert_eq!(outlet.unwritten(), 100 * b"no reader takes this".len() as u64);
     assert_eq!(outlet.take_error().unwrap().kind(), ErrorKind::BrokenPipe);
 }
 

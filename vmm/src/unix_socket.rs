@@ -4,8 +4,7 @@
 //! The permissions of the file are all the protection that such a socket has, so there is no moment
 //! without them: the mode is set on the descriptor before it is bound to a path, and the kernel
 //! gives the file that mode (`unix_bind_bsd` in its `net/unix/af_unix.c`). The standard library
-//! binds at once, and knows no SOCK_SEQPACKET, which is why this one is made by hand. Nothing here
-//! ever waits.
+//! binds at once, and knows no SOCK_SEQPACKET. So this one is made by hand. Nothing here ever waits.
 
 use std::ffi::c_int;
 use std::fs;
@@ -43,7 +42,7 @@ pub enum SocketError {
         /// What the host said.
         source: io::Error,
     },
-    /// Somebody listens there.
+    /// A process listens there.
     #[error("cannot make the socket {}: another program listens there", .0.display())]
     InUse(PathBuf),
     /// Something else has that path, and is not Takt's to remove.
@@ -61,8 +60,8 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Makes the socket, for its owner only (mode 0600). One to which nobody listens, as a Takt that
-    /// was killed leaves it, is replaced; anything else stays.
+    /// Makes the socket, for its owner only (mode 0600). A socket to which no process listens, as
+    /// a Takt that was killed leaves it, is replaced. Anything else stays.
     ///
     /// # Errors
     /// See [`SocketError`].
@@ -94,7 +93,7 @@ impl Listener {
         let none = std::ptr::null_mut();
         // SAFETY: null pointers say that the other end's address is not wanted.
         let fd = unsafe { libc::accept4(self.fd.as_raw_fd(), none, none.cast(), flags) };
-        // SAFETY: the descriptor is new and nobody else's.
+        // SAFETY: the descriptor is new and has no other owner.
         check(fd).ok().map(|fd| unsafe { OwnedFd::from_raw_fd(fd) })
     }
 }
@@ -151,7 +150,7 @@ fn socket(kind: SocketKind) -> io::Result<OwnedFd> {
     let kind = kind | libc::SOCK_CLOEXEC | libc::SOCK_NONBLOCK;
     // SAFETY: takes integers only.
     let fd = check(unsafe { libc::socket(libc::AF_UNIX, kind, 0) })?;
-    // SAFETY: the descriptor is new and nobody else's.
+    // SAFETY: the descriptor is new and has no other owner.
     Ok(unsafe { OwnedFd::from_raw_fd(fd) })
 }
 

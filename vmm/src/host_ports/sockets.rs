@@ -1,8 +1,8 @@
 //! Ends that are reached by a socket.
 //!
 //! Clients are programs of all kinds, among them ones that hang, flood and lie. Each of them costs
-//! a bounded share of each tick (see [`Budget`]) and its own messages, nothing else: there are few
-//! at a time, none is ever waited for, and one that sends what is no message is let go of.
+//! a bounded share of each tick (see [`Budget`]) and its own messages, and nothing else. There are few
+//! clients at a time, Takt never waits for one, and closes the connection of one that sends what is no message.
 
 use std::collections::VecDeque;
 use std::io;
@@ -35,14 +35,14 @@ impl Watch {
     }
 
     /// By edges: what has been told of is not told of again, so that a client that is not served
-    /// for now wakes nobody. A descriptor is forgotten when it is closed.
+    /// for now does not wake the thread. A descriptor is forgotten when it is closed.
     fn add(&self, fd: RawFd) -> io::Result<()> {
         let events = EventSet::IN | EventSet::READ_HANG_UP | EventSet::EDGE_TRIGGERED;
         self.epoll.ctl(ControlOperation::Add, fd, EpollEvent::new(events, self.port))
     }
 }
 
-/// A socket and those who are connected to it.
+/// A socket and its clients.
 pub struct Clients {
     listener: Listener,
     watch: Watch,
@@ -50,7 +50,7 @@ pub struct Clients {
     all: VecDeque<Client>,
     /// Connections that were closed at once, because there were too many.
     pub refused: u64,
-    /// Clients that were let go of, because of what they sent.
+    /// Connections that were closed because of what the client sent.
     pub dropped: u64,
 }
 
@@ -61,7 +61,7 @@ struct Client {
 }
 
 impl Clients {
-    /// Nobody yet; `most` at a time.
+    /// Without clients yet; `most` at a time.
     ///
     /// # Errors
     /// If the socket cannot be watched.
@@ -121,15 +121,15 @@ impl SocketDestination {
         }
     }
 
-    /// Sends the newest sample to those who do not have it. Who cannot take it now gets the one
-    /// that is the newest later.
+    /// Sends the newest sample to the clients that do not have it. A client that cannot take it now gets the
+    /// sample that is the newest later.
     fn show(&mut self, budget: &mut Budget, clock: &Timebase, now: Tsc) {
         let clients = &mut self.clients.all;
         if self.end.has_news() {
             clients.iter_mut().for_each(|client| client.behind = true);
         }
-        let nobody = !clients.iter().any(|client| client.behind);
-        if nobody || !budget.is_left() || !self.end.take(clock, now) {
+        let all_have_it = !clients.iter().any(|client| client.behind);
+        if all_have_it || !budget.is_left() || !self.end.take(clock, now) {
             return;
         }
         budget.spend(self.end.packet().len());
@@ -144,7 +144,8 @@ impl SocketDestination {
         });
     }
 
-    /// Sends what is in the queue to the client, if there is one. Nothing is taken for nobody.
+    /// Sends what is in the queue to the client, if there is one. Without a client the messages stay in
+    /// the queue.
     fn hand_over(&mut self, budget: &mut Budget, clock: &Timebase, now: Tsc) {
         while budget.is_left() {
             let Some(client) = self.clients.all.front() else { return };

@@ -3,7 +3,7 @@
 //!
 //! The process would end at once, but for the message, which takes long enough for many a scan. So
 //! before that the thread at fault takes all guests off their processors, as at an orderly end, and
-//! each partition's own thread writes its values when its guest has left. Nobody else can: ports
+//! each partition's own thread writes its values when its guest has left. No other thread can: ports
 //! need a privilege that no other thread has, and none can take any more. The thread at fault waits
 //! for them, but not for ever: one that has used up its reservation answers when the next period
 //! begins, one that hangs in the kernel never does. Registers need no privilege and are written from
@@ -67,7 +67,7 @@ impl Drop for Armed {
 /// Ends all guests and has the values of all partitions written; false if a thread has not answered.
 /// The process must end then.
 pub fn do_it() -> bool {
-    // SAFETY: null, or a value that was leaked and so lives for ever, and that nobody changes.
+    // SAFETY: null, or a value that was leaked and so lives for ever, and that is never changed.
     match unsafe { CURRENT.load(Ordering::SeqCst).as_ref() } {
         Some(work) => work.finish(LOOKS),
         None => true,
@@ -146,7 +146,7 @@ mod tests {
         let (file, work) = partition("silent");
         assert!(!work.finish(3));
         assert!(work.threads[0].ending());
-        assert_eq!(register(&file), 7, "a register needs nobody else");
+        assert_eq!(register(&file), 7, "a register needs no other thread");
     }
 
     #[test]

@@ -1,12 +1,11 @@
 //! The guardian: a process that writes safe values when Takt is no more.
 //!
 //! A process that is killed (SIGKILL, the kernel's out-of-memory killer) or that dies of a fault of
-//! its own (SIGSEGV, SIGBUS) does nothing any more. Nobody else knows its outputs, and so they would
-//! stay as the last scan left them. What can be done about it has to be done before: where there are
-//! safe values, a second process is forked off which waits at a pipe. The end of the pipe that Takt
+//! its own (SIGSEGV, SIGBUS) does nothing any more. No other process knows its outputs, so they would
+//! stay as the last scan left them. So where there are safe values, Takt forks
+//! a second process at its start, which waits at a pipe. The end of the pipe that Takt
 //! holds is closed by the kernel when the last thread of Takt has left its guest for good, so what
-//! the guardian then writes is the last word. If the run has ended in order, it is told so, and
-//! goes.
+//! the guardian then writes stays. If the run ends in order, Takt tells the guardian, and it ends.
 //!
 //! It keeps one privilege, to take ports when it has to write, and is shut in otherwise as all threads
 //! of Takt are.
@@ -49,7 +48,7 @@ impl Guardian {
         if unsafe { libc::pipe2(ends.as_mut_ptr(), libc::O_CLOEXEC) } != 0 {
             return Err(io::Error::last_os_error());
         }
-        // SAFETY: both are new and nobody else's.
+        // SAFETY: both are new and have no other owner.
         let [read, write] = ends.map(|fd| unsafe { File::from_raw_fd(fd) });
         // SAFETY: the child uses nothing that another thread could have held at this moment, of
         // which there is none in a run; the C library's heap is in order after a fork anyway. It ends
@@ -57,7 +56,7 @@ impl Guardian {
         match unsafe { libc::fork() } {
             -1 => Err(io::Error::last_os_error()),
             0 => {
-                // Whoever can still write keeps the pipe open.
+                // A writing end that stays open here would keep the pipe open.
                 drop(write);
                 watch(read, all, mode);
                 // SAFETY: ends this process, which is a copy, and nothing else.
@@ -146,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn values_are_written_when_nobody_is_left_to_say_anything() {
+    fn values_are_written_when_the_last_writer_is_gone() {
         let (file, guardian) = guarded("killed");
         // What the kernel does to a process that is killed.
         // SAFETY: the descriptor is the guardian's own, which is not dropped after that.

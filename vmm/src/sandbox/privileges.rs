@@ -25,15 +25,16 @@ struct Sets {
     inheritable: u32,
 }
 
-/// `CAP_DAC_OVERRIDE`, as a bit: the folder of the root cgroup can be written by nobody without it, not
-/// even by root, and cgroups are removed from it at the end.
+/// `CAP_DAC_OVERRIDE`, as a bit: without it even root cannot write to the folder of the root cgroup, and
+/// cgroups are removed from it at the end.
 pub const DAC_OVERRIDE: u32 = 1 << 1;
 
-/// `CAP_SYS_RAWIO`, as a bit: the guardian takes the privilege for ports when nobody else has it any more.
+/// `CAP_SYS_RAWIO`, as a bit: the guardian takes the privilege for ports when no other process has it
+/// any more.
 pub const SYS_RAWIO: u32 = 1 << 17;
 
-/// `CAP_SYS_ADMIN`, as a bit: the kernel's `enable_store` (`drivers/pci/pci-sysfs.c`) demands it of whoever
-/// takes back that a function is enabled. A function that stays enabled is not set up again by the
+/// `CAP_SYS_ADMIN`, as a bit: the kernel's `enable_store` (`drivers/pci/pci-sysfs.c`) demands it to
+/// disable a function. A function that stays enabled is not set up again by the
 /// host's driver, which then would wait for interrupts that Takt has switched off.
 pub const SYS_ADMIN: u32 = 1 << 21;
 
@@ -52,7 +53,7 @@ pub fn keep_memory_private() -> io::Result<()> {
     unsafe {
         check(libc::setrlimit(libc::RLIMIT_CORE, &raw const none))?;
         check(libc::prctl(libc::PR_SET_DUMPABLE, 0, 0, 0, 0))?;
-        // Refused to one without the privilege, whose limit holds already.
+        // Refused to a process without the privilege. Its limit holds already.
         libc::setrlimit(libc::RLIMIT_MEMLOCK, &raw const any);
     }
     Ok(())
@@ -76,7 +77,7 @@ pub fn drop_all(also_kept: u32) -> io::Result<()> {
     no_new_privileges()?;
     let kept = kept()? | also_kept;
     match set(kept) {
-        // Who has never had it does without.
+        // A process that has never had the privileges does without.
         Err(_) if kept != 0 => set(0),
         result => result,
     }

@@ -1,7 +1,7 @@
 //! The kick: taking a vCPU's thread out of guest mode, whatever the guest does.
 //!
 //! A signal makes KVM leave the guest, but a signal that arrives just *before* `KVM_RUN` would be
-//! handled and forgotten, and the guest entered with nobody left to end it. So the handler sets
+//! handled and forgotten, and the guest entered, and no further signal would end it. So the handler sets
 //! `kvm_run.immediate_exit`, which makes that next `KVM_RUN` return at once. The protocol:
 //!
 //! 1. the window enforcer makes its reason visible (window's end passed, stop flag set), then signals;
@@ -48,8 +48,8 @@ pub fn install() -> Result<(), vmm_sys_util::errno::Error> {
     register_signal_handler(SIGRTMIN(), handler)
 }
 
-/// Signals a thread of this process. A thread that is gone is nobody's concern: its id is not
-/// found, or belongs to a thread whose pointer is null.
+/// Signals a thread of this process. A thread that has ended does no harm: its id is not found, or
+/// belongs to a thread whose pointer is null.
 pub(super) fn send(thread: i32) {
     // SAFETY: tgkill only sends a signal; it touches no memory. The handler is installed.
     unsafe { libc::syscall(libc::SYS_tgkill, libc::getpid(), thread, SIGRTMIN()) };
@@ -83,7 +83,7 @@ impl Kickable {
 
     /// Takes over another vCPU in the place of this one, which is returned.
     pub fn replace(&mut self, vcpu: VcpuFd, exit_count: Option<ExitCount>) -> VcpuFd {
-        // A kick in between finds no flag; whoever entered a guest next would clear it anyway.
+        // A kick in between finds no flag. The flag would be cleared before the next entry anyway.
         IMMEDIATE_EXIT.set(ptr::null_mut());
         compiler_fence(Ordering::SeqCst);
         let old = mem::replace(&mut self.vcpu, vcpu);
@@ -104,7 +104,7 @@ impl Kickable {
         self.exit_count.as_ref().and_then(ExitCount::injections)
     }
 
-    /// Forgets earlier kicks. Whatever reason there was for one must be looked for *after* this.
+    /// Forgets earlier kicks. The reasons for a kick must be looked for *after* this.
     pub fn clear(&mut self) {
         self.vcpu.set_kvm_immediate_exit(0);
         // The handler runs on this very thread, so it is only the compiler that could move the
@@ -122,7 +122,7 @@ impl Kickable {
     /// refused it (`EAGAIN`).
     ///
     /// # Errors
-    /// Whatever KVM says other than that it came back at once.
+    /// Any answer of KVM other than that it came back at once.
     pub fn prime(&mut self) -> Result<(), kvm_ioctls::Error> {
         prime(&mut self.vcpu)
     }
