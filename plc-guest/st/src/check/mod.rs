@@ -24,6 +24,7 @@ mod place;
 mod recursion;
 mod standard;
 mod statement;
+mod type_spec;
 mod types;
 mod unit;
 mod usage;

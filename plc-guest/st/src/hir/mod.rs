@@ -12,16 +12,19 @@
 //! - `LIMIT` and `MUX` are made of [`Intrinsic::Min`], [`Intrinsic::Max`] and [`Intrinsic::Select`].
 
 mod constant;
+mod elementary;
 mod expr;
 mod intrinsic;
 mod place;
 mod print;
 mod program;
 mod statement;
+mod structure;
 mod trap;
 mod types;
 
 pub use constant::Constant;
+pub use elementary::{Class, Elementary};
 pub use expr::{Argument, Arithmetic, Comparison, Conversion, Expr, ExprKind, UnaryOperator};
 pub use intrinsic::Intrinsic;
 pub use place::{Place, Root, Step};
@@ -31,5 +34,6 @@ pub use program::{
     ObjectKind, Program, Retention, Routine, RoutineId, Storage, Task, TaskKind,
 };
 pub use statement::{Block, CaseArm, Statement, StatementKind};
+pub use structure::{Field, Section, Structure, StructureKind};
 pub use trap::{Trap, TrapKind};
-pub use types::{Class, Elementary, Field, Section, Structure, StructureKind, Type, TypeId, Types};
+pub use types::{Type, TypeId, Types};

@@ -2,7 +2,8 @@
 
 use cranelift_codegen::ir::{InstBuilder, Value, types};
 
-use super::lower::{Home, Lower, ROUTINES, signature};
+use super::function::signature;
+use super::lower::{Home, Lower, ROUTINES};
 use super::place::Located;
 use super::target::{MEMORY, register};
 use crate::hir::{Argument, LocalKind, Place, Root, RoutineId, Type, TypeId};

@@ -6,9 +6,10 @@ use cranelift_codegen::FinalizedRelocTarget;
 use cranelift_codegen::binemit::Reloc;
 use cranelift_codegen::ir::{ExternalName, Function};
 
-use super::lower::{CONSTANTS, ROUTINES, RUNTIME, trap_kind};
+use super::lower::{CONSTANTS, ROUTINES, RUNTIME};
 use super::runtime;
 use super::target::address::CODE;
+use super::trap::trap_kind;
 use super::{NativeError, TrapSite};
 use crate::hir::{Location, Program, RoutineId, Trap};
 

@@ -5,8 +5,9 @@ use cranelift_codegen::ir::{InstBuilder, Value, types};
 use cranelift_frontend::Variable;
 
 use super::effects::{Collector, Effects, Target};
-use super::lower::{LoopBlocks, Lower, Promoted, trap_code};
+use super::lower::{LoopBlocks, Lower, Promoted};
 use super::target::{MEMORY, register};
+use super::trap::trap_code;
 use crate::hir::{
     self, Class, Constant, Elementary, Expr, ExprKind, Location, Place, Statement, StatementKind,
     TrapKind,

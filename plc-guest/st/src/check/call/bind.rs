@@ -1,0 +1,162 @@
+//! Which argument is for which parameter.
+
+use super::super::body::Body;
+use super::super::names::similar;
+use super::super::unit::Storage;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::hir::{Constant, TypeId};
+use crate::source::Span;
+use crate::syntax::ast::{Argument, Binding, Expression, Name, SectionKind};
+
+/// A parameter of a unit.
+#[derive(Clone, Debug)]
+pub(super) struct Parameter {
+    pub(super) name: String,
+    pub(super) kind: SectionKind,
+    pub(super) ty: Option<TypeId>,
+    pub(super) initial: Constant,
+    pub(super) storage: Storage,
+    /// Whether the unit has an initial value for it.
+    pub(super) optional: bool,
+}
+
+/// The arguments of a call, one for each parameter if it is given.
+pub(super) struct Bound<'a> {
+    pub(super) given: Vec<Option<(&'a Expression, Binding)>>,
+    pub(super) en: Option<&'a Expression>,
+    pub(super) eno: Option<&'a Expression>,
+}
+
+impl<'a> Body<'_, 'a> {
+    pub(super) fn parameters(&mut self, unit: usize) -> Vec<Parameter> {
+        let span = self.checker.units[unit].ast.name.span;
+        self.checker.declare_unit(unit, span, false);
+        let entry = &self.checker.units[unit];
+        entry
+            .parameters
+            .iter()
+            .map(|index| {
+                let variable = &entry.variables[*index];
+                Parameter {
+                    name: variable.name.text.to_string(),
+                    kind: variable.kind,
+                    ty: variable.ty,
+                    initial: variable.initial.clone(),
+                    storage: variable.storage.clone(),
+                    optional: variable.initialised,
+                }
+            })
+            .collect()
+    }
+
+    /// Finds the parameter of each argument. Formal and informal arguments are not mixed.
+    pub(super) fn bind(
+        &mut self,
+        parameters: &[Parameter],
+        name: &Name,
+        arguments: &'a [Argument],
+        span: Span,
+    ) -> Option<Bound<'a>> {
+        let mut bound = Bound { given: vec![None; parameters.len()], en: None, eno: None };
+        let mut complete = true;
+        let formal = arguments.iter().filter(|argument| argument.name.is_some()).count();
+        if formal != 0 && formal != arguments.len() {
+            let found = "arguments with and without names in one call";
+            let one = Diagnostic::new(Code::WrongArguments, span, found);
+            self.tell(one.allowed("all with names, or none"));
+            return None;
+        }
+        if formal == 0 {
+            // Outputs may be left out at the end, or all of them.
+            let inputs: Vec<usize> = (0..parameters.len())
+                .filter(|at| parameters[*at].kind != SectionKind::Output)
+                .collect();
+            let places: Vec<usize> = match arguments.len() <= inputs.len() {
+                true => inputs,
+                false => (0..parameters.len()).collect(),
+            };
+            if arguments.len() > places.len() {
+                let found = format!("{} arguments for `{}`", arguments.len(), name.text);
+                let one = Diagnostic::new(Code::WrongArguments, span, found);
+                self.tell(one.allowed(describe(parameters)));
+                return None;
+            }
+            for (argument, at) in arguments.iter().zip(places) {
+                let binding = match parameters[at].kind {
+                    SectionKind::Output => Binding::Output,
+                    _ => Binding::Input,
+                };
+                bound.given[at] = Some((argument.value.as_ref()?, binding));
+            }
+            return Some(bound);
+        }
+        for argument in arguments {
+            let Some((formal, binding)) = &argument.name else { continue };
+            let Some(value) = &argument.value else {
+                // `x =>` leaves the output unconnected.
+                continue;
+            };
+            match (&*formal.key, binding) {
+                ("EN", Binding::Input) => {
+                    bound.en = Some(value);
+                    continue;
+                }
+                ("ENO", Binding::Output) => {
+                    bound.eno = Some(value);
+                    continue;
+                }
+                _ => {}
+            }
+            let found = parameters
+                .iter()
+                .position(|parameter| parameter.name.eq_ignore_ascii_case(&formal.text));
+            let Some(at) = found else {
+                self.no_parameter(parameters, name, formal);
+                complete = false;
+                continue;
+            };
+            let output = parameters[at].kind == SectionKind::Output;
+            if output != (*binding != Binding::Input) {
+                let (what, sign) = if output { ("an output", "=>") } else { ("an input", ":=") };
+                let found = format!("`{}` is {what} of `{}`", formal.text, name.text);
+                let one = Diagnostic::new(Code::WrongArguments, argument.span, found);
+                self.tell(one.allowed(format!("`{} {sign} ...`", formal.text)));
+                complete = false;
+                continue;
+            }
+            if bound.given[at].replace((value, *binding)).is_some() {
+                let found = format!("two arguments for `{}`", formal.text);
+                self.error(Code::WrongArguments, argument.span, found);
+                complete = false;
+            }
+        }
+        complete.then_some(bound)
+    }
+
+    fn no_parameter(&mut self, parameters: &[Parameter], name: &Name, formal: &Name) {
+        let found = format!("`{}` has no parameter `{}`", name.text, formal.text);
+        let mut one =
+            Diagnostic::new(Code::WrongArguments, formal.span, found).allowed(describe(parameters));
+        let names = parameters.iter().map(|parameter| &*parameter.name);
+        if let Some(similar) = similar(&formal.key, names) {
+            one = one.hint(format!("did you mean `{similar}`?"));
+        }
+        self.tell(one);
+    }
+}
+
+/// The parameters, as one writes their names in a call.
+fn describe(parameters: &[Parameter]) -> String {
+    if parameters.is_empty() {
+        return "no arguments".to_owned();
+    }
+    let shown: Vec<String> = parameters
+        .iter()
+        .take(12)
+        .map(|parameter| match parameter.kind {
+            SectionKind::Output => format!("{} =>", parameter.name),
+            _ => format!("{} :=", parameter.name),
+        })
+        .collect();
+    shown.join(", ")
+}

@@ -1,0 +1,110 @@
+//! The arguments of a function, one for each parameter.
+
+use super::super::body::Body;
+use super::bind::Parameter;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::hir::{self, ExprKind, Place, TypeId};
+use crate::source::Span;
+use crate::syntax::ast::{Argument, Binding, Expression, Name, SectionKind};
+
+impl<'a> Body<'_, 'a> {
+    /// The arguments of a call of a function. EN and ENO go to `enable`, or are refused.
+    pub(super) fn function_arguments(
+        &mut self,
+        unit: usize,
+        name: &Name,
+        arguments: &'a [Argument],
+        span: Span,
+        enable: Option<&mut (Option<&'a Expression>, Option<&'a Expression>)>,
+    ) -> Option<Vec<hir::Argument>> {
+        self.note_call(unit, span);
+        let parameters = self.parameters(unit);
+        let bound = self.bind(&parameters, name, arguments, span)?;
+        match enable {
+            Some(enable) => *enable = (bound.en, bound.eno),
+            None if bound.en.is_some() || bound.eno.is_some() => {
+                let found = "EN or ENO in a call within an expression";
+                let one = Diagnostic::new(Code::NotSupported, span, found);
+                self.tell(one.allowed("a call alone, or `variable := function(EN := ...)`"));
+                return None;
+            }
+            None => {}
+        }
+        let informal = arguments.iter().any(|argument| argument.name.is_none());
+        let mut list = Vec::new();
+        let mut complete = true;
+        for (parameter, given) in parameters.iter().zip(&bound.given) {
+            let ty = parameter.ty?;
+            let argument = match (parameter.kind, given) {
+                (SectionKind::Input, Some((value, _))) => {
+                    self.value_of(value, ty).map(hir::Argument::Value)
+                }
+                (SectionKind::Input, None) if informal && !parameter.optional => {
+                    self.missing(&parameter.name, name, span);
+                    None
+                }
+                (SectionKind::Input, None) => self.default_argument(parameter, name, ty, span),
+                (SectionKind::InOut, Some((value, _))) => {
+                    self.in_out(value, ty).map(hir::Argument::Reference)
+                }
+                (SectionKind::InOut, None) => {
+                    self.missing(&parameter.name, name, span);
+                    None
+                }
+                (_, Some((target, binding))) => self.output_argument(target, *binding, ty),
+                (_, None) => Some(hir::Argument::Output(None)),
+            };
+            match argument {
+                Some(argument) => list.push(argument),
+                None => complete = false,
+            }
+        }
+        complete.then_some(list)
+    }
+
+    fn default_argument(
+        &mut self,
+        parameter: &Parameter,
+        name: &Name,
+        ty: TypeId,
+        span: Span,
+    ) -> Option<hir::Argument> {
+        let types = &self.checker.program.types;
+        if types.scalar(ty).is_none() && !types.is_string(ty) {
+            self.missing(&parameter.name, name, span);
+            return None;
+        }
+        let value = self.checker.constant_value(ty, parameter.initial.clone());
+        let expr = self.expr(ty, ExprKind::Constant(value), span);
+        Some(hir::Argument::Value(expr))
+    }
+
+    /// Where an output of a function goes: to the target itself if it has the type, else through a
+    /// variable of the compiler's, which is converted behind the statement.
+    fn output_argument(
+        &mut self,
+        target: &'a Expression,
+        binding: Binding,
+        ty: TypeId,
+    ) -> Option<hir::Argument> {
+        let place = self.write_place(target)?;
+        if place.ty == ty && binding != Binding::NegatedOutput {
+            return Some(hir::Argument::Output(Some(place)));
+        }
+        let local = self.temporary("'output", ty);
+        let through = Place::local(local, ty);
+        let statement = self.output(through.clone(), target, binding)?;
+        let Some(after) = &mut self.after else {
+            let found = format!(
+                "an output of type {} for a variable of type {} within a condition",
+                self.type_name(ty),
+                self.type_name(place.ty)
+            );
+            let one = Diagnostic::new(Code::NotSupported, target.span, found);
+            self.tell(one.hint("call the function in a statement before"));
+            return None;
+        };
+        after.push(statement);
+        Some(hir::Argument::Output(Some(through)))
+    }
+}

@@ -1,0 +1,129 @@
+//! Arithmetic of numbers.
+
+use super::super::body::Body;
+use super::super::convert::widens;
+use super::super::expression::Operand;
+use super::super::fold;
+use super::super::types::{is_integer, is_real};
+use crate::diagnostic::Code;
+use crate::hir::{Arithmetic, Constant, Conversion, Elementary, Expr, ExprKind, Intrinsic, TypeId};
+use crate::source::Span;
+use crate::syntax::ast::BinaryOperator;
+
+impl<'a> Body<'_, 'a> {
+    pub(super) fn arithmetic(
+        &mut self,
+        operator: BinaryOperator,
+        place: Span,
+        left: (Operand, Span),
+        right: (Operand, Span),
+        span: Span,
+    ) -> Option<Operand> {
+        let (a, b) = (left.0.expr.ty, right.0.expr.ty);
+        let (op, allowed) = match operator {
+            BinaryOperator::Add => (Arithmetic::Add, "numbers or durations"),
+            BinaryOperator::Subtract => (Arithmetic::Subtract, "numbers, durations or dates"),
+            BinaryOperator::Multiply => {
+                (Arithmetic::Multiply, "numbers, or a duration and a number")
+            }
+            BinaryOperator::Divide => (Arithmetic::Divide, "numbers, or a duration and a number"),
+            _ => (Arithmetic::Modulo, "integers"),
+        };
+        let number = |elementary: Option<Elementary>| {
+            elementary.is_some_and(|elementary| {
+                is_integer(elementary) || is_real(elementary) && op != Arithmetic::Modulo
+            })
+        };
+        if !(number(self.plain(a)) && number(self.plain(b))) {
+            self.mismatch(operator, place, a, b, allowed);
+            return None;
+        }
+        let Some((left, right, ty, untyped)) = self.joined(left, right) else {
+            self.mismatch(
+                operator,
+                place,
+                a,
+                b,
+                "types of which one holds all values of the other",
+            );
+            return None;
+        };
+        self.combine(op, left, right, ty, untyped, place, span)
+    }
+
+    /// An arithmetic node, or its value if both sides are constants.
+    #[allow(clippy::too_many_arguments)]
+    pub(super) fn combine(
+        &mut self,
+        operator: Arithmetic,
+        left: Expr,
+        right: Expr,
+        ty: TypeId,
+        untyped: bool,
+        place: Span,
+        span: Span,
+    ) -> Option<Operand> {
+        let divides = matches!(operator, Arithmetic::Divide | Arithmetic::Modulo);
+        let zero = ExprKind::Constant(Constant::Integer(0));
+        if divides && right.kind == zero {
+            self.error(Code::DivisionByZero, place, "a division by zero");
+            return None;
+        }
+        if let (ExprKind::Constant(a), ExprKind::Constant(b)) = (&left.kind, &right.kind) {
+            if let (true, Constant::Integer(a), Constant::Integer(b)) = (untyped, a, b) {
+                let value = fold::integers(operator, *a, *b).filter(|value| {
+                    *value >= i128::from(i64::MIN) && *value <= i128::from(u64::MAX)
+                });
+                let Some(value) = value else {
+                    self.error(Code::OutOfRange, span, "a number of more than 64 bits");
+                    return None;
+                };
+                return Some(self.number(value, span));
+            }
+            if let Some(value) = self.fold_arithmetic(operator, a, b, ty) {
+                let expr = self.expr(ty, ExprKind::Constant(value), span);
+                return Some(Operand { expr, untyped });
+            }
+        }
+        let kind = ExprKind::Arithmetic(operator, Box::new(left), Box::new(right));
+        Some(Operand::typed(self.expr(ty, kind, span)))
+    }
+
+    pub(super) fn power(
+        &mut self,
+        place: Span,
+        left: (Operand, Span),
+        right: (Operand, Span),
+        span: Span,
+    ) -> Option<Operand> {
+        let (a, b) = (left.0.expr.ty, right.0.expr.ty);
+        let (base, exponent) = (self.plain(a), self.plain(b));
+        let number = |elementary: Option<Elementary>| {
+            elementary.is_some_and(|elementary| is_integer(elementary) || is_real(elementary))
+        };
+        if !(number(base) && number(exponent)) {
+            self.mismatch(BinaryOperator::Power, place, a, b, "numbers");
+            return None;
+        }
+        // In REAL if the base is one or fits one, in LREAL if either side needs it.
+        let real = |elementary: Option<Elementary>, untyped: bool| {
+            untyped
+                || elementary.is_some_and(|elementary| {
+                    elementary == Elementary::Real || widens(elementary, Elementary::Real)
+                })
+        };
+        let in_real = real(base, left.0.untyped)
+            && !(left.0.untyped && right.0.untyped)
+            && exponent != Some(Elementary::Lreal).filter(|_| !right.0.untyped);
+        let ty = self.elementary(if in_real { Elementary::Real } else { Elementary::Lreal });
+        let as_number = |body: &mut Self, operand: (Operand, Span)| match operand.0.untyped {
+            true => body.converted(operand.0, ty, operand.1),
+            false if operand.0.expr.ty == ty => Some(operand.0.expr),
+            false => Some(body.convert(Conversion::Value, operand.0.expr, ty, operand.1)),
+        };
+        let left = as_number(self, left)?;
+        let right = as_number(self, right)?;
+        let kind = ExprKind::Intrinsic(Intrinsic::Power, vec![left, right]);
+        Some(Operand::typed(self.expr(ty, kind, span)))
+    }
+}

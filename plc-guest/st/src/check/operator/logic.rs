@@ -1,0 +1,62 @@
+//! AND, OR, XOR and their forms that evaluate the right side only if needed.
+
+use super::super::body::Body;
+use super::super::expression::Operand;
+use super::super::types::is_bit_string;
+use crate::hir::{Arithmetic, Elementary, ExprKind};
+use crate::source::Span;
+use crate::syntax::ast::BinaryOperator;
+
+impl<'a> Body<'_, 'a> {
+    pub(super) fn logic(
+        &mut self,
+        operator: BinaryOperator,
+        place: Span,
+        left: (Operand, Span),
+        right: (Operand, Span),
+        span: Span,
+    ) -> Option<Operand> {
+        let (a, b) = (left.0.expr.ty, right.0.expr.ty);
+        let short = matches!(operator, BinaryOperator::AndThen | BinaryOperator::OrElse);
+        let bits = |elementary: Option<Elementary>, untyped: bool| {
+            elementary.is_some_and(|elementary| is_bit_string(elementary) || untyped)
+        };
+        let fit = bits(self.plain(a), left.0.untyped) && bits(self.plain(b), right.0.untyped);
+        let joined = match fit {
+            true => self.joined(left, right),
+            false => None,
+        };
+        let allowed = if short { "BOOL" } else { "BOOL or bit strings (BYTE, WORD, DWORD, LWORD)" };
+        let Some((left, right, ty, _)) = joined else {
+            self.mismatch(operator, place, a, b, allowed);
+            return None;
+        };
+        let elementary = self.plain(ty)?;
+        if !is_bit_string(elementary) || short && elementary != Elementary::Bool {
+            self.mismatch(operator, place, a, b, allowed);
+            return None;
+        }
+        let op = match operator {
+            BinaryOperator::And | BinaryOperator::AndThen => Arithmetic::And,
+            BinaryOperator::Xor => Arithmetic::Xor,
+            _ => Arithmetic::Or,
+        };
+        if let (true, ExprKind::Constant(a), ExprKind::Constant(b)) =
+            (short, &left.kind, &right.kind)
+            && let Some(value) = self.fold_arithmetic(op, a, b, ty)
+        {
+            return Some(Operand::typed(self.expr(ty, ExprKind::Constant(value), span)));
+        }
+        match operator {
+            BinaryOperator::AndThen => {
+                let kind = ExprKind::AndThen(Box::new(left), Box::new(right));
+                Some(Operand::typed(self.expr(ty, kind, span)))
+            }
+            BinaryOperator::OrElse => {
+                let kind = ExprKind::OrElse(Box::new(left), Box::new(right));
+                Some(Operand::typed(self.expr(ty, kind, span)))
+            }
+            _ => self.combine(op, left, right, ty, false, place, span),
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! Arithmetic of durations and dates.
+
+use super::super::body::Body;
+use super::super::convert::common;
+use super::super::expression::Operand;
+use super::super::types::{is_date, is_duration, is_integer, is_real};
+use crate::hir::{Arithmetic, Conversion, Elementary};
+use crate::source::Span;
+use crate::syntax::ast::BinaryOperator;
+
+impl<'a> Body<'_, 'a> {
+    /// Arithmetic of durations and dates (IEC 61131-3:2013, table 30). None if neither side is one.
+    #[allow(clippy::option_option)]
+    pub(super) fn time_arithmetic(
+        &mut self,
+        operator: BinaryOperator,
+        left: &(Operand, Span),
+        right: &(Operand, Span),
+        span: Span,
+    ) -> Option<Option<Operand>> {
+        use BinaryOperator as Op;
+        let (a, b) = (self.plain(left.0.expr.ty)?, self.plain(right.0.expr.ty)?);
+        let number = |elementary| is_integer(elementary) || is_real(elementary);
+        let (op, ty) = match operator {
+            Op::Add if is_duration(a) && is_duration(b) => (Arithmetic::Add, common(a, b)?),
+            Op::Subtract if is_duration(a) && is_duration(b) => {
+                (Arithmetic::Subtract, common(a, b)?)
+            }
+            Op::Add if is_date(a) && is_duration(b) && has_time(a) => (Arithmetic::Add, a),
+            Op::Subtract if is_date(a) && is_duration(b) && has_time(a) => {
+                (Arithmetic::Subtract, a)
+            }
+            Op::Subtract if is_date(a) && is_date(b) => {
+                let joined = self.elementary(common(a, b)?);
+                let long =
+                    a != b || matches!(a, Elementary::Ldate | Elementary::Ltod | Elementary::Ldt);
+                let duration = if long { Elementary::Ltime } else { Elementary::Time };
+                let ty = self.elementary(duration);
+                let left = self.converted(left.0.clone(), joined, left.1)?;
+                let right = self.converted(right.0.clone(), joined, right.1)?;
+                let difference =
+                    self.combine(Arithmetic::Subtract, left, right, joined, false, span, span)?;
+                let expr = self.convert(Conversion::Value, difference.expr, ty, span);
+                return Some(Some(Operand::typed(expr)));
+            }
+            Op::Multiply if is_duration(a) && number(b) => (Arithmetic::Multiply, a),
+            Op::Multiply if number(a) && is_duration(b) => (Arithmetic::Multiply, b),
+            Op::Divide if is_duration(a) && number(b) => (Arithmetic::Divide, a),
+            _ => return None,
+        };
+        let ty = self.elementary(ty);
+        // By a number with a point: in LREAL, then rounded to nanoseconds.
+        let scaled = is_real(a) || is_real(b);
+        let within = if scaled { self.elementary(Elementary::Lreal) } else { ty };
+        let mut part = |operand: &(Operand, Span)| {
+            let expr = operand.0.expr.clone();
+            match expr.ty == within {
+                true => expr,
+                false => self.convert(Conversion::Value, expr, within, operand.1),
+            }
+        };
+        let (left, right) = (part(left), part(right));
+        let result = self.combine(op, left, right, within, false, span, span);
+        Some(result.map(|result| match scaled {
+            true => Operand::typed(self.convert(Conversion::Value, result.expr, ty, span)),
+            false => result,
+        }))
+    }
+}
+
+/// Whether a duration can be added to it.
+fn has_time(elementary: Elementary) -> bool {
+    use Elementary::*;
+    matches!(elementary, Tod | Ltod | Dt | Ldt)
+}

@@ -1,0 +1,120 @@
+//! What a call of a standard function becomes.
+
+use super::super::body::Body;
+use super::super::expression::Operand;
+use super::super::types::is_integer;
+use super::Given;
+use super::table::{Function, Make};
+use crate::hir::{Conversion, Elementary, Expr, Intrinsic, Type, TypeId};
+use crate::source::Span;
+use crate::syntax::ast::{BinaryOperator, Name};
+
+impl<'a> Body<'_, 'a> {
+    pub(super) fn make(
+        &mut self,
+        function: &Function,
+        name: &Name,
+        mut given: Vec<Given>,
+        span: Span,
+        hint: Option<TypeId>,
+    ) -> Option<Operand> {
+        match function.make {
+            Make::Operator(operator) => self.chain(operator, name, given, span),
+            Make::Comparison(operator) => self.comparisons(operator, name, given, span),
+            Make::Power => {
+                let (exponent, base) = (given.pop()?, given.pop()?);
+                self.binary_operands(BinaryOperator::Power, name.span, base, exponent, span)
+            }
+            Make::Intrinsic(intrinsic) => {
+                let ty = self.same(&given, function, hint)?;
+                let list = self.all_as(given, ty)?;
+                Some(self.intrinsic(intrinsic, list, ty, span))
+            }
+            Make::Fold(intrinsic) => {
+                let ty = self.same(&given, function, hint)?;
+                let mut list = self.all_as(given, ty)?.into_iter();
+                let mut result = list.next()?;
+                for next in list {
+                    result = self.intrinsic(intrinsic, vec![result, next], ty, span).expr;
+                }
+                Some(Operand::typed(result))
+            }
+            Make::Limit => {
+                let ty = self.same(&given, function, hint)?;
+                let [least, value, most] = <[Expr; 3]>::try_from(self.all_as(given, ty)?).ok()?;
+                let above = self.intrinsic(Intrinsic::Max, vec![value, least], ty, span).expr;
+                Some(self.intrinsic(Intrinsic::Min, vec![above, most], ty, span))
+            }
+            Make::Move => {
+                let (operand, _) = given.pop()?;
+                Some(operand)
+            }
+            Make::Select => {
+                let (selector, _) = given.remove(0);
+                let ty = self.same(&given, function, hint)?;
+                let mut list = vec![selector.expr];
+                list.extend(self.all_as(given, ty)?);
+                Some(self.intrinsic(Intrinsic::Select, list, ty, span))
+            }
+            Make::Multiplex => self.multiplex(given, function, name, hint, span),
+            Make::Shift(intrinsic) => {
+                let (count, place) = given.pop()?;
+                let (value, at) = given.pop()?;
+                let ty = value.expr.ty;
+                if value.untyped {
+                    self.no_type(name, at);
+                    return None;
+                }
+                let count = self.as_long(count, place)?;
+                Some(self.intrinsic(intrinsic, vec![value.expr, count], ty, span))
+            }
+            Make::Text(intrinsic) => {
+                let ty = self.string_result(&given[..1])?;
+                let mut given = given.into_iter();
+                let mut list = vec![given.next()?.0.expr];
+                for (operand, place) in given {
+                    list.push(self.as_long(operand, place)?);
+                }
+                Some(self.intrinsic(intrinsic, list, ty, span))
+            }
+            Make::Concatenate => self.concatenate(given, span),
+            Make::Unit => {
+                let (position, place) = given.pop()?;
+                let (text, _) = given.pop()?;
+                let wide =
+                    matches!(self.checker.program.types.get(text.expr.ty), Type::WString { .. });
+                let ty = self.elementary(if wide { Elementary::Word } else { Elementary::Byte });
+                let position = self.as_long(position, place)?;
+                Some(self.intrinsic(Intrinsic::UnitAt, vec![text.expr, position], ty, span))
+            }
+            Make::Measure(intrinsic) => {
+                if let [(a, _), (b, place)] = &given[..]
+                    && !self.both_strings(a.expr.ty, b.expr.ty)
+                {
+                    let (a, b, place) = (a.expr.ty, b.expr.ty, *place);
+                    self.no_conversion(b, a, place);
+                    return None;
+                }
+                let long = self.elementary(Elementary::Lint);
+                let list = given.into_iter().map(|(operand, _)| operand.expr).collect();
+                let measured = self.intrinsic(intrinsic, list, long, span);
+                let ty = self.integer_result(hint);
+                Some(Operand::typed(self.convert(Conversion::Value, measured.expr, ty, span)))
+            }
+            Make::Truncate => {
+                let (operand, _) = given.pop()?;
+                let ty = self.integer_result(hint);
+                let mut expr = operand.expr;
+                if self.plain(expr.ty).is_some_and(is_integer) {
+                    let real = self.elementary(Elementary::Lreal);
+                    expr = self.convert(Conversion::Value, expr, real, span);
+                }
+                Some(Operand::typed(self.convert(Conversion::Truncate, expr, ty, span)))
+            }
+            Make::Clock(intrinsic, elementary) => {
+                let ty = self.elementary(elementary);
+                Some(self.intrinsic(intrinsic, Vec::new(), ty, span))
+            }
+        }
+    }
+}

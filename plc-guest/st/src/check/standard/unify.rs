@@ -1,0 +1,106 @@
+//! The type that all arguments of a group are brought to.
+
+use super::super::body::Body;
+use super::super::convert::common;
+use super::super::expression::Operand;
+use super::super::types::{is_integer, is_real};
+use super::Given;
+use super::table::{Function, Group, Parameter};
+use crate::hir::{Conversion, Elementary, Expr, TypeId};
+use crate::source::Span;
+
+impl<'a> Body<'_, 'a> {
+    /// The type that all arguments of a group are brought to.
+    pub(super) fn same(
+        &mut self,
+        given: &[Given],
+        function: &Function,
+        hint: Option<TypeId>,
+    ) -> Option<TypeId> {
+        let real = function.parameters.contains(&Parameter::Same(Group::Real));
+        let group = || given.iter().filter(|(operand, _)| !operand.untyped);
+        let first = group().next().map(|(operand, _)| operand.expr.ty);
+        let Some(mut ty) = first else {
+            // Numbers alone: what is needed, if they fit.
+            let (operand, _) = given.first()?;
+            if self.checker.program.types.is_string(operand.expr.ty) {
+                // Text alone: the longest. One of another kind is told where it is converted.
+                let all = given.iter().map(|(operand, _)| operand.expr.ty);
+                let strings = all.filter(|ty| self.both_strings(*ty, operand.expr.ty));
+                return strings.reduce(|a, b| self.longer(a, b));
+            }
+            let hinted = hint.filter(|hint| {
+                let number = self
+                    .plain(*hint)
+                    .is_some_and(|hint| is_real(hint) || !real && is_integer(hint));
+                number && given.iter().all(|(operand, _)| self.fits(operand, *hint, false))
+            });
+            let long = self.elementary(Elementary::Lreal);
+            let reals = given.iter().any(|(operand, _)| operand.expr.ty == long);
+            let own = if real || reals { long } else { self.widest(given)? };
+            return Some(hinted.unwrap_or(own));
+        };
+        for (operand, span) in given {
+            let next = operand.expr.ty;
+            if self.both_strings(ty, next) {
+                ty = self.longer(ty, next);
+                continue;
+            }
+            if next == ty || operand.untyped && self.fits(operand, ty, false) {
+                continue;
+            }
+            let joined = match (self.plain(ty), self.plain(next)) {
+                (Some(a), Some(b)) => common(a, b),
+                _ => None,
+            };
+            let Some(joined) = joined else {
+                self.no_conversion(next, ty, *span);
+                return None;
+            };
+            ty = self.elementary(joined);
+        }
+        Some(ty)
+    }
+
+    fn widest(&mut self, given: &[Given]) -> Option<TypeId> {
+        let mut widest = self.plain(given.first()?.0.expr.ty);
+        for (operand, _) in given {
+            widest = common(widest?, self.plain(operand.expr.ty)?);
+        }
+        Some(self.elementary(widest?))
+    }
+
+    fn longer(&self, a: TypeId, b: TypeId) -> TypeId {
+        let types = &self.checker.program.types;
+        if types.size(a) >= types.size(b) { a } else { b }
+    }
+
+    pub(super) fn all_as(&mut self, given: Vec<Given>, ty: TypeId) -> Option<Vec<Expr>> {
+        given
+            .into_iter()
+            .map(|(operand, span)| {
+                if self.both_strings(operand.expr.ty, ty) {
+                    return Some(operand.expr);
+                }
+                self.converted(operand, ty, span)
+            })
+            .collect()
+    }
+
+    pub(super) fn as_long(&mut self, operand: Operand, span: Span) -> Option<Expr> {
+        let long = self.elementary(Elementary::Lint);
+        if operand.untyped || operand.expr.ty == long {
+            return self.converted(operand, long, span);
+        }
+        Some(self.convert(Conversion::Value, operand.expr, long, span))
+    }
+
+    /// The integer type that is needed, else DINT.
+    pub(super) fn integer_result(&mut self, hint: Option<TypeId>) -> TypeId {
+        let hinted = hint.filter(|hint| self.plain(*hint).is_some_and(is_integer));
+        match hinted {
+            Some(hinted) => hinted,
+            None => self.elementary(Elementary::Dint),
+        }
+    }
+}
