@@ -26,47 +26,24 @@ struct Address(*const ());
 // SAFETY: an address of code is the same for every thread.
 unsafe impl Sync for Address {}
 
-macro_rules! first {
-    ($first:ty $(, $rest:ty)*) => {
-        $first
-    };
-}
-
-macro_rules! export {
-    ($($name:ident($($argument:ident: $ty:ty),*) = $function:path;)*) => {
-        $(extern "C" fn $name($($argument: $ty),*) -> first!($($ty),*) { $function($($argument),*) })*
-    };
-}
-
-export! {
-    ln(x: f64) = libm::log;
-    log(x: f64) = libm::log10;
-    exp(x: f64) = libm::exp;
-    sin(x: f64) = libm::sin;
-    cos(x: f64) = libm::cos;
-    tan(x: f64) = libm::tan;
-    asin(x: f64) = libm::asin;
-    acos(x: f64) = libm::acos;
-    atan(x: f64) = libm::atan;
-    atan2(y: f64, x: f64) = libm::atan2;
-    power(base: f64, exponent: f64) = libm::pow;
-    ln_real(x: f32) = libm::logf;
-    log_real(x: f32) = libm::log10f;
-    exp_real(x: f32) = libm::expf;
-    sin_real(x: f32) = libm::sinf;
-    cos_real(x: f32) = libm::cosf;
-    tan_real(x: f32) = libm::tanf;
-    asin_real(x: f32) = libm::asinf;
-    acos_real(x: f32) = libm::acosf;
-    atan_real(x: f32) = libm::atanf;
-    atan2_real(y: f32, x: f32) = libm::atan2f;
-    power_real(base: f32, exponent: f32) = libm::powf;
-}
-
+/// The table of all functions. Those of reals have a form for LREAL and one for REAL, which differ by the type alone.
 macro_rules! table {
-    ($($place:ident = $function:path,)*) => {{
+    (
+        functions { $($place:ident = $function:path,)* }
+        of_reals { $($long:ident, $short:ident($($argument:ident),*) = $of_long:path, $of_short:path;)* }
+    ) => {{
         let mut table = [const { Address(core::ptr::null()) }; FUNCTIONS];
         $(table[Function::$place as usize] = Address($function as *const ());)*
+        $({
+            extern "C" fn long($($argument: f64),*) -> f64 {
+                $of_long($($argument),*)
+            }
+            extern "C" fn short($($argument: f32),*) -> f32 {
+                $of_short($($argument),*)
+            }
+            table[Function::$long as usize] = Address(long as *const ());
+            table[Function::$short as usize] = Address(short as *const ());
+        })*
         table
     }};
 }
@@ -75,36 +52,29 @@ macro_rules! table {
 #[used]
 #[unsafe(link_section = ".table")]
 static TABLE: [Address; FUNCTIONS] = table! {
-    Copy = memory::copy,
-    Zero = memory::zero,
-    LengthBytes = text::length_bytes,
-    LengthUnits = text::length_units,
-    CompareBytes = text::compare_bytes,
-    CompareUnits = text::compare_units,
-    FindBytes = text::find_bytes,
-    FindUnits = text::find_units,
-    Ln = ln,
-    Log = log,
-    Exp = exp,
-    Sin = sin,
-    Cos = cos,
-    Tan = tan,
-    Asin = asin,
-    Acos = acos,
-    Atan = atan,
-    Atan2 = atan2,
-    Power = power,
-    LnReal = ln_real,
-    LogReal = log_real,
-    ExpReal = exp_real,
-    SinReal = sin_real,
-    CosReal = cos_real,
-    TanReal = tan_real,
-    AsinReal = asin_real,
-    AcosReal = acos_real,
-    AtanReal = atan_real,
-    Atan2Real = atan2_real,
-    PowerReal = power_real,
+    functions {
+        Copy = memory::copy,
+        Zero = memory::zero,
+        LengthBytes = text::length_bytes,
+        LengthUnits = text::length_units,
+        CompareBytes = text::compare_bytes,
+        CompareUnits = text::compare_units,
+        FindBytes = text::find_bytes,
+        FindUnits = text::find_units,
+    }
+    of_reals {
+        Ln, LnReal(x) = libm::log, libm::logf;
+        Log, LogReal(x) = libm::log10, libm::log10f;
+        Exp, ExpReal(x) = libm::exp, libm::expf;
+        Sin, SinReal(x) = libm::sin, libm::sinf;
+        Cos, CosReal(x) = libm::cos, libm::cosf;
+        Tan, TanReal(x) = libm::tan, libm::tanf;
+        Asin, AsinReal(x) = libm::asin, libm::asinf;
+        Acos, AcosReal(x) = libm::acos, libm::acosf;
+        Atan, AtanReal(x) = libm::atan, libm::atanf;
+        Atan2, Atan2Real(y, x) = libm::atan2, libm::atan2f;
+        Power, PowerReal(base, exponent) = libm::pow, libm::powf;
+    }
 };
 
 /// Nothing here panics on any input; if it did, the program would stop as it does at a trap.
