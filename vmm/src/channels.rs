@@ -53,6 +53,8 @@ pub struct Regions<'a> {
 /// All channels of a system.
 pub struct Channels<'a> {
     all: Vec<Regions<'a>>,
+    /// The queues through which programs are asked and ordered, which are no channels of the file.
+    live: Vec<Regions<'a>>,
 }
 
 /// What a partition sees of the channels.
@@ -122,10 +124,24 @@ impl<'a> Channels<'a> {
     /// # Errors
     /// See [`ChannelError`].
     pub fn new(channels: &'a [Channel]) -> Result<Self, ChannelError> {
-        Ok(Self { all: channels.iter().map(Regions::new).collect::<Result<_, _>>()? })
+        let all = channels.iter().map(Regions::new).collect::<Result<_, _>>()?;
+        Ok(Self { all, live: Vec::new() })
     }
 
-    /// All of them, in the order of the file.
+    /// The same with the [queues](takt_plan::live_channels) through which programs are asked and ordered.
+    ///
+    /// # Errors
+    /// See [`ChannelError`].
+    pub fn with_live(self, live: &'a [Channel]) -> Result<Self, ChannelError> {
+        Ok(Self { live: live.iter().map(Regions::new).collect::<Result<_, _>>()?, ..self })
+    }
+
+    /// Those queues, in the order in which they were given.
+    pub fn live(&self) -> &[Regions<'a>] {
+        &self.live
+    }
+
+    /// All of the file, in its order.
     pub fn all(&self) -> impl Iterator<Item = &Regions<'a>> {
         self.all.iter()
     }
@@ -135,7 +151,8 @@ impl<'a> Channels<'a> {
         self.all.iter().filter(|regions| regions.channel.host.is_some())
     }
 
-    /// What a partition of this kind has of them, laid out in the order of the file.
+    /// What a partition of this kind has of them, laid out in the order of the file; the queues for
+    /// programs come last.
     #[must_use]
     pub fn of(&self, partition: PartitionId, kind: &Kind) -> Ports<'_> {
         let mut ports = Ports { views: Vec::new(), table: PortTable::EMPTY, own: Vec::new() };
@@ -144,7 +161,7 @@ impl<'a> Channels<'a> {
             Kind::Plc { .. } => Area::Shared(CHANNELS),
             Kind::Linux { .. } => Area::Apart { read_write: 0, read_only: PAGE },
         };
-        for regions in &self.all {
+        for regions in self.all.iter().chain(&self.live) {
             let channel = regions.channel;
             if channel.source.owner == owner {
                 ports.add(regions, &channel.source, direction::SOURCE, &mut area);

@@ -23,6 +23,7 @@ pub mod init_watch;
 pub mod interrupts;
 pub mod kernel_watch;
 pub mod linux_machine;
+pub mod live;
 pub mod machine;
 pub mod memory;
 pub mod outlet;

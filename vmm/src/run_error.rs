@@ -17,6 +17,7 @@ use crate::disk::DiskError;
 use crate::event::EventError;
 use crate::host_ports::HostPortError;
 use crate::interrupts::InterruptError;
+use crate::live::LiveError;
 use crate::machine::MachineError;
 use crate::memory::MemoryError;
 use crate::passthrough::error::DeviceError;
@@ -44,6 +45,8 @@ pub enum RunError {
     Linux { partition: String, source: LinuxImageError },
     #[error(transparent)]
     Channel(#[from] ChannelError),
+    #[error(transparent)]
+    Live(#[from] LiveError),
     #[error(transparent)]
     HostPort(#[from] HostPortError),
     #[error(transparent)]

@@ -88,6 +88,7 @@ impl Operator for FakeRun {
                 illegal_accesses: 0,
                 console_dropped: 0,
                 releases: None,
+                programs: vec![],
             }],
             channels: vec![ChannelStatus {
                 name: "orders".into(),

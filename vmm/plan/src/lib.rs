@@ -32,6 +32,7 @@ mod images;
 mod interrupts;
 pub mod kernel;
 pub mod linux_map;
+mod live;
 mod names;
 mod partition;
 mod passthrough;
@@ -69,6 +70,7 @@ pub use disks::{DISKS_MAX, Disk, SECTOR};
 pub use host_ports::HostPort;
 pub use images::{SOCKET_PATH_MAX, Unreadable, open as open_file};
 pub use interrupts::{Allowance, INTERRUPT};
+pub use live::live_channels;
 pub use passthrough::{
     Bar, DeviceMemory, Interrupt, InterruptSource, MemorySource, Passthrough, PciFunction, PortIo,
     SafePlace, SafeValue,

@@ -6,11 +6,13 @@
 //! is told where its channels are, but a bound has to be somewhere, and one for all is simpler.
 
 use takt_abi::PORTS_MAX;
+use takt_abi::live::RESERVED_PORTS;
 use takt_abi::memory::{CHANNELS, CHANNELS_END, PAGE};
 use toml::Spanned;
 
 use super::channels::{Channel, ChannelKind, Owner};
 use super::diagnostic::{Diagnostic, Span, quote};
+use super::live::live_pages;
 use super::partition::Checked;
 use super::raw;
 use super::units::Bytes;
@@ -100,12 +102,16 @@ fn check_unique(port: &Port, others: &[Port], owner: &str) -> Result<(), Diagnos
 }
 
 fn check_number(text: &Spanned<String>, ports: &[Port], owner: &Checked) -> Result<(), Diagnostic> {
-    if ports.len() <= PORTS_MAX {
+    let (most, whose) = match owner.programs.is_empty() {
+        true => (PORTS_MAX, "a partition"),
+        false => (PORTS_MAX - RESERVED_PORTS, "a partition with programs"),
+    };
+    if ports.len() <= most {
         return Ok(());
     }
     let name = quote(&owner.partition.name);
     let found = format!("this is port {} of partition {name}", ports.len());
-    let allowed = format!("at most {PORTS_MAX} ports in a partition");
+    let allowed = format!("at most {most} ports in {whose}");
     Err(Diagnostic::new(text.span(), found, allowed).and(owner.name.clone(), "the partition"))
 }
 
@@ -113,14 +119,18 @@ fn check_number(text: &Spanned<String>, ports: &[Port], owner: &Checked) -> Resu
 fn check_area(text: &Spanned<String>, ports: &[Port], owner: &Checked) -> Result<(), Diagnostic> {
     let pages: u64 = ports.iter().map(|port| port.pages).sum();
     let largest = ports.iter().max_by_key(|port| port.pages);
-    let Some(largest) = largest.filter(|_| pages > CHANNEL_AREA_PAGES) else { return Ok(()) };
+    let (most, whose) = match owner.programs.is_empty() {
+        true => (CHANNEL_AREA_PAGES, "a partition"),
+        false => (CHANNEL_AREA_PAGES - live_pages(), "a partition with programs"),
+    };
+    let Some(largest) = largest.filter(|_| pages > most) else { return Ok(()) };
     let found = format!(
         "with this end the channels of partition {} need {pages} pages of {}",
         quote(&owner.partition.name),
         Bytes(PAGE)
     );
     let allowed = format!(
-        "at most {CHANNEL_AREA_PAGES} pages in a partition; a sampling channel has room for 4 \
+        "at most {most} pages in {whose}; a sampling channel has room for 4 \
          messages, and a queuing one for 3 more than its depth"
     );
     let label = format!("{} of them for channel {}", largest.pages, quote(&largest.channel));

@@ -12,8 +12,8 @@ use takt_scheduler::time::Nanos;
 pub use answer::{Answer, ErrorKind, Event, EventKind, Message, Refusal};
 pub use request::{Mode, Request};
 pub use status::{
-    ChannelStatus, Contents, PartitionStatus, ReleaseStatus, ScheduleStatus, State, Status,
-    WindowStatus,
+    ChannelStatus, Contents, PartitionStatus, ProgramState, ProgramStatus, ReleaseStatus,
+    ScheduleStatus, State, Status, TaskState, TaskStatus, WindowStatus,
 };
 pub use takt_record::{
     ClaimedScan, ExitKind, TraceStart, TracedDetour, TracedPartition, TracedWindow,

@@ -101,6 +101,81 @@ pub struct PartitionStatus {
     pub console_dropped: u64,
     /// Only for a partition with windows and a scan.
     pub releases: Option<ReleaseStatus>,
+    /// In the order of the partition file.
+    #[serde(default)]
+    pub programs: Vec<ProgramStatus>,
+}
+
+/// How a program stands, as the PLC's kernel has said at most a second ago.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ProgramStatus {
+    /// Its name in the partition.
+    pub name: String,
+    /// What it does; `null` before the kernel has said so.
+    pub state: Option<ProgramState>,
+    /// SHA-256 of the image that runs, in hexadecimal digits; `null` before the kernel has said so.
+    pub image: Option<String>,
+    /// In the order of the image, after the initialisation if there is one.
+    pub tasks: Vec<TaskStatus>,
+}
+
+/// What a program does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ProgramState {
+    /// It does not run.
+    Stopped,
+    /// It is initialised.
+    Starting,
+    /// Its tasks are released.
+    Running,
+    /// An error has stopped it.
+    Faulted,
+}
+
+/// How a task stands.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TaskStatus {
+    /// Its name in the image; `init` is the initialisation.
+    pub name: String,
+    /// What it does.
+    pub state: TaskState,
+    /// Complete jobs.
+    pub jobs: u64,
+    /// Jobs that were not complete at their deadline.
+    pub missed: u64,
+    /// Releases that were lost.
+    pub overruns: u64,
+    /// Jobs that were ended by the kernel.
+    pub skipped: u64,
+    /// Shortest execution of a job; `null` before the first.
+    pub execution_min_ns: Option<u64>,
+    /// Longest execution of a job.
+    pub execution_max_ns: u64,
+    /// Execution of all jobs: two answers give its share of the time between them.
+    pub execution_sum_ns: u64,
+    /// Longest time from a release to the end of its job.
+    pub response_max_ns: u64,
+    /// Longest time from a release to the start of its job.
+    pub start_max_ns: u64,
+    /// Shortest time from a job's end to its deadline; `null` without a deadline.
+    pub slack_min_ns: Option<u64>,
+    /// Times that the processor was given to it.
+    pub switches: u64,
+}
+
+/// What a task does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TaskState {
+    /// Its program does not run.
+    Dormant,
+    /// It waits for its next release, or in a call.
+    Waiting,
+    /// It has a job to do.
+    Ready,
+    /// It has stopped its program by an error.
+    Faulted,
 }
 
 /// How a partition has kept its time, since the epoch.

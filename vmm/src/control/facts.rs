@@ -6,7 +6,7 @@ use takt_scheduler::table::{Role, Table};
 use takt_scheduler::time::Nanos;
 
 use super::protocol::WindowStatus;
-use crate::config::{Kind, PartitionFile};
+use crate::config::{Kind, PartitionFile, Program};
 
 /// Most windows that a status lists: a frame can have thousands, and a screen has no use for them.
 pub const WINDOWS_MAX: usize = 64;
@@ -42,6 +42,16 @@ pub(super) struct PartitionFacts {
     pub kind: &'static str,
     pub cpu: u64,
     pub background: bool,
+    /// Its programs, in the order of the file.
+    pub programs: Vec<ProgramFacts>,
+}
+
+/// What never changes of a program.
+#[derive(Clone, Debug)]
+pub(super) struct ProgramFacts {
+    pub name: String,
+    /// By their numbers in the image.
+    pub tasks: Vec<String>,
 }
 
 impl Facts {
@@ -83,8 +93,17 @@ impl Facts {
                     },
                     cpu: partition.cpu().0 as u64,
                     background: placements[partition.id().0].role == Role::Background,
+                    programs: partition.programs().iter().map(ProgramFacts::new).collect(),
                 })
                 .collect(),
         }
+    }
+}
+
+impl ProgramFacts {
+    fn new(program: &Program) -> Self {
+        let image = program.image();
+        let tasks = image.iter().flat_map(|image| image.tasks());
+        Self { name: program.name.clone(), tasks: tasks.map(|task| task.name.to_owned()).collect() }
     }
 }

@@ -27,6 +27,7 @@ mod operated;
 mod operator;
 mod operators;
 mod orders;
+mod programs;
 mod server;
 #[cfg(test)]
 mod tests;

@@ -6,6 +6,7 @@ use super::channels::Views;
 use super::facts::Facts;
 use super::operator::Operator;
 use super::orders::Outcome;
+use super::programs;
 use super::protocol::{
     ChannelStatus, ErrorKind, Mode, PartitionStatus, Refusal, ReleaseStatus, ScheduleStatus,
     Status, TraceStart, TracedPartition,
@@ -13,6 +14,7 @@ use super::protocol::{
 use crate::account::Account;
 use crate::health::Fault;
 use crate::host_ports::HostPorts;
+use crate::live::Live;
 use crate::schedule_requests::ScheduleRequests;
 
 /// What of the event thread an operator sees and changes.
@@ -23,6 +25,8 @@ pub struct Operated<'a> {
     pub accounts: &'a mut [Account],
     /// What is between them.
     pub channels: &'a Views,
+    /// The programs of PLCs.
+    pub live: &'a mut Live,
     /// The ends of channels that are Takt's own.
     pub host_ports: Option<&'a mut HostPorts>,
     /// The schedules.
@@ -75,7 +79,8 @@ impl Operator for Operated<'_> {
         let now = self.desk.now();
         let channels = self.channels();
         let facts = self.facts;
-        let partitions = self.accounts.iter().zip(&facts.partitions).map(|(account, facts)| {
+        let partitions = self.accounts.iter().zip(&facts.partitions).enumerate();
+        let partitions = partitions.map(|(id, (account, facts))| {
             let cpu_time = account.cpu_time();
             PartitionStatus {
                 name: account.name.clone(),
@@ -106,6 +111,7 @@ impl Operator for Operated<'_> {
                         wake_up_latency_ns: all.wake_up_latency_ns,
                     }
                 }),
+                programs: programs::status(&facts.programs, self.live.figures(id)),
             }
         });
         Status {

@@ -13,6 +13,7 @@ use crate::account::Account;
 use crate::channels::Channels;
 use crate::config::PartitionFile;
 use crate::host_ports::HostPorts;
+use crate::live::Live;
 use crate::schedule_requests::ScheduleRequests;
 use crate::unix_socket::Listener;
 use crate::vcpu::record::{Detour, WindowRecord};
@@ -22,6 +23,7 @@ pub struct Operators {
     server: Server,
     facts: Facts,
     channels: Views,
+    live: Live,
 }
 
 impl Operators {
@@ -35,7 +37,13 @@ impl Operators {
         channels: &Channels<'_>,
     ) -> Result<Operators, ViewError> {
         let channels = Views::new(file, channels)?;
-        Ok(Operators { server: Server::new(listener), facts: Facts::new(file), channels })
+        let (server, facts, live) = (Server::new(listener), Facts::new(file), Live::default());
+        Ok(Operators { server, facts, channels, live })
+    }
+
+    /// Lets them ask and order programs.
+    pub fn attach(&mut self, live: Live) {
+        self.live = live;
     }
 
     /// Answers them; returns what has come of orders, with the partition of each, of which they
@@ -46,9 +54,10 @@ impl Operators {
         host_ports: Option<&mut HostPorts>,
         desk: &ScheduleRequests,
     ) -> Vec<(String, Outcome)> {
-        let Operators { server, facts, channels } = self;
+        let Operators { server, facts, channels, live } = self;
+        live.on_tick(desk.now());
         let mut run =
-            Operated { facts, accounts, channels, host_ports, desk, outcomes: Vec::new() };
+            Operated { facts, accounts, channels, live, host_ports, desk, outcomes: Vec::new() };
         server.serve(&mut run);
         run.outcomes
     }

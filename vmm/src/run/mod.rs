@@ -33,13 +33,14 @@ use start::Started;
 use crate::account::Account;
 use crate::appliance::expedited_rcu::ExpeditedRcu;
 use crate::channels::Channels;
-use crate::config::{HostPort, PartitionFile};
+use crate::config::{Channel, HostPort, PartitionFile, live_channels};
 use crate::control::Operators;
 use crate::cpuset::Domains;
 use crate::event::{self, eventfd};
 use crate::footprint;
 use crate::host_ports::HostPorts;
 use crate::interrupts::Interrupts;
+use crate::live::Live;
 use crate::machine::{self, MachineError};
 use crate::outlet::Trace;
 use crate::outlet::{Outlet, StandardOutput};
@@ -87,8 +88,10 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     // have written their values.
     let _guardian = devices.guardian(options.seccomp)?;
     steps.pass()?;
-    let channels = Channels::new(file.channels())?;
-    let operators =
+    let queues: Vec<Channel> =
+        file.partitions().iter().filter_map(live_channels).flatten().collect();
+    let channels = Channels::new(file.channels())?.with_live(&queues)?;
+    let mut operators =
         control.map(|listener| Operators::new(listener, file, &channels)).transpose()?;
     steps.pass()?;
     let hurry = ExpeditedRcu::begin(options.role);
@@ -133,6 +136,9 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         return Err(MachineError::Missing("a machine to run").into());
     };
 
+    if let Some(operators) = &mut operators {
+        operators.attach(Live::open(file, &channels)?);
+    }
     let host_ports = HostPorts::open(&channels, frequency, options.role.results(), &spawn)?;
     steps.pass()?;
     let output = |what, path: &Option<PathBuf>| {

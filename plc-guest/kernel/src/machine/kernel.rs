@@ -22,6 +22,7 @@
 use super::context::{self, Context, Entry};
 use super::events::Events;
 use super::figures::Figures;
+use super::live::Live;
 use super::memory::{Area, Pages};
 use super::ports::Ports;
 use super::program::Program;
@@ -80,6 +81,8 @@ pub struct Kernel {
     /// The program whose tables are in use.
     space: Option<u8>,
     pub figures: Figures,
+    /// Orders from Takt, and answers.
+    pub live: Live,
     /// Where the pages of programs come from; none before the first.
     pub pages: Option<Pages>,
     /// The page to which tasks return.
@@ -100,6 +103,7 @@ impl Kernel {
         window: Window { release: 0, release_tsc: 0, end_tsc: 0, begun: false },
         space: None,
         figures: Figures::START,
+        live: Live::CLOSED,
         pages: None,
         call_page: Area::NONE,
     };
@@ -183,7 +187,7 @@ impl Kernel {
                 let now = self.now();
                 self.scheduler.start(id, now);
             }
-        } else {
+        } else if !self.serve_order(release, self.window.end_tsc) {
             if next_window_is_far(self.window.end_tsc) {
                 self.tell_figures();
             }

@@ -9,6 +9,7 @@
 //! | [`events`] | what event tasks wait for |
 //! | [`program`], [`space`], [`memory`] | a program's memory, its page tables, and the RAM |
 //! | [`ports`] | ends of channels |
+//! | [`live`] | orders from Takt while the PLC runs |
 //! | [`faults`], [`figures`], [`lines`] | what is told of errors and figures, and how much programs may log |
 //! | [`processor`] | control registers |
 
@@ -19,6 +20,7 @@ pub mod faults;
 pub mod figures;
 pub mod kernel;
 pub mod lines;
+pub mod live;
 pub mod memory;
 pub mod ports;
 pub mod processor;

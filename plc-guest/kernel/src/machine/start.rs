@@ -52,6 +52,7 @@ impl Kernel {
             context::install(TICK_VECTOR);
             Ram::map(space::boot_root(), information.memory_bytes)
         };
+        self.live.open();
         let count = (table.count as usize).min(table.programs.len());
         for (place, entry) in (0..).zip(&table.programs[..count]) {
             let name = entry.name.iter().take_while(|byte| **byte != 0).count();

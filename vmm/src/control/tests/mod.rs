@@ -17,9 +17,9 @@ use std::time::Duration;
 use takt_scheduler::time::Nanos;
 
 use super::protocol::{
-    Answer, ChannelStatus, Contents, ErrorKind, Message, Mode, PartitionStatus, Refusal,
-    ReleaseStatus, ScheduleStatus, State, Status, TraceStart, TracedPartition, VERSION,
-    WindowStatus,
+    Answer, ChannelStatus, Contents, ErrorKind, Message, Mode, PartitionStatus, ProgramState,
+    ProgramStatus, Refusal, ReleaseStatus, ScheduleStatus, State, Status, TaskState, TaskStatus,
+    TraceStart, TracedPartition, VERSION, WindowStatus,
 };
 use super::{Operator, Server};
 use crate::report::Summary;
@@ -203,6 +203,26 @@ fn status() -> Status {
                     execution_ns: None,
                     wake_up_latency_ns: None,
                 }),
+                programs: vec![ProgramStatus {
+                    name: "tank".into(),
+                    state: Some(ProgramState::Running),
+                    image: Some("5e".repeat(32)),
+                    tasks: vec![TaskStatus {
+                        name: "main".into(),
+                        state: TaskState::Waiting,
+                        jobs: 9989,
+                        missed: 0,
+                        overruns: 0,
+                        skipped: 0,
+                        execution_min_ns: Some(310),
+                        execution_max_ns: 402,
+                        execution_sum_ns: 3_310_000,
+                        response_max_ns: 460,
+                        start_max_ns: 4,
+                        slack_min_ns: Some(999_540),
+                        switches: 9989,
+                    }],
+                }],
             },
             PartitionStatus {
                 name: "linux".into(),
@@ -218,6 +238,7 @@ fn status() -> Status {
                 illegal_accesses: 0,
                 console_dropped: 0,
                 releases: None,
+                programs: vec![],
             },
         ],
         channels: vec![
