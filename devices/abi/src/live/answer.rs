@@ -14,6 +14,7 @@ const _: () = assert!(TASKS_MAX.is_multiple_of(TASKS_EACH));
 
 /// An answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(clippy::large_enum_variant, reason = "a kernel has no heap for the large ones")]
 pub enum Answer {
     /// The order was carried out, or refused.
     Reply(Result<(), Refusal>),

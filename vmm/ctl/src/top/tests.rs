@@ -24,6 +24,7 @@ fn partition(name: &str, releases: Option<ReleaseStatus>) -> PartitionStatus {
         illegal_accesses: 0,
         console_dropped: 0,
         releases,
+        programs: vec![],
     }
 }
 
