@@ -71,7 +71,7 @@ pub enum TypeKind {
     },
     /// `REF_TO target`: an address of 64 bits.
     Reference {
-        /// Type of what it refers to.
+        /// Type of what it refers to. A reference to its own number does not tell.
         target: TypeId,
     },
 }

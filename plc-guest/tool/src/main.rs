@@ -24,8 +24,8 @@ mod status {
 
 const AFTER_HELP: &str = "\
 Exit status: 0 good; 1 the program ran, but not as the table expects, an image is not signed as asked,
-a part of a project was refused, or a source is not formatted (`fmt --check`);
-2 bad file or usage; 3 the program faulted, stopped itself or did not end; 4 this machine cannot.";
+a part of a project was refused, a source is not formatted (`fmt --check`), or a change needs a restart
+(`diff`); 2 bad file or usage; 3 the program faulted, stopped itself or did not end; 4 this machine cannot.";
 
 /// Makes, inspects, signs and tests control programs.
 #[derive(Parser)]
@@ -51,6 +51,8 @@ enum Command {
     Test(commands::test::Test),
     /// Show what is in an image.
     Inspect(commands::inspect::Inspect),
+    /// Compare two versions of a program: what a change of the running one would keep, and whether it can be made.
+    Diff(commands::diff::Diff),
     /// Check that an image is whole and, if keys are given, signed by one of them.
     Verify(commands::verify::Verify),
     /// Sign an image.
@@ -81,6 +83,7 @@ fn main() -> ExitCode {
         Command::Build(command) => command.run(),
         Command::Test(command) => command.run(),
         Command::Inspect(command) => command.run(),
+        Command::Diff(command) => command.run(),
         Command::Verify(command) => command.run(),
         Command::Sign(command) => command.run(),
         Command::Keygen(command) => command.run(),

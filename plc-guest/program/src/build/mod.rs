@@ -85,6 +85,12 @@ impl Builder {
         TypeId(u32::try_from(index).unwrap_or(u32::MAX))
     }
 
+    /// The number that the next new type gets. A reference to its own number is one whose target is not told.
+    #[must_use]
+    pub fn next_type(&self) -> TypeId {
+        TypeId(u32::try_from(self.types.len()).unwrap_or(u32::MAX))
+    }
+
     /// The number of an elementary type.
     pub fn elementary(&mut self, elementary: Elementary) -> TypeId {
         self.ty(Type::elementary(elementary))

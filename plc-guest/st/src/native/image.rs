@@ -199,11 +199,12 @@ impl Types<'_> {
             Type::Array { element, lower, upper } => {
                 Kind::Array { element: self.add(builder, *element), lower: *lower, upper: *upper }
             }
-            // What a reference refers to may contain the reference; the image is then told of an address only.
-            Type::Reference { target } => match self.known.get(target) {
-                Some(target) => Kind::Reference { target: *target },
-                None => Kind::Elementary(takt_program::Elementary::Lword),
-            },
+            // What a reference refers to may contain the reference, and has no number yet: the image does not tell
+            // then to what it refers.
+            Type::Reference { target } => {
+                let target = self.known.get(target).copied();
+                Kind::Reference { target: target.unwrap_or_else(|| builder.next_type()) }
+            }
             Type::Structure(structure) => {
                 let fields = structure.fields.iter().map(|field| build::Field {
                     name: name(&field.name),

@@ -4,8 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 use takt_program::{
-    Area, Direction, EventSource, Flags, Image, Object, ObjectKind, Task, TaskKind, TypeId,
-    TypeKind, Variable,
+    Area, Direction, EventSource, Flags, Image, Object, ObjectKind, Task, TaskKind, Variable,
 };
 
 use super::{hex, image, read};
@@ -72,7 +71,8 @@ fn print(image: &Image<'_>) {
         println!("points:");
     }
     for variable in image.variables() {
-        let (ty, flags) = (type_name(image, variable.ty), flags(variable.flags).join(" "));
+        let (ty, flags) =
+            (image.type_name(variable.ty).to_string(), flags(variable.flags).join(" "));
         println!("  {:<20} {:<12} {:<12} {flags}", variable.name, location(&variable), ty);
     }
     for (index, object) in image.objects().enumerate() {
@@ -114,7 +114,7 @@ fn as_json(image: &Image<'_>) -> Value {
     let variables = image.variables().map(|variable| {
         let writer = variable.writer.and_then(|task| image.task(task)).map(|task| task.name);
         json!({
-            "name": variable.name, "type": type_name(image, variable.ty),
+            "name": variable.name, "type": image.type_name(variable.ty).to_string(),
             "area": area(variable.area), "offset": variable.offset, "bit": variable.bit,
             "bytes": variable.bytes, "flags": flags(variable.flags), "writer": writer,
         })
@@ -211,27 +211,4 @@ fn flags(flags: Flags) -> Vec<&'static str> {
         (Flags::FORCEABLE, "forceable"),
     ];
     all.into_iter().filter(|(flag, _)| flags.has(*flag)).map(|(_, name)| name).collect()
-}
-
-/// A type as IEC 61131-3 writes it. Types are nested to a limit, so this ends.
-fn type_name(image: &Image<'_>, id: TypeId) -> String {
-    let Some(ty) = image.type_of(id) else { return String::new() };
-    if !ty.name.is_empty() {
-        return ty.name.to_owned();
-    }
-    match ty.kind {
-        TypeKind::Elementary(elementary) => elementary.keyword().into(),
-        TypeKind::String { length } => format!("STRING[{length}]"),
-        TypeKind::WString { length } => format!("WSTRING[{length}]"),
-        TypeKind::Array { element, lower, upper } => {
-            format!("ARRAY[{lower}..{upper}] OF {}", type_name(image, element))
-        }
-        TypeKind::Structure => "STRUCT".into(),
-        TypeKind::FunctionBlock => "FUNCTION_BLOCK".into(),
-        TypeKind::Enumeration { base } | TypeKind::Subrange { base, .. } => base.keyword().into(),
-        // What it refers to may have it as a part, so only its name is shown.
-        TypeKind::Reference { target } => {
-            format!("REF_TO {}", image.type_of(target).map_or("", |ty| ty.name))
-        }
-    }
 }

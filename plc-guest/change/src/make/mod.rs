@@ -1,0 +1,104 @@
+//! From two images to the plan of a change, and to what engineers are told of it.
+//!
+//! Values are matched by name, as engineers think of them. Where a type has changed, its parts are matched by
+//! their names, elements of arrays by their index. What has no like in the new version is dropped; what has none in
+//! the old one begins with its initial value.
+//!
+//! Not every change can be made while the program runs. What cannot is told with its name and the reason
+//! ([`Refusal`]), and then the way is a restart of the partition.
+
+mod carry;
+mod compare;
+mod entry;
+mod footprint;
+mod likeness;
+mod refusal;
+mod steps;
+
+use std::vec::Vec;
+
+use takt_program::Image;
+
+use crate::cost::Cost;
+use crate::plan::{Defect, Plan};
+use carry::Carried;
+
+pub use compare::{Note, NoteKind};
+pub use entry::{Entry, Fate};
+pub use refusal::Refusal;
+
+/// A change from one image to another.
+#[derive(Clone, Debug)]
+pub struct Change {
+    /// What happens to each variable of the state, in the order of their names.
+    pub entries: Vec<Entry>,
+    /// What else is different: tasks, points.
+    pub notes: Vec<Note>,
+    /// Why the change cannot be made while the program runs.
+    pub refusals: Vec<Refusal>,
+    /// The plans, if there is no such reason.
+    pub plans: Option<Plans>,
+}
+
+/// The plans of a change that can be made.
+#[derive(Clone, Debug)]
+pub struct Plans {
+    /// From the old version to the new one.
+    pub forward: Vec<u8>,
+    /// Back again.
+    pub back: Vec<u8>,
+    /// What the first does.
+    pub cost: Cost,
+    /// What the second does.
+    pub back_cost: Cost,
+}
+
+impl Change {
+    /// Compares two images.
+    #[must_use]
+    pub fn between(old: &Image<'_>, new: &Image<'_>) -> Self {
+        let (notes, mut refusals) = compare::compare(old, new);
+        let forward = Carried::from(old, new);
+        let back = Carried::from(new, old);
+        for image in [old, new] {
+            refusals.extend(footprint::nameless(image).map(|gap| Refusal::Nameless {
+                version: image.version(),
+                at: gap.start,
+                bytes: gap.end - gap.start,
+            }));
+        }
+        refusals.extend(forward.refusals.iter().cloned());
+        refusals.extend(compare::rises(old, new, &forward));
+        let mut change = Self { entries: forward.entries.clone(), notes, refusals, plans: None };
+        if forward.too_many || back.too_many {
+            change.refusals.push(Refusal::Steps);
+        }
+        if change.refusals.is_empty() {
+            match plans(old, new, &forward, &back) {
+                Ok(plans) => change.plans = Some(plans),
+                Err(refusal) => change.refusals.push(refusal),
+            }
+        }
+        change
+    }
+}
+
+fn plans(
+    old: &Image<'_>,
+    new: &Image<'_>,
+    forward: &Carried,
+    back: &Carried,
+) -> Result<Plans, Refusal> {
+    let aside = steps::aside(back, forward, new);
+    let forward = steps::forward(old, new, forward, &aside);
+    let back = steps::back(new, old, back, &aside);
+    let (forward, back) = (forward.ok_or(Refusal::Steps)?, back.ok_or(Refusal::Steps)?);
+    let refused = |defect| match defect {
+        Defect::Cost { nanoseconds } => Refusal::Cost { nanoseconds },
+        Defect::Room => Refusal::Room,
+        other => Refusal::Plan(other),
+    };
+    let cost = Plan::parse(&forward, old, new).map_err(refused)?.cost();
+    let back_cost = Plan::parse(&back, new, old).map_err(refused)?.cost();
+    Ok(Plans { forward, back, cost, back_cost })
+}

@@ -1,0 +1,192 @@
+//! From pieces to the records of a plan.
+
+use std::vec::Vec;
+
+use takt_program::Image;
+
+use super::carry::{Carried, Piece, What};
+use super::footprint::state_variables;
+use crate::plan::{HEADER_BYTES, MAGIC, RECORDS, Step, VERSION};
+
+/// A gap up to this between two pieces is padding, which may come along.
+const PADDING: u32 = 16;
+
+/// Bytes that the new version uses for something else, and that a roll-back brings back: their place in the
+/// old state, and their number. They lie one behind the other where they are put aside.
+pub struct Aside(Vec<(u32, u32)>);
+
+impl Aside {
+    fn bytes(&self) -> Option<u32> {
+        self.0.iter().try_fold(0u32, |sum, (_, bytes)| sum.checked_add(*bytes))
+    }
+
+    /// Place in the old state, place where they are put aside, number.
+    fn places(&self) -> impl Iterator<Item = (u32, u32, u32)> + '_ {
+        let mut next = 0u32;
+        self.0.iter().map(move |&(at, bytes)| {
+            let aside = next;
+            next = next.saturating_add(bytes);
+            (at, aside, bytes)
+        })
+    }
+}
+
+/// What must be put aside: what the way back cannot carry, where the new version writes. Where it does not, the
+/// bytes of the old version are simply still there.
+pub fn aside(back: &Carried, forward: &Carried, new: &Image<'_>) -> Aside {
+    let mut used: Vec<(u32, u32)> =
+        state_variables(new).iter().map(|v| (v.offset, v.offset + v.bytes)).collect();
+    // Padding comes along with its neighbours.
+    used.extend(merged(forward).iter().map(|piece| (piece.to, piece.to + piece.what.bytes())));
+    used.sort_unstable();
+    let mut ranges: Vec<(u32, u32)> = Vec::new();
+    for (start, end) in used {
+        match ranges.last_mut() {
+            Some(last) if start <= last.1 => last.1 = last.1.max(end),
+            _ => ranges.push((start, end)),
+        }
+    }
+    let mut aside = Vec::new();
+    for piece in merged(back) {
+        let What::Initial { bytes } = piece.what else { continue };
+        let (start, end) = (piece.to, piece.to + bytes);
+        let first = ranges.partition_point(|range| range.1 <= start);
+        for range in ranges.iter().skip(first).take_while(|range| range.0 < end) {
+            let (low, high) = (range.0.max(start), range.1.min(end));
+            aside.push((low, high - low));
+        }
+    }
+    Aside(aside)
+}
+
+/// The plan to the new version; none if it is too long.
+pub fn forward(
+    old: &Image<'_>,
+    new: &Image<'_>,
+    carried: &Carried,
+    aside: &Aside,
+) -> Option<Vec<u8>> {
+    let mut steps = writing(carried, old.state_bytes());
+    for (from, to, bytes) in aside.places() {
+        steps.push(Step::Save { from, to, bytes });
+    }
+    encode(old, new, steps, carried, aside.bytes()?)
+}
+
+/// The plan back: what it cannot carry is what was put aside, or is still there.
+pub fn back(new: &Image<'_>, old: &Image<'_>, carried: &Carried, aside: &Aside) -> Option<Vec<u8>> {
+    let mut steps = writing(carried, new.state_bytes());
+    steps.retain(|step| !matches!(step, Step::Initial { .. }));
+    for (to, from, bytes) in aside.places() {
+        steps.push(Step::Restore { from, to, bytes });
+    }
+    steps.sort_by_key(|step| match *step {
+        Step::Keep { at: to, .. } | Step::Copy { to, .. } | Step::Convert { to, .. } => to,
+        Step::Initial { to, .. } | Step::Restore { to, .. } => to,
+        Step::Save { .. } | Step::Reference { .. } => u32::MAX,
+    });
+    encode(new, old, steps, carried, aside.bytes()?)
+}
+
+/// The steps that write the state. What stays is among them only if there are references to it.
+fn writing(carried: &Carried, old_bytes: u32) -> Vec<Step> {
+    let follow = !carried.references.is_empty() && carried.moves();
+    let mut steps = Vec::new();
+    for Piece { to, what } in merged(carried) {
+        match what {
+            What::Carry { from, bytes } if from == to => {
+                if follow {
+                    steps.push(Step::Keep { at: from, bytes });
+                }
+            }
+            What::Carry { from, bytes } => steps.push(Step::Copy { from, to, bytes }),
+            What::Convert { from, count, conversion } => {
+                steps.push(Step::Convert { from, to, count, conversion });
+            }
+            What::Initial { bytes } => {
+                // Behind the old state it is done before the commit.
+                let before = old_bytes.saturating_sub(to).min(bytes);
+                if before > 0 {
+                    steps.push(Step::Initial { to, bytes: before });
+                }
+                if before < bytes {
+                    steps.push(Step::Initial { to: to + before, bytes: bytes - before });
+                }
+            }
+        }
+    }
+    steps
+}
+
+/// The pieces in the order of the places that they write, with neighbours that do the same as one. Padding
+/// comes along, unless there are references: what is padding on one side may be a variable on the other.
+fn merged(carried: &Carried) -> Vec<Piece> {
+    let padding = if carried.references.is_empty() { PADDING } else { 0 };
+    let mut pieces = carried.pieces.clone();
+    pieces.sort_by_key(|piece| (piece.to, core::cmp::Reverse(piece.what.bytes())));
+    let mut merged: Vec<Piece> = Vec::new();
+    for piece in pieces {
+        let joined = merged.last().and_then(|last| join(*last, piece, padding));
+        match (joined, merged.last_mut()) {
+            (Some(joined), Some(last)) => *last = joined,
+            _ => merged.push(piece),
+        }
+    }
+    merged
+}
+
+fn join(a: Piece, b: Piece, padding: u32) -> Option<Piece> {
+    let end = a.to + a.what.bytes();
+    let close = b.to <= end.saturating_add(padding);
+    let adjacent = b.to == end;
+    let what = match (a.what, b.what) {
+        (What::Carry { from: x, .. }, What::Carry { from: y, bytes })
+            if close && y.wrapping_sub(x) == b.to - a.to =>
+        {
+            What::Carry { from: x, bytes: (b.to - a.to + bytes).max(a.what.bytes()) }
+        }
+        (What::Initial { .. }, What::Initial { bytes }) if close => {
+            What::Initial { bytes: (b.to - a.to + bytes).max(a.what.bytes()) }
+        }
+        (
+            What::Convert { from: x, count, conversion },
+            What::Convert { from: y, count: more, conversion: other },
+        ) if adjacent && conversion == other && y == x + count * conversion.from().bytes() => {
+            What::Convert { from: x, count: count + more, conversion }
+        }
+        _ => return None,
+    };
+    Some(Piece { to: a.to, what })
+}
+
+fn encode(
+    old: &Image<'_>,
+    new: &Image<'_>,
+    mut steps: Vec<Step>,
+    carried: &Carried,
+    saved: u32,
+) -> Option<Vec<u8>> {
+    if carried.moves() {
+        let mut references = carried.references.clone();
+        references.sort_by_key(|(_, to)| *to);
+        references.dedup();
+        steps.extend(references.into_iter().map(|(from, to)| Step::Reference { from, to }));
+    }
+    let records = u32::try_from(steps.len()).ok().filter(|records| *records <= RECORDS)?;
+    let mut plan = std::vec![0; HEADER_BYTES];
+    plan[..8].copy_from_slice(&MAGIC);
+    plan[16..48].copy_from_slice(&old.hash());
+    plan[48..80].copy_from_slice(&new.hash());
+    let numbers = [
+        (8, VERSION),
+        (12, records),
+        (80, old.state_bytes()),
+        (84, new.state_bytes()),
+        (88, saved),
+    ];
+    for (at, number) in numbers {
+        plan[at..at + 4].copy_from_slice(&number.to_le_bytes());
+    }
+    steps.iter().for_each(|step| plan.extend_from_slice(&step.record()));
+    Some(plan)
+}

@@ -1,0 +1,128 @@
+//! `takt plc diff`: what a change of a running program to another version would do.
+
+use std::path::PathBuf;
+
+use serde_json::{Value, json};
+use takt_change::Cost;
+use takt_change::cost::COMMIT_NS;
+use takt_change::make::{Change, Entry, Fate};
+use takt_program::Image;
+
+use super::{hex, image, read};
+use crate::{Failure, status};
+
+/// Arguments of `diff`.
+#[derive(clap::Args)]
+pub struct Diff {
+    /// The image of the running version.
+    old: PathBuf,
+    /// The image of the new version.
+    new: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+    /// Also list the variables that stay as they are.
+    #[arg(long)]
+    all: bool,
+}
+
+impl Diff {
+    pub fn run(self) -> Result<(), Failure> {
+        let (old_bytes, new_bytes) = (read(&self.old)?, read(&self.new)?);
+        let (old, new) = (image(&self.old, &old_bytes)?, image(&self.new, &new_bytes)?);
+        let change = Change::between(&old, &new);
+        if self.json {
+            println!("{:#}", as_json(&old, &new, &change));
+        } else {
+            print(&old, &new, &change, self.all);
+        }
+        match change.refusals.len() {
+            0 => Ok(()),
+            count => {
+                let reasons = if count == 1 { "reason" } else { "reasons" };
+                let message =
+                    format!("the change needs a restart of the partition: {count} {reasons}");
+                Err(Failure { status: status::NOT_AS_EXPECTED, message })
+            }
+        }
+    }
+}
+
+fn print(old: &Image<'_>, new: &Image<'_>, change: &Change, all: bool) {
+    let key = |image: &Image<'_>| image.key().map_or("unsigned".into(), |key| hex(&key[..4]));
+    println!(
+        "program {}: {} ({}) becomes {} ({})",
+        new.name(),
+        old.version(),
+        key(old),
+        new.version(),
+        key(new)
+    );
+    let kept = change.entries.iter().filter(|entry| entry.fate == Fate::Kept).count();
+    for entry in change.entries.iter().filter(|entry| all || entry.fate != Fate::Kept) {
+        println!("  {:<12} {:<32} {}", entry.fate.word(), entry.name, types(entry));
+    }
+    if kept > 0 && !all {
+        println!("  {:<12} {kept} more", "kept");
+    }
+    for note in &change.notes {
+        println!("  {:<12} {}", note.kind.word(), note.text);
+    }
+    for refusal in &change.refusals {
+        println!("  {:<12} {refusal}", "refused");
+    }
+    if let Some(plans) = &change.plans {
+        println!("  {:<12} {}", "commit", cost_text(&plans.cost));
+        println!("  {:<12} {}", "roll-back", cost_text(&plans.back_cost));
+    }
+}
+
+fn types(entry: &Entry) -> String {
+    match &entry.fate {
+        Fate::Converted { from } | Fate::Anew { from } => format!("{from} -> {}", entry.ty),
+        Fate::Kept | Fate::Moved | Fate::New | Fate::Dropped => entry.ty.clone(),
+    }
+}
+
+fn cost_text(cost: &Cost) -> String {
+    let early = match cost.early {
+        0 => String::new(),
+        bytes => format!(", {bytes} bytes of new state before it"),
+    };
+    format!(
+        "{} bytes in {} steps, {} of at most {COMMIT_NS} ns by the model{early}",
+        cost.bytes(),
+        cost.steps,
+        cost.nanoseconds()
+    )
+}
+
+fn as_json(old: &Image<'_>, new: &Image<'_>, change: &Change) -> Value {
+    let version = |image: &Image<'_>| json!({ "version": image.version().to_string(), "hash": hex(&image.hash()) });
+    let entries = change.entries.iter().map(|entry| {
+        let from = match &entry.fate {
+            Fate::Converted { from } | Fate::Anew { from } => Some(from),
+            Fate::Kept | Fate::Moved | Fate::New | Fate::Dropped => None,
+        };
+        json!({ "name": entry.name, "fate": entry.fate.word(), "type": entry.ty, "from": from })
+    });
+    let notes =
+        change.notes.iter().map(|note| json!({ "kind": note.kind.word(), "text": note.text }));
+    json!({
+        "program": new.name(), "old": version(old), "new": version(new),
+        "possible": change.plans.is_some(), "variables": entries.collect::<Vec<_>>(),
+        "notes": notes.collect::<Vec<_>>(),
+        "refusals": change.refusals.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        "commit": change.plans.as_ref().map(|plans| cost_json(&plans.cost)),
+        "roll_back": change.plans.as_ref().map(|plans| cost_json(&plans.back_cost)),
+    })
+}
+
+fn cost_json(cost: &Cost) -> Value {
+    json!({
+        "steps": cost.steps, "moved_bytes": cost.moved, "converted_values": cost.converted,
+        "initialised_bytes": cost.initialised, "saved_bytes": cost.saved,
+        "references": cost.references, "early_bytes": cost.early,
+        "nanoseconds": cost.nanoseconds(), "limit_nanoseconds": COMMIT_NS,
+    })
+}

@@ -1,0 +1,68 @@
+//! What a change of a running program would do, as engineers are told.
+
+mod common;
+
+use common::Folder;
+
+/// A program in Structured Text with these declarations, in this version.
+fn program(folder: &Folder, name: &str, variables: &str, body: &str) {
+    let source = format!(
+        "PROGRAM Main\nVAR_OUTPUT\n  q AT %QW0 : INT;\nEND_VAR\nVAR\n{variables}\nEND_VAR\n{body}\nEND_PROGRAM\n\
+         CONFIGURATION c\nRESOURCE r ON plc\nTASK t (INTERVAL := T#10ms, PRIORITY := 1);\n\
+         PROGRAM main WITH t : Main;\nEND_RESOURCE\nEND_CONFIGURATION\n"
+    );
+    folder.write(&format!("{name}.st"), &source);
+    let image = format!("{name}.plc");
+    folder.takt_plc(&["build", &format!("{name}.st"), "--name", "p", "-o", &image]).expect(0, "");
+}
+
+#[test]
+fn a_change_tells_what_becomes_of_each_variable() {
+    let folder = Folder::new();
+    let old = "  n : INT := 3; gone : DINT; text : STRING[10]; history : ARRAY[1..4] OF REAL;";
+    let new = "  fresh : BOOL; n : DINT := 3; text : STRING[20]; history : ARRAY[1..6] OF REAL;";
+    program(&folder, "old", old, "n := n + 1; q := n; gone := n; text := 'a'; history[1] := 1.0;");
+    program(
+        &folder,
+        "new",
+        new,
+        "n := n + 1; q := DINT_TO_INT(n); fresh := TRUE; text := 'a'; history[1] := 1.0;",
+    );
+    let ended = folder.takt_plc(&["diff", "old.plc", "new.plc"]);
+    for line in [
+        "new          main.fresh                       BOOL",
+        "converted    main.n                           INT -> DINT",
+        "dropped      main.gone                        DINT",
+        "converted    main.text                        STRING[10] -> STRING[20]",
+        "moved        main.history[1..4]               REAL",
+        "new          main.history[5..6]               REAL",
+        "commit       ",
+    ] {
+        assert!(ended.text.contains(line), "{line}\n{}", ended.text);
+    }
+    ended.expect(0, "of at most 8000 ns by the model");
+    let json = folder.takt_plc(&["diff", "old.plc", "new.plc", "--json"]).expect(0, "");
+    let value: serde_json::Value = serde_json::from_str(&json.text).unwrap();
+    assert_eq!(value["possible"], true);
+    assert_eq!(value["commit"]["converted_values"], 1);
+    // The same program stays as it is.
+    folder.takt_plc(&["diff", "old.plc", "old.plc"]).expect(0, "0 bytes in 0 steps");
+}
+
+#[test]
+fn a_change_that_needs_a_restart_is_told_with_its_reason() {
+    let folder = Folder::new();
+    program(&folder, "old", "  n : INT;", "n := n + 1; q := n;");
+    let c = "#include \"takt.h\"\nTAKT_PROGRAM(\"p\", 2, 0, 0, 5);\nstatic int hidden[16];\n\
+        static void run(const takt_job *job) { hidden[job->cycle % 16]++; }\n\
+        TAKT_CYCLIC(run, .period = TAKT_MS(2));\n";
+    folder.c_program("new", c).expect(0, "");
+    folder
+        .takt_plc(&["diff", "old.plc", "new.plc"])
+        .expect(1, "refused      the category is 5, and 0 in the running version")
+        .expect(1, "the size of the outputs is 0, and 2 in the running version")
+        .expect(1, "the name of task 0 is run, and ")
+        .expect(1, "version 2.0.0 has 64 bytes of state at offset 0 that no variable names")
+        .expect(1, "the change needs a restart of the partition");
+    folder.takt_plc(&["diff", "old.plc", "old.st"]).expect(2, "old.st: at byte");
+}
