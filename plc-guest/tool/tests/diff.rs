@@ -7,13 +7,14 @@ use common::Folder;
 /// A program in Structured Text with these declarations, in this version.
 fn program(folder: &Folder, name: &str, variables: &str, body: &str) {
     let source = format!(
-        "PROGRAM Main\nVAR_OUTPUT\n  q AT %QW0 : INT;\nEND_VAR\nVAR\n{variables}\nEND_VAR\n{body}\nEND_PROGRAM\n\
-         CONFIGURATION c\nRESOURCE r ON plc\nTASK t (INTERVAL := T#10ms, PRIORITY := 1);\n\
-         PROGRAM main WITH t : Main;\nEND_RESOURCE\nEND_CONFIGURATION\n"
+        "PROGRAM Main\nVAR\n  q AT %QW0 : INT;\n{variables}\nEND_VAR\n{body}\nEND_PROGRAM\n\
+         CONFIGURATION c\nTASK t (INTERVAL := T#10ms, PRIORITY := 1);\n\
+         PROGRAM main WITH t : Main;\nEND_CONFIGURATION\n"
     );
-    folder.write(&format!("{name}.st"), &source);
-    let image = format!("{name}.plc");
-    folder.takt_plc(&["build", &format!("{name}.st"), "--name", "p", "-o", &image]).expect(0, "");
+    std::fs::create_dir(folder.path().join(name)).unwrap();
+    let file = format!("{name}/p.st");
+    folder.write(&file, &source);
+    folder.takt_plc(&["build", &file, "-o", &format!("{name}.plc")]).expect(0, "");
 }
 
 #[test]
@@ -36,6 +37,7 @@ fn a_change_tells_what_becomes_of_each_variable() {
         "converted    main.text                        STRING[10] -> STRING[20]",
         "moved        main.history[1..4]               REAL",
         "new          main.history[5..6]               REAL",
+        "name         the image's is new, and old in the running version",
         "commit       ",
     ] {
         assert!(ended.text.contains(line), "{line}\n{}", ended.text);
@@ -64,5 +66,5 @@ fn a_change_that_needs_a_restart_is_told_with_its_reason() {
         .expect(1, "the name of task 0 is run, and ")
         .expect(1, "version 2.0.0 has 64 bytes of state at offset 0 that no variable names")
         .expect(1, "the change needs a restart of the partition");
-    folder.takt_plc(&["diff", "old.plc", "old.st"]).expect(2, "old.st: at byte");
+    folder.takt_plc(&["diff", "old.plc", "old/p.st"]).expect(2, "old/p.st: at byte");
 }

@@ -22,6 +22,8 @@ pub struct Note {
 /// What a note is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoteKind {
+    /// The name of the program. Tools take it from the image's file, so it need not be the same.
+    Name,
     /// A task.
     Task,
     /// An input, an output or a marker.
@@ -35,6 +37,7 @@ impl NoteKind {
     #[must_use]
     pub const fn word(self) -> &'static str {
         match self {
+            Self::Name => "name",
             Self::Task => "task",
             Self::Point => "point",
             Self::Init => "init",
@@ -51,7 +54,9 @@ struct Comparison {
 pub fn compare(old: &Image<'_>, new: &Image<'_>) -> (Vec<Note>, Vec<Refusal>) {
     let mut found = Comparison::default();
     if !same_name(old.name(), new.name()) {
-        found.differs("the program's name", old.name(), new.name());
+        let text =
+            format!("the image's is {}, and {} in the running version", new.name(), old.name());
+        found.notes.push(Note { kind: NoteKind::Name, text });
     }
     found.must_be("the category", &old.category(), &new.category());
     for (area, what) in [

@@ -13,7 +13,7 @@ use crate::plan::{Defect, RECORDS};
 pub enum Refusal {
     /// Something that must be the same is not.
     Different {
-        /// What it is: the program's name, a task's period.
+        /// What it is: the category, a task's period.
         what: String,
         /// As the old version has it.
         old: String,
