@@ -4,7 +4,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use crate::limits;
-use crate::source::{SourceError, Sources};
+use crate::source::{FileId, SourceError, Sources};
 
 /// How deep folders are followed.
 const FOLDERS: u32 = 16;
@@ -65,10 +65,12 @@ pub fn read(paths: &[PathBuf]) -> Result<Sources, FilesError> {
 pub fn list(paths: &[PathBuf]) -> Result<Vec<PathBuf>, FilesError> {
     let mut files = Vec::new();
     for path in paths {
-        let metadata = path.metadata().map_err(|error| cannot_read(path, error))?;
+        // What is left of `.`, for which names are shown without it.
+        let there = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+        let metadata = there.metadata().map_err(|error| cannot_read(there, error))?;
         if metadata.is_dir() {
             let before = files.len();
-            collect(path, FOLDERS, &mut files)?;
+            collect(path, "st", FOLDERS, &mut files)?;
             if files.len() == before {
                 return Err(FilesError::Empty { path: path.clone() });
             }
@@ -85,35 +87,60 @@ fn cannot_read(path: &Path, error: std::io::Error) -> FilesError {
     FilesError::Read { path: path.into(), error }
 }
 
-fn collect(folder: &Path, depth: u32, files: &mut Vec<PathBuf>) -> Result<(), FilesError> {
+/// The files in a folder, and in folders within it, whose names end so, in the order of their names.
+///
+/// # Errors
+///
+/// If a folder cannot be read.
+pub fn within(folder: &Path, extension: &str) -> Result<Vec<PathBuf>, FilesError> {
+    let mut files = Vec::new();
+    collect(folder, extension, FOLDERS, &mut files)?;
+    Ok(files)
+}
+
+/// Whether a path ends with a dot and this extension, in small or large letters.
+#[must_use]
+pub fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension))
+}
+
+fn collect(
+    folder: &Path,
+    extension: &str,
+    depth: u32,
+    files: &mut Vec<PathBuf>,
+) -> Result<(), FilesError> {
     if depth == 0 {
         return Err(FilesError::TooDeep { path: folder.into() });
     }
-    let entries = std::fs::read_dir(folder).map_err(|error| cannot_read(folder, error))?;
+    let there = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let entries = std::fs::read_dir(there).map_err(|error| cannot_read(folder, error))?;
     let mut paths = Vec::new();
     for entry in entries {
-        paths.push(entry.map_err(|error| cannot_read(folder, error))?.path());
+        paths.push(folder.join(entry.map_err(|error| cannot_read(folder, error))?.file_name()));
     }
     paths.sort();
     for path in paths {
-        let is_source =
-            path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("st"));
         if path.is_dir() {
-            collect(&path, depth - 1, files)?;
-        } else if is_source && path.is_file() {
+            collect(&path, extension, depth - 1, files)?;
+        } else if has_extension(&path, extension) && path.is_file() {
             files.push(path);
         }
     }
     Ok(())
 }
 
-fn add(sources: &mut Sources, path: &Path) -> Result<(), FilesError> {
+/// Adds a file under the name of its path.
+///
+/// # Errors
+///
+/// If it cannot be a source.
+pub fn add(sources: &mut Sources, path: &Path) -> Result<FileId, FilesError> {
     let file = std::fs::File::open(path).map_err(|error| cannot_read(path, error))?;
     let mut bytes = Vec::new();
     // One byte more than allowed is enough to know that it is too large.
     file.take(limits::FILE_BYTES as u64 + 1)
         .read_to_end(&mut bytes)
         .map_err(|error| cannot_read(path, error))?;
-    sources.add(&path.display().to_string(), &bytes)?;
-    Ok(())
+    Ok(sources.add(&path.display().to_string(), &bytes)?)
 }

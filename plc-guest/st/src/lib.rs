@@ -16,6 +16,7 @@ pub mod format;
 pub mod hir;
 pub mod library;
 pub mod limits;
+pub mod manifest;
 pub mod native;
 pub mod project;
 pub mod source;

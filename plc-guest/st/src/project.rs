@@ -6,7 +6,7 @@ use crate::hir::Program;
 use crate::library;
 use crate::source::Sources;
 use crate::stack;
-use crate::syntax::ast::File;
+use crate::syntax::ast::{Declaration, File, UnitKind};
 use crate::syntax::parser;
 
 /// What became of a project.
@@ -16,33 +16,65 @@ pub struct Checked {
     pub program: Option<Program>,
     /// All messages, by file and place.
     pub diagnostics: Vec<Diagnostic>,
+    /// Whether any file has a TEST.
+    pub tests: bool,
 }
 
-/// Parses and checks all files, and those of the library with them, which are added to `sources`.
-/// `name` is the program image's.
+/// Which files of a project count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Part {
+    /// All but those with a TEST: what becomes an image.
+    Program,
+    /// All.
+    Tests,
+}
+
+/// Parses and checks all files but those of tests, and those of the library with them, which are added to `sources`.
+/// A file with a TEST is one of tests: what else it declares is for its tests alone. `name` is the program image's.
 ///
 /// # Errors
 ///
 /// If the system has no room for a thread (see [`stack`]).
 pub fn check(name: &str, sources: &mut Sources) -> std::io::Result<Checked> {
-    stack::with_room(|| check_here(name, sources))
+    stack::with_room(|| check_here(name, sources, Part::Program))
 }
 
-fn check_here(name: &str, sources: &mut Sources) -> Checked {
+/// [`check`], with the files of tests. The program's last task enters the tests (see [`crate::hir::Tests`]).
+///
+/// # Errors
+///
+/// As of [`check`].
+pub fn check_tests(name: &str, sources: &mut Sources) -> std::io::Result<Checked> {
+    stack::with_room(|| check_here(name, sources, Part::Tests))
+}
+
+fn check_here(name: &str, sources: &mut Sources, part: Part) -> Checked {
     let own = sources.iter().count();
     library::add(sources);
     let mut diagnostics = Diagnostics::new();
     let trees: Vec<File> =
         sources.iter().map(|(file, _)| parser::parse(file, sources, &mut diagnostics)).collect();
+    let tests = trees.iter().any(has_tests);
+    // Files keep their numbers.
+    let empty = File::default();
     let inputs: Vec<Input<'_>> = trees
         .iter()
         .enumerate()
-        .map(|(index, tree)| Input { tree, library: index >= own })
+        .map(|(index, tree)| {
+            let left_out = part == Part::Program && has_tests(tree);
+            Input { tree: if left_out { &empty } else { tree }, library: index >= own }
+        })
         .collect();
     let program = check::check(name, sources, &inputs, &mut diagnostics);
     let program = (!diagnostics.has_errors()).then_some(program);
     let mut diagnostics = diagnostics.sorted();
     // A project can do nothing about what the compiler would advise the library.
     diagnostics.retain(|one| one.is_error() || one.span.file.index() < own);
-    Checked { program, diagnostics }
+    Checked { program, diagnostics, tests }
+}
+
+fn has_tests(tree: &File) -> bool {
+    tree.declarations.iter().any(
+        |declaration| matches!(declaration, Declaration::Unit(unit) if unit.kind == UnitKind::Test),
+    )
 }

@@ -106,6 +106,7 @@ pub struct Source {
     /// The characters before each block of [`BLOCK`] bytes, so that a column in a line of megabytes
     /// costs no more than one in a short line.
     characters: Vec<u32>,
+    library: bool,
 }
 
 /// In bytes.
@@ -201,8 +202,27 @@ impl Sources {
                 Some(first)
             })
             .collect();
-        self.files.push(Source { name: name.into(), text: text.into(), lines, characters });
+        self.files.push(Source {
+            name: name.into(),
+            text: text.into(),
+            lines,
+            characters,
+            library: false,
+        });
         Ok(id)
+    }
+
+    /// Makes a file one of a library: what is not used of it is neither told of nor compiled.
+    pub fn mark_as_library(&mut self, file: FileId) {
+        if let Some(source) = self.files.get_mut(file.index()) {
+            source.library = true;
+        }
+    }
+
+    /// Whether a file is one of a library.
+    #[must_use]
+    pub fn is_of_library(&self, file: FileId) -> bool {
+        self.get(file).library
     }
 
     /// The file of this number.

@@ -40,7 +40,7 @@ fn split(text: &str) -> (String, String) {
 fn told(source: &str) -> String {
     let mut sources = Sources::new();
     let file = sources.add("case.st", source.as_bytes()).expect("it is a source");
-    let checked = project::check("case", &mut sources).expect("there is a thread");
+    let checked = project::check_tests("case", &mut sources).expect("there is a thread");
     let mut told = String::new();
     for one in &checked.diagnostics {
         let line = match one.span.file == file {

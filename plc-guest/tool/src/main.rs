@@ -23,7 +23,7 @@ mod status {
 }
 
 const AFTER_HELP: &str = "\
-Exit status: 0 good; 1 the program ran, but not as the table expects, an image is not signed as asked,
+Exit status: 0 good; 1 a test failed or the program ran, but not as the table expects, an image is not signed as asked,
 a part of a project was refused, a source is not formatted (`fmt --check`), or a change needs a restart
 (`diff`); 2 bad file or usage; 3 the program faulted, stopped itself or did not end; 4 this machine cannot.";
 
@@ -47,7 +47,7 @@ enum Command {
     Fmt(commands::fmt::Fmt),
     /// Make a program image of Structured Text, or of object files and static libraries.
     Build(commands::build::Build),
-    /// Run a program on this machine, cycle by cycle, and compare its outputs with a table.
+    /// Run the tests of a project on this machine, or an image cycle by cycle against a table.
     Test(commands::test::Test),
     /// Show what is in an image.
     Inspect(commands::inspect::Inspect),

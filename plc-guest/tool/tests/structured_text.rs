@@ -19,7 +19,7 @@ fn a_project_is_made_checked_built_inspected_and_tested() {
     folder.takt_plc(&["new", "tank", "--lang", "st"]).expect(0, "tank");
     folder.takt_plc(&["check", "tank"]).expect(0, "");
     let built = folder.takt_plc(&["build", "tank", "-o", "tank.plc"]);
-    built.expect(0, "tank.plc: tank 0.0.0").expect(0, "2 tasks, 7 points");
+    built.expect(0, "tank.plc: tank 0.1.0").expect(0, "2 tasks, 7 points");
     let shown = folder.takt_plc(&["inspect", "tank.plc"]);
     let shown = shown.expect(0, "every 10 ms, priority 0, budget 500 us");
     for (name, place, ty, flags) in [

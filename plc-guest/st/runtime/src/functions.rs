@@ -20,6 +20,8 @@ pub enum Function {
     FindBytes,
     /// The same of UTF-16 units.
     FindUnits,
+    /// `(number, first argument, second argument) -> result`: a call of the kernel.
+    System,
     /// `(f64) -> f64`, and so on to [`Function::Power`].
     Ln,
     /// Base 10.

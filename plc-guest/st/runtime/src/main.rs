@@ -10,6 +10,7 @@
 
 mod functions;
 mod memory;
+mod system;
 mod text;
 
 use core::panic::PanicInfo;
@@ -61,6 +62,7 @@ static TABLE: [Address; FUNCTIONS] = table! {
         CompareUnits = text::compare_units,
         FindBytes = text::find_bytes,
         FindUnits = text::find_units,
+        System = system::call,
     }
     of_reals {
         Ln, LnReal(x) = libm::log, libm::logf;

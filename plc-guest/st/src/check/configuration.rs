@@ -19,7 +19,7 @@ use crate::syntax::ast::{
 };
 
 /// The tasks of an image.
-const TASKS: usize = 16;
+pub(super) const TASKS: usize = 16;
 
 /// An instance of a program while its task is put together.
 struct Instance<'a> {

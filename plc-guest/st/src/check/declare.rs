@@ -27,6 +27,13 @@ impl<'a> Body<'_, 'a> {
             let one = Diagnostic::new(Code::NotSupported, section.span, "VAR_IN_OUT of a program");
             self.tell(one.allowed("VAR_INPUT and VAR_OUTPUT, or VAR_GLOBAL"));
         }
+        let interface =
+            matches!(section.kind, SectionKind::Input | SectionKind::Output | SectionKind::InOut);
+        if self.in_test() && interface {
+            let found = "parameters of a test, which nothing calls";
+            let one = Diagnostic::new(Code::InvalidDeclaration, section.span, found);
+            self.tell(one.allowed("VAR, VAR_TEMP and VAR_EXTERNAL"));
+        }
         self.check_qualifiers(section, structure);
         for variables in &section.variables {
             if section.kind == SectionKind::External {

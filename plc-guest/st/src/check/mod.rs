@@ -24,6 +24,7 @@ mod place;
 mod recursion;
 mod standard;
 mod statement;
+mod test;
 mod type_spec;
 mod types;
 mod unit;
@@ -61,6 +62,7 @@ pub fn check(
     checker.all_globals();
     checker.all_units();
     checker.configurations();
+    checker.tests();
     checker.place_floating();
     checker.refuse_shared_outputs();
     checker.refuse_recursion();
@@ -70,7 +72,8 @@ pub fn check(
     let errors = diagnostics.has_errors();
     diagnostics.keep_warnings(|one| {
         let unused = matches!(one.code, Code::Unused | Code::NeverAssigned | Code::MissingResult);
-        let library = files.get(one.span.file.index()).is_some_and(|file| file.library);
+        let library = files.get(one.span.file.index()).is_some_and(|file| file.library)
+            || sources.is_of_library(one.span.file);
         !(library || errors && unused)
     });
     program
@@ -125,6 +128,8 @@ struct Checker<'a> {
     waiting: Vec<usize>,
     /// Which unit calls which, by their indices, with one place of a call.
     calls: Vec<(usize, usize, Span)>,
+    /// The variables that keep the two sides of a test's comparisons, by their types.
+    kept: HashMap<(&'static str, TypeId), crate::hir::GlobalId>,
     /// How many resolutions on demand are within each other.
     depth: u32,
 }
@@ -150,6 +155,7 @@ impl<'a> Checker<'a> {
             outputs: Vec::new(),
             waiting: Vec::new(),
             calls: Vec::new(),
+            kept: HashMap::new(),
             depth: 0,
         }
     }

@@ -89,6 +89,11 @@ impl<'a> Checker<'a> {
     }
 
     fn collect_unit(&mut self, unit: &'a ast::Unit, library: bool) {
+        if unit.kind == UnitKind::Test {
+            // Nothing can refer to a test.
+            self.units.push(UnitEntry::new(unit, library));
+            return;
+        }
         let index = self.units.len();
         let overload = match self.names.of(library).get(&*unit.name.key) {
             Some(Entry::Units(others)) if library && unit.kind == UnitKind::Function => {

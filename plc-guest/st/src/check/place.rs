@@ -32,7 +32,7 @@ impl<'a> Body<'_, 'a> {
         if let Root::Global(id) = place.root {
             let global = self.checker.program.global(id);
             let wrong = match global.storage.area {
-                Area::Input => Some("an input, which comes from outside"),
+                Area::Input if !self.in_test() => Some("an input, which comes from outside"),
                 _ if global.constant => Some("a constant"),
                 _ => None,
             };
@@ -182,7 +182,9 @@ impl<'a> Body<'_, 'a> {
             Entry::Units(units) => match self.checker.units[units[0]].ast.kind {
                 UnitKind::Function => ("a function", "call it with parentheses"),
                 UnitKind::FunctionBlock => ("a function block", "declare an instance of it in VAR"),
-                UnitKind::Program => ("a program", "give it a task in a CONFIGURATION"),
+                UnitKind::Program | UnitKind::Test => {
+                    ("a program", "give it a task in a CONFIGURATION")
+                }
             },
             Entry::Global(_) => ("a variable", ""),
         };
@@ -251,6 +253,7 @@ impl<'a> Body<'_, 'a> {
         let (field_type, section) = (field.ty, field.section);
         let refused = match section {
             _ if kind == StructureKind::Struct => None,
+            Section::Variable if self.in_test() => None,
             Section::Variable => Some("a variable of its own, which only its body uses"),
             Section::InOut => Some("a VAR_IN_OUT, which is given in a call"),
             Section::Output if access == Access::Write => {

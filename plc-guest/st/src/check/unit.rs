@@ -94,7 +94,8 @@ impl<'a> Checker<'a> {
     /// Checks all units of the project, and of libraries what those need.
     pub(super) fn all_units(&mut self) {
         for index in 0..self.units.len() {
-            if !self.units[index].library {
+            let unit = &self.units[index];
+            if !unit.library && !self.sources.is_of_library(unit.ast.name.span.file) {
                 self.want(index);
             }
         }
@@ -155,14 +156,19 @@ impl<'a> Checker<'a> {
         let structure = match ast.kind {
             UnitKind::Function => None,
             UnitKind::FunctionBlock => Some(StructureKind::FunctionBlock),
-            UnitKind::Program => Some(StructureKind::Program),
+            UnitKind::Program | UnitKind::Test => Some(StructureKind::Program),
         };
-        let structure = structure.map(|kind| self.program.types.declare(&ast.name.text, kind));
+        let name = match ast.kind {
+            // That of a test is a text, and no name of a type.
+            UnitKind::Test => format!("TEST.{index}"),
+            _ => ast.name.text.to_string(),
+        };
+        let structure = structure.map(|kind| self.program.types.declare(&name, kind));
         self.units[index].structure = structure;
         self.blocks.extend(structure.map(|structure| (structure, index)));
         let location = self.location(ast.name.span);
         let routine = self.program.add_routine(Routine {
-            name: ast.name.text.to_string(),
+            name,
             instance: structure,
             locals: Vec::new(),
             result: None,
@@ -249,6 +255,11 @@ impl<'a> Body<'_, 'a> {
     /// Whether the unit is a function.
     pub(super) fn in_function(&self) -> bool {
         self.unit.is_some_and(|unit| self.checker.units[unit].ast.kind == UnitKind::Function)
+    }
+
+    /// Whether the unit is a test, which may look into instances and play the outside world.
+    pub(super) fn in_test(&self) -> bool {
+        self.unit.is_some_and(|unit| self.checker.units[unit].ast.kind == UnitKind::Test)
     }
 
     /// All sections of a unit, and a function's result.

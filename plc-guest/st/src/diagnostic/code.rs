@@ -76,6 +76,7 @@ codes! {
     InvalidRange Error "invalid-range" "Bounds of an array, subrange or string that cannot be.";
     InvalidTask Error "invalid-task" "A task or program instance that cannot run as configured.";
     AddressConflict Error "address-conflict" "Two variables at one output address.";
+    ProjectFile Error "project-file" "A mistake in the project file.";
     // Expressions and statements.
     TypeMismatch Error "type-mismatch" "A value of another type than what is needed there.";
     LosesValue Error "loses-value" "An implicit conversion that can lose a part of the value.";

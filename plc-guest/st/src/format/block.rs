@@ -5,7 +5,7 @@ use crate::syntax::token::Keyword;
 /// A kind of block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Block {
-    /// PROGRAM, FUNCTION, FUNCTION_BLOCK.
+    /// PROGRAM, FUNCTION, FUNCTION_BLOCK, TEST.
     Unit,
     /// CONFIGURATION.
     Configuration,
@@ -31,7 +31,7 @@ impl Block {
         Some(match keyword {
             // An instance of a program is one declaration.
             Program if matches!(outer, Some(Self::Configuration | Self::Resource)) => return None,
-            Program | Function | FunctionBlock => Self::Unit,
+            Program | Function | FunctionBlock | Test => Self::Unit,
             Configuration => Self::Configuration,
             Resource => Self::Resource,
             Var | VarInput | VarOutput | VarInOut | VarTemp | VarExternal | VarGlobal => {
@@ -66,6 +66,7 @@ pub(super) fn closes(keyword: Keyword) -> bool {
             | EndVar
             | EndType
             | EndStruct
+            | EndTest
             | EndCase
             | EndIf
             | EndFor

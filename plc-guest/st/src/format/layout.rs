@@ -306,6 +306,8 @@ impl<'w, 'a> Layout<'w, 'a> {
                 let could_end = matches!(
                     before.kind,
                     TokenKind::Identifier
+                        | TokenKind::String
+                        | TokenKind::WideString
                         | TokenKind::Sign(Sign::CloseBracket | Sign::CloseParenthesis)
                 );
                 could_end && !goes_on && self.brackets.is_empty()

@@ -65,4 +65,30 @@ pub enum Intrinsic {
     Elapsed,
     /// How often the task ran before. ULINT.
     Cycle,
+    /// `LOG_LINE(string)`: a line for the log of the partition; what is longer than a line is cut. Its value, a LINT, is 0 or
+    /// the kernel's error.
+    LogLine,
+    /// A test asks its runner for something: which is a constant of [`Simulation`], and a LINT that goes with it. Its
+    /// value means nothing. Whatever has an address may have changed behind it.
+    Simulate(Simulation),
+}
+
+/// What a test asks its runner for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub enum Simulation {
+    /// An assertion does not hold: its index in [`super::Program::assertions`]. The test ends.
+    Fail = 0x7400_0000,
+    /// The cycle is over, and the next one begins so many nanoseconds later.
+    Advance = 0x7400_0001,
+    /// The tasks of the project run for so many nanoseconds.
+    Run = 0x7400_0002,
+}
+
+impl Simulation {
+    /// The request of this number, which is that of a call no kernel has.
+    pub fn of(number: u64) -> Option<Simulation> {
+        use Simulation::*;
+        [Fail, Advance, Run].into_iter().find(|request| *request as u64 == number)
+    }
 }

@@ -20,13 +20,14 @@ mod print;
 mod program;
 mod statement;
 mod structure;
+mod test;
 mod trap;
 mod types;
 
 pub use constant::Constant;
 pub use elementary::{Class, Elementary};
 pub use expr::{Argument, Arithmetic, Comparison, Conversion, Expr, ExprKind, UnaryOperator};
-pub use intrinsic::Intrinsic;
+pub use intrinsic::{Intrinsic, Simulation};
 pub use place::{Place, Root, Step};
 pub use print::print;
 pub use program::{
@@ -35,5 +36,6 @@ pub use program::{
 };
 pub use statement::{Block, CaseArm, Statement, StatementKind};
 pub use structure::{Field, Section, Structure, StructureKind};
+pub use test::{Assertion, Compared, Test, Tests};
 pub use trap::{Trap, TrapKind};
 pub use types::{Type, TypeId, Types};

@@ -30,6 +30,10 @@ pub struct RoutineId(pub u32);
 pub struct Program {
     /// The image's name.
     pub name: String,
+    /// The author's version.
+    pub version: takt_program::Version,
+    /// The category, of the author's choice.
+    pub category: u32,
     /// The sources' names, as they are shown.
     pub files: Vec<String>,
     /// All types.
@@ -42,6 +46,8 @@ pub struct Program {
     pub tasks: Vec<Task>,
     /// The kernel's objects.
     pub objects: Vec<Object>,
+    /// The tests, if any were asked for.
+    pub tests: super::Tests,
     /// Rounds that one execution of a loop may make; the next one traps.
     pub loop_budget: u32,
 }

@@ -10,8 +10,8 @@
 use std::collections::BTreeMap;
 
 use crate::hir::{
-    Area, Argument, Block, Elementary, Expr, ExprKind, LocalId, LocalKind, Place, Program, Root,
-    Routine, RoutineId, Statement, StatementKind, Step, Type, TypeId,
+    Area, Argument, Block, Elementary, Expr, ExprKind, Intrinsic, LocalId, LocalKind, Place,
+    Program, Root, Routine, RoutineId, Statement, StatementKind, Step, Type, TypeId,
 };
 
 /// Where a block of memory begins.
@@ -313,8 +313,12 @@ impl<'p> Collector<'p> {
                 self.expr(right);
             }
             ExprKind::Call(routine, arguments) => self.call(*routine, arguments),
-            ExprKind::Intrinsic(_, arguments) => {
-                arguments.iter().for_each(|argument| self.expr(argument))
+            ExprKind::Intrinsic(intrinsic, arguments) => {
+                arguments.iter().for_each(|argument| self.expr(argument));
+                if let Intrinsic::Simulate(_) = intrinsic {
+                    // Other tasks run meanwhile, and the runner reads what is kept for it.
+                    self.effects.add(Target::Indirect(None), true);
+                }
             }
             ExprKind::Reference(place) | ExprKind::Bound { place, .. } => self.indices(place),
         }

@@ -184,6 +184,11 @@ impl Lower<'_> {
                 let position = self.expr(&arguments[1]);
                 self.unit_at(start, units, position, wide)
             }
+            LogLine => self.log(&arguments[0]),
+            Simulate(simulation) => {
+                let value = self.expr(&arguments[0]);
+                self.system(simulation as u32, &[value])
+            }
             Left | Right | Mid | Concat | FromUnit => unreachable!("{intrinsic:?} is a string"),
         }
     }

@@ -35,6 +35,19 @@ impl Lower<'_> {
         function
     }
 
+    /// Calls the kernel.
+    pub(super) fn system(&mut self, number: u32, arguments: &[Value]) -> Value {
+        let mut values = vec![self.builder.ins().iconst(types::I64, i64::from(number))];
+        values.extend_from_slice(arguments);
+        while values.len() < 3 {
+            values.push(self.builder.ins().iconst(types::I64, 0));
+        }
+        match self.runtime(runtime::Function::System, &values, Some(types::I64)) {
+            Some(result) => result,
+            None => unreachable!("a call of the kernel has a result"),
+        }
+    }
+
     /// Calls a function of the runtime.
     pub(super) fn runtime(
         &mut self,

@@ -18,6 +18,8 @@ use crate::hir::{
 /// What the image's own rules refuse, such as more variables than it can have.
 pub fn image(program: &Program, native: &Native) -> Result<Vec<u8>, takt_program::ImageError> {
     let mut builder = Builder::new(&program.name);
+    builder.version = program.version;
+    builder.category = program.category;
     builder.code.clone_from(&native.code);
     builder.constants.clone_from(&native.constants);
     builder.init = Some(CodeOffset(native.init));

@@ -14,6 +14,7 @@ use super::runtime::Function;
 use super::target::MEMORY;
 use super::walk;
 use crate::hir::{Comparison, Constant, Expr, ExprKind, Intrinsic, Type, TypeId};
+use takt_program::call::Call;
 
 /// The units of a string.
 #[derive(Clone, Copy)]
@@ -145,6 +146,13 @@ impl Lower<'_> {
         let zero = self.builder.ins().iconst(if wide { types::I16 } else { types::I8 }, 0);
         self.builder.ins().store(MEMORY, zero, end, 0);
         units
+    }
+
+    /// Writes a line to the log. The kernel refuses a line that is too long, so the end is cut.
+    pub(super) fn log(&mut self, line: &Expr) -> Value {
+        let View { start, units } = self.view(line);
+        let bytes = self.least_constant(units, i64::from(takt_program::limit::LOG_BYTES));
+        self.system(Call::Log.code(), &[start, bytes])
     }
 
     pub(super) fn compare_text(

@@ -117,7 +117,18 @@ impl<'a> Lexer<'a> {
                 .allowed("names with single underscores (IEC 61131-3, 6.1.2)"),
             );
         }
-        keyword(word).map_or(TokenKind::Identifier, TokenKind::Keyword)
+        match keyword(word) {
+            // `test` is too good a name to be taken from programs: it is a keyword before a string only, where no
+            // name can stand.
+            Some(Keyword::Test) if !self.string_follows() => TokenKind::Identifier,
+            Some(keyword) => TokenKind::Keyword(keyword),
+            None => TokenKind::Identifier,
+        }
+    }
+
+    fn string_follows(&self) -> bool {
+        let behind = self.text.get(self.at..).unwrap_or("").trim_ascii_start();
+        behind.starts_with(['\'', '"'])
     }
 
     /// A name with `#`: the start of a literal of time, else a prefix alone.

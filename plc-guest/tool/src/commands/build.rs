@@ -3,9 +3,9 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use takt_st::{build, hir, native, stack};
+use takt_st::{build, hir, manifest, native, stack};
 
-use super::structured_text::{Messages, no_thread};
+use super::structured_text::{Messages, Origin, is_text, no_thread};
 use super::{image, write};
 use crate::{Failure, link};
 
@@ -13,8 +13,8 @@ use crate::{Failure, link};
 #[derive(clap::Args)]
 pub struct Build {
     /// Files in Structured Text (.st) and folders of which all such files are taken; or object files (.o) and
-    /// static libraries (.a).
-    #[arg(required = true)]
+    /// static libraries (.a). A folder with a project file (takt-plc.toml) is taken as a project; without any input, the
+    /// current folder is.
     inputs: Vec<PathBuf>,
     /// Where to write the image. A program in Structured Text has its name from this file; without it, from the
     /// first input, and the image is written to NAME.plc.
@@ -37,12 +37,8 @@ enum Stage {
 
 impl Build {
     pub fn run(self) -> Result<(), Failure> {
-        let is_text = |input: &&PathBuf| {
-            input.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("st"))
-                || input.is_dir()
-        };
-        match self.inputs.iter().filter(is_text).count() {
-            0 => self.link(),
+        match self.inputs.iter().filter(|input| is_text(input)).count() {
+            0 if !self.inputs.is_empty() => self.link(),
             texts if texts == self.inputs.len() => self.compile(),
             _ => Err(Failure::input(
                 "found Structured Text and other files; an image is made of one or the other",
@@ -61,8 +57,9 @@ impl Build {
     }
 
     fn compile(&self) -> Result<(), Failure> {
-        let name = self.name()?;
-        let program = self.messages.check(&name, &self.inputs)?;
+        let origin = Origin::of(&self.inputs)?;
+        let name = self.name(&origin)?;
+        let program = self.messages.program(&name, &origin)?;
         match self.emit {
             Some(stage) => {
                 let text = stack::with_room(|| match stage {
@@ -82,18 +79,18 @@ impl Build {
     }
 
     /// The name of a program in Structured Text.
-    fn name(&self) -> Result<String, Failure> {
-        let file = match (&self.output, &self.inputs[0]) {
+    fn name(&self, origin: &Origin) -> Result<String, Failure> {
+        let file = match (&self.output, origin) {
+            (_, Origin::Project(project)) => return Ok(project.name.clone()),
             (Some(output), _) => output.file_stem().map(ToOwned::to_owned),
-            // `.` and `..` have no name of their own.
-            (None, input) if input.is_dir() => {
-                input.canonicalize().ok().and_then(|path| path.file_name().map(ToOwned::to_owned))
-            }
-            (None, input) => input.file_stem().map(ToOwned::to_owned),
+            (None, Origin::Paths(paths)) => paths.first().and_then(|input| match input.is_dir() {
+                // `.` and `..` have no name of their own.
+                true => input.canonicalize().ok()?.file_name().map(ToOwned::to_owned),
+                false => input.file_stem().map(ToOwned::to_owned),
+            }),
         };
         let name = file.unwrap_or_default().to_string_lossy().into_owned();
-        let good = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
-        if name.is_empty() || !name.chars().all(good) {
+        if !manifest::is_program_name(&name) {
             let allowed = "a program's name has the letters A to Z, digits, _ - and .";
             return Err(Failure::input(format!("found `{name}`; {allowed}: give one with -o")));
         }

@@ -9,14 +9,15 @@ use takt_st::diagnostic::text;
 use takt_st::files;
 use takt_st::format::{self, FormatError};
 
+use super::structured_text::Origin;
 use super::write_as;
 use crate::{Failure, status};
 
 /// Arguments of `fmt`.
 #[derive(clap::Args)]
 pub struct Fmt {
-    /// Sources, and folders of which all files that end with .st are taken.
-    #[arg(required = true)]
+    /// Sources, and folders of which all files that end with .st are taken. A folder with a project file
+    /// (takt-plc.toml) is taken as a project; without any, the current folder is.
     paths: Vec<PathBuf>,
     /// Write nothing; list the files that would change and exit with 1 if there are any.
     #[arg(long)]
@@ -26,7 +27,7 @@ pub struct Fmt {
 impl Fmt {
     pub fn run(self) -> Result<(), Failure> {
         let (mut changed, mut refused) = (0, 0);
-        for path in files::list(&self.paths).map_err(Failure::input)? {
+        for path in Origin::of(&self.paths)?.files()? {
             match self.file(&path) {
                 Ok(false) => {}
                 Ok(true) => {

@@ -85,6 +85,8 @@ const C: &[File] = &[
 
 const STRUCTURED_TEXT: &[File] = &[
     ("main.st", include_str!("../templates/st/main.st")),
+    ("takt-plc.toml", include_str!("../templates/st/takt-plc.toml")),
+    ("tests/pi_test.st", include_str!("../templates/st/pi_test.st")),
     ("tests/tank.csv", include_str!("../templates/st/tank.csv")),
     (".gitignore", "*.plc\n*.key\n"),
     ("README.md", include_str!("../templates/st/README.md")),

@@ -6,7 +6,7 @@ use std::fmt;
 use takt_program::{CodeOffset, Image, address, limit};
 
 use super::HostError;
-use super::child::Stop;
+use super::child::{Registers, Stop};
 use super::memory::{Memory, Rights};
 
 /// Why a program does not run on.
@@ -104,6 +104,16 @@ pub fn describe(image: &Image<'_>, memory: &Memory, stop: &Stop) -> (String, Pla
         None => place(image, rip),
     };
     (what, place)
+}
+
+/// Where a call of the kernel was made: by a function of the runtime, which has nothing on the stack but perhaps its caller's
+/// frame pointer, so that its return address is one of the two topmost words.
+pub fn place_of_call(image: &Image<'_>, memory: &Memory, registers: &Registers) -> Place {
+    let top =
+        [0, 8].into_iter().filter_map(|above| memory.get(registers.rsp.wrapping_add(above), 8));
+    let mut words = top.filter_map(|bytes| Some(u64::from_le_bytes(bytes.try_into().ok()?)));
+    let caller = words.find(|&at| code_offset(image, at).is_some());
+    place(image, caller.unwrap_or(registers.rip).wrapping_sub(1))
 }
 
 /// File and line of an instruction, or its address.

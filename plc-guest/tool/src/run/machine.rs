@@ -4,13 +4,15 @@ use std::time::Duration;
 
 use takt_program::{
     ABI_VERSION, Area, CodeOffset, Image, Start, Task, TaskId, TaskInformation, address,
+    call::Error,
 };
+use takt_st::hir::Simulation;
 
 use super::HostError;
 use super::child::{Child, Registers, Stop};
-use super::fault::{Failed, Fault, Place, describe};
+use super::fault::{Failed, Fault, Place, describe, place_of_call};
 use super::kernel::{Caller, Kernel, Outcome};
-use super::memory::Memory;
+use super::memory::{Memory, Rights};
 
 /// The flags register as a function finds it: interrupts on, direction up, no single step. Bit 1 is always set.
 const FLAGS: u64 = 0x202;
@@ -31,6 +33,14 @@ pub struct Machine<'a> {
     limit: Duration,
 }
 
+/// Why a job is not running.
+pub(super) enum Paused {
+    /// It is done; what it logged.
+    Ended(Vec<String>),
+    /// It asks for a simulation, with an argument, and goes on with these registers.
+    Asks(Simulation, u64, Box<Registers>),
+}
+
 /// One job: which, and when.
 pub struct Job<'a> {
     pub task: Task<'a>,
@@ -42,7 +52,16 @@ pub struct Job<'a> {
 impl<'a> Machine<'a> {
     /// Loads the program.
     pub fn new(image: Image<'a>, limit: Duration) -> Result<Self, HostError> {
-        let memory = Memory::new(&image)?;
+        Self::with_inputs(image, limit, Rights::Read)
+    }
+
+    /// Loads the program of a test, which sets inputs itself.
+    pub fn for_test(image: Image<'a>, limit: Duration) -> Result<Self, HostError> {
+        Self::with_inputs(image, limit, Rights::Write)
+    }
+
+    fn with_inputs(image: Image<'a>, limit: Duration, inputs: Rights) -> Result<Self, HostError> {
+        let memory = Memory::new(&image, inputs)?;
         let child = Child::new(&memory)?;
         let kernel = Kernel::new(&image);
         let registers = child.registers()?;
@@ -116,7 +135,7 @@ impl<'a> Machine<'a> {
         changed.map(|output| output.name)
     }
 
-    fn information(&self, cycle: u64, now: u64, period: u64) -> TaskInformation {
+    pub(super) fn information(&self, cycle: u64, now: u64, period: u64) -> TaskInformation {
         let (version, start) = (ABI_VERSION.into(), Start::Cold.code());
         TaskInformation { version, cycle, now, period, start, ..TaskInformation::default() }
     }
@@ -128,7 +147,28 @@ impl<'a> Machine<'a> {
         entry: CodeOffset,
         information: TaskInformation,
     ) -> Result<Vec<String>, Failed> {
-        self.memory.put(address::TASK_INFORMATION, &bytes(&information));
+        let caller = Caller::new(task, information.now);
+        let mut registers = self.enter(task, entry, &information)?;
+        loop {
+            match self.go(name, &information, &caller, registers)? {
+                Paused::Ended(lines) => return Ok(lines),
+                // Only tests ask, and a kernel knows no such call.
+                Paused::Asks(_, _, at) => {
+                    registers = *at;
+                    registers.rax = Error::BadNumber.result().cast_unsigned();
+                }
+            }
+        }
+    }
+
+    /// The registers with which a job begins.
+    pub(super) fn enter(
+        &mut self,
+        task: &Task<'_>,
+        entry: CodeOffset,
+        information: &TaskInformation,
+    ) -> Result<Registers, HostError> {
+        self.memory.put(address::TASK_INFORMATION, &bytes(information));
         let stack = address::stack_end(task.id) - 8;
         self.memory.put(stack, &address::CALL_PAGE.to_le_bytes());
         self.child.set_vectors(&self.vectors)?;
@@ -137,33 +177,75 @@ impl<'a> Machine<'a> {
             (entry.address(), stack, address::TASK_INFORMATION);
         // No system call was interrupted, so the kernel has none to restart.
         (registers.eflags, registers.rbp, registers.orig_rax) = (FLAGS, 0, u64::MAX);
-        let caller = Caller::new(task, information.now);
+        Ok(registers)
+    }
+
+    /// Runs a job from these registers to its end, or until it asks for something that only a test does.
+    pub(super) fn go(
+        &mut self,
+        name: &str,
+        information: &TaskInformation,
+        caller: &Caller,
+        mut registers: Registers,
+    ) -> Result<Paused, Failed> {
         loop {
             let stop = self.child.run(&registers, self.limit)?;
             let stop = self.foreign(stop);
             if let Stop::Call(at_call) = stop {
                 let arguments = [at_call.rdi, at_call.rsi, at_call.rdx, at_call.r10];
                 let number = at_call.orig_rax;
-                match self.kernel.call(&self.memory, &caller, number, arguments) {
+                if let Some(request) = Simulation::of(number) {
+                    registers = at_call;
+                    registers.orig_rax = u64::MAX;
+                    return Ok(Paused::Asks(request, arguments[0], Box::new(registers)));
+                }
+                match self.kernel.call(&self.memory, caller, number, arguments) {
                     Outcome::Result(result) => {
                         registers = at_call;
                         (registers.rax, registers.orig_rax) = (result.cast_unsigned(), u64::MAX);
                     }
                     Outcome::End => {
-                        self.kernel.job_ended(task.id);
-                        return Ok(std::mem::take(&mut self.kernel.log));
+                        self.kernel.job_ended(caller.task);
+                        return Ok(Paused::Ended(self.take_log()));
                     }
                     Outcome::Stop(code) => {
                         let (_, place) = describe(&self.image, &self.memory, &stop);
                         let what = format!("it stopped the program with code {code}");
-                        return Err(self.fault(name, information, what, place));
+                        return Err(self.fault(name, *information, what, place));
                     }
                 }
             } else {
                 let (what, place) = describe(&self.image, &self.memory, &stop);
-                return Err(self.fault(name, information, what, place));
+                return Err(self.fault(name, *information, what, place));
             }
         }
+    }
+
+    /// What was logged and not taken yet.
+    pub(super) fn take_log(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.kernel.log)
+    }
+
+    /// The state of FPU and SSE.
+    pub(super) fn vectors(&self) -> Result<libc::user_fpregs_struct, HostError> {
+        self.child.vectors()
+    }
+
+    /// Sets the state of FPU and SSE.
+    pub(super) fn set_vectors(&self, vectors: &libc::user_fpregs_struct) -> Result<(), HostError> {
+        self.child.set_vectors(vectors)
+    }
+
+    /// A fault by a call that the program makes with these registers.
+    pub(super) fn fault_here(
+        &mut self,
+        name: &str,
+        information: TaskInformation,
+        what: String,
+        at: &Registers,
+    ) -> Failed {
+        let place = place_of_call(&self.image, &self.memory, at);
+        self.fault(name, information, what, place)
     }
 
     /// A stop by a system call, but not by the instruction `syscall`, is not a call of ours.
@@ -188,7 +270,7 @@ impl<'a> Machine<'a> {
 }
 
 /// The page's content, as the program finds it.
-fn bytes(information: &TaskInformation) -> [u8; 64] {
+pub(super) fn bytes(information: &TaskInformation) -> [u8; 64] {
     let mut page = [0; 64];
     let TaskInformation { version, task, cycle, now, period, start, flags, .. } = information;
     page[0..4].copy_from_slice(&version.to_le_bytes());

@@ -56,9 +56,10 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// Code, constants and initial state of the image, and zeros elsewhere.
-    pub fn new(image: &Image<'_>) -> Result<Self, HostError> {
-        let (regions, bytes) = regions(image);
+    /// Code, constants and initial state of the image, and zeros elsewhere. `inputs` is what the program may do with
+    /// its inputs.
+    pub fn new(image: &Image<'_>, inputs: Rights) -> Result<Self, HostError> {
+        let (regions, bytes) = regions(image, inputs);
         // SAFETY: the name is a C string; the result is checked.
         let fd = unsafe { libc::memfd_create(c"takt-program".as_ptr(), libc::MFD_CLOEXEC) };
         if fd < 0 {
@@ -147,7 +148,7 @@ impl Drop for Memory {
 }
 
 /// The regions of a program, and the size of the file for them.
-fn regions(image: &Image<'_>) -> (Vec<Region>, u64) {
+fn regions(image: &Image<'_>, inputs: Rights) -> (Vec<Region>, u64) {
     let mut regions = Vec::new();
     let mut end = 0;
     let mut add = |address, bytes, rights| {
@@ -165,7 +166,7 @@ fn regions(image: &Image<'_>) -> (Vec<Region>, u64) {
         let bytes = u64::from(task.stack_bytes.min(limit::STACK_BYTES));
         add(address::stack_end(task.id) - bytes, bytes, Rights::Write);
     }
-    add(address::INPUT, image.area_bytes(Area::Input).into(), Rights::Read);
+    add(address::INPUT, image.area_bytes(Area::Input).into(), inputs);
     add(address::OUTPUT, image.area_bytes(Area::Output).into(), Rights::Write);
     add(address::MARKER, image.area_bytes(Area::Marker).into(), Rights::Write);
     add(address::TASK_INFORMATION, address::PAGE, Rights::Read);

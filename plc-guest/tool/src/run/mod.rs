@@ -16,10 +16,12 @@ mod kernel;
 mod machine;
 mod memory;
 mod schedule;
+mod simulation;
 
 pub use fault::Failed;
 pub use machine::Machine;
-pub use schedule::Schedule;
+pub use schedule::{Logged, Schedule};
+pub use simulation::{TestRun, Verdict};
 
 /// Why a program cannot be run on this machine.
 #[derive(Debug, thiserror::Error)]

@@ -55,6 +55,22 @@ impl<'a> Schedule<'a> {
         Self { tasks: image.tasks().map(scheduled).collect(), now: 0 }
     }
 
+    /// Without a task, which is released by other means.
+    pub fn without(mut self, name: &str) -> Self {
+        self.tasks.retain(|scheduled| scheduled.task.name != name);
+        self
+    }
+
+    /// Lets time pass in which nothing is released.
+    pub fn skip(&mut self, nanoseconds: u64) {
+        self.now = self.now.saturating_add(nanoseconds);
+        for scheduled in &mut self.tasks {
+            let TaskKind::Cyclic { period, .. } = scheduled.task.kind else { continue };
+            let missed = self.now.saturating_sub(scheduled.next).div_ceil(period.0.max(1));
+            scheduled.next = scheduled.next.saturating_add(missed.saturating_mul(period.0));
+        }
+    }
+
     /// The shortest period of the cyclic tasks, in nanoseconds: one row of a table.
     pub fn shortest_period(&self) -> Option<u64> {
         let period = |task: &Scheduled<'_>| match task.task.kind {

@@ -48,6 +48,12 @@ impl Folder {
         run(Command::new(env!("CARGO_BIN_EXE_takt-plc")).args(words).current_dir(self.path()))
     }
 
+    /// `takt plc` with these words, in a folder of this one.
+    pub fn takt_plc_in(&self, folder: &str, words: &[&str]) -> Ended {
+        let folder = self.path().join(folder);
+        run(Command::new(env!("CARGO_BIN_EXE_takt-plc")).args(words).current_dir(folder))
+    }
+
     /// Another program, which finds `takt` as users have it in their path.
     pub fn run(&self, program: &str, words: &[&str]) -> Ended {
         let takt = self.write(

@@ -9,9 +9,9 @@ mod enable;
 mod function;
 mod overload;
 
-use super::Entry;
 use super::body::Body;
 use super::expression::Operand;
+use super::{Entry, test};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{ExprKind, Statement, StatementKind, TypeId};
 use crate::source::Span;
@@ -80,7 +80,9 @@ impl<'a> Body<'_, 'a> {
                     "a function block and no instance",
                     "declare an instance of it in VAR and call that",
                 ),
-                UnitKind::Program => ("a program", "give it a task in a CONFIGURATION"),
+                UnitKind::Program | UnitKind::Test => {
+                    ("a program", "give it a task in a CONFIGURATION")
+                }
                 UnitKind::Function => ("a function", ""),
             },
         };
@@ -127,6 +129,14 @@ impl<'a> Body<'_, 'a> {
         arguments: &'a [Argument],
         span: Span,
     ) -> Option<Vec<Statement>> {
+        let declared = self.checker.names.contains_key(&name.key);
+        if !declared && self.in_test() && test::form(&name.key).is_some() {
+            return self.test_statement(name, arguments, span);
+        }
+        if !declared && &*name.key == "LOG_LINE" {
+            let line = self.operand(expression, None)?;
+            return Some(vec![self.evaluated(line.expr.kind, span)]);
+        }
         let unit = match self.checker.names.get(&name.key) {
             Some(Entry::Units(units)) if units.len() == 1 => Some(units[0]),
             _ => None,

@@ -5,6 +5,7 @@ use super::super::expression::Operand;
 use super::super::types::is_integer;
 use super::Given;
 use super::table::{Function, Make};
+use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Conversion, Elementary, Expr, Intrinsic, Type, TypeId};
 use crate::source::Span;
 use crate::syntax::ast::{BinaryOperator, Name};
@@ -100,6 +101,17 @@ impl<'a> Body<'_, 'a> {
                 let measured = self.intrinsic(intrinsic, list, long, span);
                 let ty = self.integer_result(hint);
                 Some(Operand::typed(self.convert(Conversion::Value, measured.expr, ty, span)))
+            }
+            Make::LogLine => {
+                let (line, place) = given.pop()?;
+                if let Type::WString { .. } = self.checker.program.types.get(line.expr.ty) {
+                    let found = "a WSTRING as a line of the log";
+                    let one = Diagnostic::new(Code::TypeMismatch, place, found);
+                    self.tell(one.allowed("STRING").hint("convert it: `WSTRING_TO_STRING(...)`"));
+                    return None;
+                }
+                let long = self.elementary(Elementary::Lint);
+                Some(self.intrinsic(Intrinsic::LogLine, vec![line.expr], long, span))
             }
             Make::Truncate => {
                 let (operand, _) = given.pop()?;

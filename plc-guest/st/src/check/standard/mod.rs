@@ -54,6 +54,10 @@ impl<'a> Body<'_, 'a> {
     fn unknown_function(&mut self, name: &Name) {
         let found = format!("there is no function `{}`", name.text);
         let mut one = Diagnostic::new(Code::UnknownName, name.span, found);
+        if super::test::form(&name.key).is_some() {
+            let one = one.hint("it is a function of tests: `TEST 'name' ... END_TEST`");
+            return self.tell(one);
+        }
         let known = table::FUNCTIONS.iter().map(|function| function.name);
         let known = known.chain(self.checker.names.keys());
         let known = known.chain(self.variables.iter().map(|variable| &*variable.name.text));

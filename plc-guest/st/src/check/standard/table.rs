@@ -82,6 +82,8 @@ pub(super) enum Make {
     Unit,
     /// A number about strings.
     Measure(Intrinsic),
+    /// LOG_LINE
+    LogLine,
     /// TRUNC
     Truncate,
     /// What the task is told at its release.
@@ -171,7 +173,7 @@ const fn shift(name: &'static str, intrinsic: Intrinsic) -> Function {
     fixed(name, &["IN", "N"], &[BITS, INTEGER], Make::Shift(intrinsic))
 }
 
-/// All of them. The names of the last four are Takt's own.
+/// All of them. The names of the last five are Takt's own.
 pub(super) static FUNCTIONS: &[Function] = &[
     fixed("ABS", IN, &[NUMBER], Make::Intrinsic(Intrinsic::Abs)),
     numeric("SQRT", Intrinsic::Sqrt),
@@ -217,6 +219,7 @@ pub(super) static FUNCTIONS: &[Function] = &[
     fixed("MID", &["IN", "L", "P"], &[STRING, INTEGER, INTEGER], Make::Text(Intrinsic::Mid)),
     extensible("CONCAT", TWO, &[STRING, STRING], Make::Concatenate),
     fixed("FIND", TWO, &[STRING, STRING], Make::Measure(Intrinsic::Find)),
+    fixed("LOG_LINE", IN, &[STRING], Make::LogLine),
     fixed("TAKT_UNIT_AT", &["IN", "P"], &[STRING, INTEGER], Make::Unit),
     fixed("RELEASE_TIME", &[], &[], Make::Clock(Intrinsic::Now, Elementary::Time)),
     fixed("RELEASE_INTERVAL", &[], &[], Make::Clock(Intrinsic::Elapsed, Elementary::Time)),

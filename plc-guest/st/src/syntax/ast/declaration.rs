@@ -25,6 +25,8 @@ pub enum UnitKind {
     Function,
     /// FUNCTION_BLOCK
     FunctionBlock,
+    /// TEST, whose name is a string.
+    Test,
 }
 
 /// A program, function or function block.

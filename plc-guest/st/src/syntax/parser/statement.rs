@@ -374,6 +374,7 @@ fn ends_statements(keyword: Keyword) -> bool {
             | EndResource
             | EndStep
             | EndStruct
+            | EndTest
             | EndTransition
             | EndType
             | EndVar
@@ -387,6 +388,7 @@ fn ends_statements(keyword: Keyword) -> bool {
             | Namespace
             | Program
             | Property
+            | Test
             | Type
             | Var
             | VarAccess

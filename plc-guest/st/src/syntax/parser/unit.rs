@@ -2,10 +2,10 @@
 
 use super::{Parse, Parser, Told};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::syntax::ast::{Declaration, File, SectionKind, Unit, UnitKind};
+use crate::syntax::ast::{Declaration, File, Name, SectionKind, Unit, UnitKind};
 use crate::syntax::token::{Keyword, Sign, TokenKind};
 
-const TOP: &str = "PROGRAM, FUNCTION, FUNCTION_BLOCK, TYPE, VAR_GLOBAL or CONFIGURATION";
+const TOP: &str = "PROGRAM, FUNCTION, FUNCTION_BLOCK, TYPE, VAR_GLOBAL, CONFIGURATION or TEST";
 
 impl Parser<'_> {
     pub(super) fn file(&mut self) -> File {
@@ -32,6 +32,7 @@ impl Parser<'_> {
             Keyword::FunctionBlock => {
                 into.push(Declaration::Unit(self.unit(UnitKind::FunctionBlock)?));
             }
+            Keyword::Test => into.push(Declaration::Unit(self.unit(UnitKind::Test)?)),
             Keyword::Type => self.type_block(into)?,
             Keyword::VarGlobal => {
                 if let Some(section) = self.section()? {
@@ -72,10 +73,14 @@ impl Parser<'_> {
             UnitKind::FunctionBlock => {
                 (Keyword::EndFunctionBlock, "the name of the function block")
             }
+            UnitKind::Test => (Keyword::EndTest, "the name of the test"),
         };
         let open = self.advance();
         self.refuse_modifiers();
-        let name = self.name(what)?;
+        let name = match kind {
+            UnitKind::Test => self.test_name()?,
+            _ => self.name(what)?,
+        };
         self.refuse_modifiers();
         let mut result = None;
         if self.at_sign(Sign::Colon) {
@@ -136,6 +141,19 @@ impl Parser<'_> {
         Ok(Unit { kind, name, result, sections, body, span: open.to(end), end })
     }
 
+    /// The name of a test, which is a string.
+    fn test_name(&mut self) -> Parse<Name> {
+        let span = self.current.span;
+        match self.current.kind {
+            TokenKind::String | TokenKind::WideString => {
+                self.advance();
+                let text = self.text(span);
+                Ok(Name::new(text.get(1..text.len() - 1).unwrap_or("").trim(), span))
+            }
+            _ => Err(self.unexpected("the name of the test, as a string: `TEST 'fills in time'`")),
+        }
+    }
+
     fn stray(&mut self, keyword: Keyword) {
         let found = format!("`{}` without what it closes", keyword.text());
         let hint = "look for what was closed twice, or is not opened, above";
@@ -170,6 +188,7 @@ pub(super) fn begins_declaration(kind: TokenKind) -> bool {
                 | Type
                 | VarGlobal
                 | Configuration
+                | Test
                 | Class
                 | Interface
                 | Namespace
@@ -188,6 +207,7 @@ fn is_other_end(keyword: Keyword) -> bool {
             | Keyword::EndFunctionBlock
             | Keyword::EndConfiguration
             | Keyword::EndResource
+            | Keyword::EndTest
             | Keyword::EndType
             | Keyword::EndNamespace
     )

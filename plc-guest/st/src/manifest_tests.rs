@@ -1,0 +1,70 @@
+use super::*;
+
+fn folder_with(text: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join(FILE), text).unwrap();
+    folder
+}
+
+fn refused(text: &str) -> String {
+    let folder = folder_with(text);
+    let message = Project::read(folder.path()).unwrap_err().to_string();
+    message.replace(&format!("{}/", folder.path().display()), "")
+}
+
+#[test]
+fn a_name_is_enough() {
+    let folder = folder_with("name = \"tank\"\n");
+    let project = Project::read(folder.path()).unwrap();
+    assert_eq!((project.name.as_str(), project.category), ("tank", 0));
+    assert_eq!(project.version, Version::default());
+    assert_eq!(project.sources, [folder.path()]);
+}
+
+#[test]
+fn sources_libraries_and_tests_are_told_apart_and_each_is_taken_once() {
+    let folder = folder_with("name = \"tank\"\nversion = \"1.2.3\"\nlibraries = [\"lib\"]\n");
+    for (name, text) in [
+        ("main.st", "PROGRAM Main\nEND_PROGRAM\n"),
+        ("lib/filters.st", "FUNCTION f : INT\nf := 1;\nEND_FUNCTION\n"),
+        ("tests/a.st", "TEST 'a'\nEND_TEST\n"),
+        ("tests/a.csv", "x\n1\n"),
+    ] {
+        let path = folder.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    }
+    let project = Project::read(folder.path()).unwrap();
+    assert_eq!(project.version.to_string(), "1.2.3");
+    let sources = project.sources().unwrap();
+    let shown: Vec<(String, bool)> = sources
+        .iter()
+        .map(|(file, source)| {
+            let name = Path::new(source.name()).strip_prefix(folder.path()).unwrap();
+            (name.display().to_string(), sources.is_of_library(file))
+        })
+        .collect();
+    let expected = [("main.st", false), ("tests/a.st", false), ("lib/filters.st", true)];
+    assert_eq!(shown, expected.map(|(name, library)| (name.to_owned(), library)));
+    assert_eq!(project.tables().unwrap(), [folder.path().join("tests/a.csv")]);
+}
+
+#[test]
+fn each_mistake_is_told_with_its_place() {
+    for (text, says) in [
+        ("", "takt-plc.toml:1:1: missing key `name`"),
+        ("name = \"two words\"\n", "takt-plc.toml:1:8: the name `two words`"),
+        ("name = 7\n", "takt-plc.toml:1:8: integer `7`, expected a string"),
+        ("name = \"a\"\nversion = \"1\"\n", "takt-plc.toml:2:11: the version `1`"),
+        ("name = \"a\"\ncategory = -1\n", "takt-plc.toml:2:12: the category -1"),
+        ("name = \"a\"\nsource = [\".\"]\n", "takt-plc.toml:2:1: unknown key `source`"),
+        ("name = \"a\"\nsources = [\"src\"]\n", "takt-plc.toml:2:12: there is no `src`"),
+        ("name = \"a\"\nlibraries = [\"/lib\"]\n", "takt-plc.toml:2:14: the path `/lib`"),
+        ("name = \"a\"\ntests = \"t\"\n", "takt-plc.toml:2:9: string \"t\", expected a list"),
+        ("name = \"a\n", "takt-plc.toml:1:"),
+    ] {
+        let message = refused(text);
+        assert!(message.contains(says), "{text}: {message}");
+        assert!(message.contains("allowed: "), "{text}: {message}");
+    }
+}

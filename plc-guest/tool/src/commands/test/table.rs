@@ -1,0 +1,81 @@
+//! A program against a table.
+
+use std::path::PathBuf;
+
+use takt_program::{Image, Nanoseconds};
+
+use super::{Options, failed, host, read};
+use crate::run::{Logged, Machine, Schedule};
+use crate::table::{Kind, Row, Table};
+use crate::{Failure, status};
+
+/// Mismatches that are told one by one.
+const TOLD: usize = 20;
+
+/// Runs the program with a table, or for some cycles without one. Gives what to say if all is as expected.
+pub fn run(image: Image<'_>, path: Option<&PathBuf>, options: &Options) -> Result<String, Failure> {
+    let table = table(&image, path, options.cycles)?;
+    let mut schedule = Schedule::new(&image);
+    let step =
+        options.step.map(|us| us * 1000).or(schedule.shortest_period()).ok_or_else(|| {
+            Failure::input("the program has no cyclic task: say how long a row is with --step")
+        })?;
+    let mut machine = Machine::new(image, options.limit()).map_err(host)?;
+    let lines = machine.init().map_err(failed)?;
+    let logged = lines.into_iter().map(|line| Logged { task: "init".into(), now: 0, line });
+    options.say(&logged.collect::<Vec<_>>());
+    let mut wrong = Vec::new();
+    for row in &table.rows {
+        set(&table, row, &machine);
+        options.say(&schedule.step(&mut machine, step).map_err(failed)?);
+        compare(&table, row, &machine, &mut wrong);
+    }
+    let (cycles, time) = (table.rows.len(), Nanoseconds(schedule.now()));
+    if wrong.is_empty() {
+        let name = image.name();
+        return Ok(format!("{name}: {cycles} cycles, {time} of simulated time, all as expected"));
+    }
+    let count = wrong.len();
+    wrong.truncate(TOLD);
+    if count > TOLD {
+        wrong.push(format!("and {} more", count - TOLD));
+    }
+    let message = format!("{count} values are not as expected:\n  {}", wrong.join("\n  "));
+    Err(Failure { status: status::NOT_AS_EXPECTED, message })
+}
+
+/// The table, or one with empty rows.
+fn table(image: &Image<'_>, path: Option<&PathBuf>, cycles: u64) -> Result<Table, Failure> {
+    let Some(path) = path else {
+        let rows = (0..cycles).map(|_| Row { line: 0, cells: Vec::new() }).collect();
+        return Ok(Table { columns: Vec::new(), rows });
+    };
+    let text = String::from_utf8(read(path)?)
+        .map_err(|_| Failure::input(format!("{} is not UTF-8", path.display())))?;
+    Table::parse(image, &text)
+        .map_err(|error| Failure::input(format!("{}, {error}", path.display())))
+}
+
+fn set(table: &Table, row: &Row, machine: &Machine<'_>) {
+    for (index, value) in &row.cells {
+        let column = &table.columns[*index];
+        if column.kind == Kind::Set {
+            column.place.put(machine, *value);
+        }
+    }
+}
+
+fn compare(table: &Table, row: &Row, machine: &Machine<'_>, wrong: &mut Vec<String>) {
+    for (index, want) in &row.cells {
+        let column = &table.columns[*index];
+        let Kind::Expect { tolerance } = column.kind else { continue };
+        let Some(found) = column.place.get(machine) else { continue };
+        if !want.accepts(found, tolerance) {
+            let give = tolerance.map_or(String::new(), |tolerance| format!(" +-{tolerance}"));
+            wrong.push(format!(
+                "line {}: {} is {found}, expected {want}{give}",
+                row.line, column.name
+            ));
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! A test in Structured Text: a job that asks for time to pass and for the project's tasks to run.
+//!
+//! The test's process is the program's. While the tasks run, the test waits in the middle of its call: its registers are
+//! kept here, and its stack is its own, as each task's is.
+
+use std::time::Duration;
+
+use takt_program::{Task, TaskInformation, address};
+use takt_st::hir::Simulation;
+
+use super::child::Registers;
+use super::fault::Failed;
+use super::kernel::Caller;
+use super::machine::{Machine, Paused, bytes};
+use super::schedule::{Logged, Schedule};
+
+/// How a test ended.
+pub enum Verdict {
+    Passed,
+    /// The assertion of this number did not hold.
+    Failed(usize),
+}
+
+/// A test that runs.
+pub struct TestRun<'m, 'a> {
+    machine: &'m mut Machine<'a>,
+    schedule: Schedule<'a>,
+    task: Task<'a>,
+    information: TaskInformation,
+    /// Simulated time that a test may let pass.
+    most: Duration,
+}
+
+impl<'m, 'a> TestRun<'m, 'a> {
+    /// A test that is entered by `task`, which the schedule never releases.
+    pub fn new(
+        machine: &'m mut Machine<'a>,
+        schedule: Schedule<'a>,
+        task: Task<'a>,
+        most: Duration,
+    ) -> Self {
+        let information = machine.information(0, 0, 0);
+        let information = TaskInformation { task: task.id.0.into(), ..information };
+        Self { machine, schedule, task, information, most }
+    }
+
+    /// Runs it to its end. Gives what it and the tasks logged.
+    pub fn run(mut self) -> Result<(Verdict, Vec<Logged>), Failed> {
+        let mut logged = Vec::new();
+        let mut registers = self.machine.enter(&self.task, self.task.entry, &self.information)?;
+        loop {
+            let caller = Caller::new(&self.task, self.information.now);
+            let name = self.task.name;
+            let paused = self.machine.go(name, &self.information, &caller, registers)?;
+            match paused {
+                Paused::Ended(lines) => {
+                    self.take(lines, &mut logged);
+                    return Ok((Verdict::Passed, logged));
+                }
+                Paused::Asks(Simulation::Fail, number, _) => {
+                    return Ok((Verdict::Failed(number as usize), logged));
+                }
+                Paused::Asks(request, nanoseconds, at) => {
+                    let lines = self.machine.take_log();
+                    self.take(lines, &mut logged);
+                    registers = self.pass(request, nanoseconds, *at, &mut logged)?;
+                }
+            }
+        }
+    }
+
+    fn take(&self, lines: Vec<String>, logged: &mut Vec<Logged>) {
+        let (task, now) = (self.task.name, self.information.now);
+        logged.extend(lines.into_iter().map(|line| Logged { task: task.to_owned(), now, line }));
+    }
+
+    /// Lets time pass. Gives the registers with which the test goes on.
+    fn pass(
+        &mut self,
+        request: Simulation,
+        nanoseconds: u64,
+        at: Registers,
+        logged: &mut Vec<Logged>,
+    ) -> Result<Registers, Failed> {
+        let left = (self.most.as_nanos() as u64).saturating_sub(self.information.now);
+        if nanoseconds.cast_signed() < 0 || nanoseconds > left {
+            let what = match nanoseconds.cast_signed() {
+                ..0 => "it asks for a negative time".to_owned(),
+                _ => format!(
+                    "it takes more than {} of simulated time",
+                    takt_program::Nanoseconds(self.most.as_nanos() as u64)
+                ),
+            };
+            return Err(self.machine.fault_here(self.task.name, self.information, what, &at));
+        }
+        if request == Simulation::Run {
+            let vectors = self.machine.vectors()?;
+            logged.extend(self.schedule.step(self.machine, nanoseconds)?);
+            self.machine.set_vectors(&vectors)?;
+        } else {
+            self.schedule.skip(nanoseconds);
+        }
+        self.information.now += nanoseconds;
+        self.information.period = nanoseconds;
+        self.information.cycle += 1;
+        self.machine.put(address::TASK_INFORMATION, &bytes(&self.information));
+        Ok(at)
+    }
+}

@@ -1,0 +1,89 @@
+//! Commands without arguments in the folder of a project file, and inputs that are no sources.
+
+mod common;
+
+use common::Folder;
+
+#[test]
+fn a_new_project_is_checked_formatted_tested_and_built_without_arguments() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "tank", "--lang", "st"]).expect(0, "");
+    let inside = |words: &[&str]| folder.takt_plc_in("tank", words);
+    inside(&["check"]).expect(0, "");
+    inside(&["fmt", "--check"]).expect(0, "");
+    let ended = inside(&["test", "--junit", "report.xml"]);
+    let ended = ended.expect(0, "tank: 3 tests, all as expected");
+    let ended = ended.expect(0, "ok     tests/pi_test.st:3: the integral part grows with time");
+    ended.expect(0, "ok     tests/tank.csv");
+    let xml = String::from_utf8(folder.read("tank/report.xml")).unwrap();
+    assert!(xml.contains("<testcase name=\"tests/tank.csv\" classname=\"tank\""), "{xml}");
+    inside(&["build"]).expect(0, "tank.plc: tank 0.1.0");
+    // A table that is not met is a failure of the project's tests.
+    let table = String::from_utf8(folder.read("tank/tests/tank.csv")).unwrap();
+    folder.write("tank/tests/tank.csv", &table.replace("0.1055", "0.1155"));
+    let ended = inside(&["test"]).expect(1, "FAILED tests/tank.csv");
+    ended.expect(1, "3 tests, 1 failed, 0 broken");
+}
+
+#[test]
+fn libraries_are_folders_of_which_only_what_is_used_counts() {
+    let folder = Folder::new();
+    std::fs::create_dir_all(folder.path().join("lib")).unwrap();
+    std::fs::create_dir_all(folder.path().join("plant")).unwrap();
+    folder.write(
+        "lib/maths.st",
+        "FUNCTION twice : INT\nVAR_INPUT x : INT; END_VAR\nVAR unused : INT; END_VAR\ntwice := 2 * x;\nEND_FUNCTION\n\
+         FUNCTION broken : INT\nbroken := none;\nEND_FUNCTION\n",
+    );
+    folder.write(
+        "plant/main.st",
+        "PROGRAM Main\nVAR q AT %QW0 : INT; END_VAR\nq := twice(4);\nEND_PROGRAM\nCONFIGURATION c\n\
+         TASK t (INTERVAL := T#1ms, PRIORITY := 1);\nPROGRAM p WITH t : Main;\nEND_CONFIGURATION\n",
+    );
+    folder.write(
+        "plant/takt-plc.toml",
+        "name = \"plant\"\nversion = \"2.0.1\"\ncategory = 7\nlibraries = [\"../lib\"]\n",
+    );
+    let built = folder.takt_plc(&["build", "plant"]).expect(0, "plant.plc: plant 2.0.1");
+    assert!(!built.text.contains("unused"), "{}", built.text);
+    folder.takt_plc(&["inspect", "plant.plc"]).expect(0, "category 7");
+    folder.write("t.csv", "Main.q\n8\n");
+    folder.takt_plc(&["test", "plant.plc", "t.csv"]).expect(0, "all as expected");
+}
+
+#[test]
+fn a_mistake_in_the_project_file_is_told_with_line_and_column() {
+    let folder = Folder::new();
+    folder.write("takt-plc.toml", "name = \"plant\"\nsorces = [\"src\"]\n");
+    for command in ["build", "check", "test", "fmt"] {
+        let ended = folder.takt_plc(&[command]);
+        ended.expect(2, "error[project-file]: takt-plc.toml:2:1: unknown key `sorces`");
+    }
+}
+
+#[test]
+fn what_is_no_source_is_refused_with_a_reason() {
+    let folder = Folder::new();
+    folder.takt_plc(&["build"]).expect(2, "found no takt-plc.toml in this folder");
+    std::fs::create_dir(folder.path().join("empty")).unwrap();
+    folder.takt_plc(&["build", "empty"]).expect(2, "empty: no file in this folder ends with .st");
+    std::fs::create_dir(folder.path().join("folder.st")).unwrap();
+    folder.takt_plc(&["build", "folder.st"]).expect(2, "no file in this folder ends with .st");
+    std::fs::copy(env!("CARGO_BIN_EXE_takt-plc"), folder.path().join("binary.st")).unwrap();
+    let ended = folder.takt_plc(&["build", "binary.st"]);
+    assert!(
+        ended.text.contains("not UTF-8") || ended.text.contains("more than 8388608 bytes"),
+        "{}",
+        ended.text
+    );
+    ended.expect(2, "binary.st: ");
+    folder.write("zeros.st", "PROGRAM \0 Main\nEND_PROGRAM\n");
+    folder.takt_plc(&["build", "zeros.st"]).expect(2, "zeros.st: byte 8 is not UTF-8 text");
+    folder.write("long.st", &"x := 1; ".repeat(10 << 17));
+    folder.takt_plc(&["build", "long.st"]).expect(2, "long.st: more than 8388608 bytes");
+    // As long as a file may be, in one line: one message, and the line is cut.
+    folder.write("line.st", &"x := 1; ".repeat((8 << 20) / 8));
+    let ended = folder.takt_plc(&["build", "line.st"]);
+    assert!(ended.text.len() < 10_000, "{} bytes", ended.text.len());
+    ended.expect(2, "line.st:1:1: `x` cannot stand here");
+}

@@ -1,0 +1,170 @@
+//! TEST blocks: what passes, what fails and how it is told, and what a test can do with time and tasks.
+
+mod common;
+
+use common::Folder;
+
+const FILL: &str = "VAR_GLOBAL level AT %IW0 : INT; pump AT %QX0.0 : BOOL; END_VAR
+FUNCTION_BLOCK Delay
+VAR_INPUT on : BOOL; END_VAR
+VAR_OUTPUT q : BOOL; END_VAR
+VAR timer : TON; END_VAR
+timer(IN := on, PT := T#50ms);
+q := timer.Q;
+END_FUNCTION_BLOCK
+PROGRAM Main
+VAR delay : Delay; END_VAR
+delay(on := level < 10);
+pump := delay.q;
+END_PROGRAM
+CONFIGURATION Plant
+TASK often (INTERVAL := T#10ms, PRIORITY := 1);
+PROGRAM one WITH often : Main;
+END_CONFIGURATION
+";
+
+/// A folder with the program and these tests.
+fn folder(tests: &str) -> Folder {
+    let folder = Folder::new();
+    folder.write("main.st", FILL);
+    folder.write("t.st", tests);
+    folder
+}
+
+#[test]
+fn tests_pass_fail_and_break_each_for_itself() {
+    let folder = folder(
+        "TEST 'a block alone'
+VAR delay : Delay; END_VAR
+delay(on := TRUE);
+ADVANCE(T#49ms);
+delay(on := TRUE);
+ASSERT(NOT delay.q);
+ASSERT(delay.timer.ET = T#49ms);
+ADVANCE(T#1ms);
+delay(on := TRUE);
+ASSERT(delay.q);
+END_TEST
+TEST 'the whole program'
+level := 3;
+RUN(T#50ms);
+ASSERT(NOT pump, 'too early');
+RUN(T#20ms);
+ASSERT(pump);
+level := 30;
+RUN(T#10ms);
+ASSERT(pump, 'it goes on');
+ASSERT(FALSE);
+END_TEST
+TEST 'a trap'
+VAR i : INT; END_VAR
+i := 10 / level;
+END_TEST
+TEST 'state begins anew'
+ASSERT(level = 0);
+ASSERT(NOT pump);
+END_TEST
+",
+    );
+    let ended = folder.takt_plc(&["test", "main.st", "t.st", "--junit", "report.xml"]);
+    let ended = ended.expect(1, "4 tests, 1 failed, 1 broken");
+    let ended = ended.expect(1, "ok     t.st:1: a block alone\n");
+    let ended = ended.expect(
+        1,
+        "FAILED t.st:12: the whole program\n    t.st:20: ASSERT(pump, 'it goes on'): it goes on\n",
+    );
+    let ended = ended.expect(1, "BROKEN t.st:23: a trap\n    t.st:25: division by zero");
+    ended.expect(1, "ok     t.st:27: state begins anew\n");
+    let xml = String::from_utf8(folder.read("report.xml")).unwrap();
+    for part in [
+        "tests=\"4\" failures=\"1\" errors=\"1\"",
+        "<testcase name=\"a block alone\" classname=\"test\" time=\"",
+        "file=\"t.st\" line=\"12\"><failure message=\"t.st:20: ASSERT(pump, 'it goes on'): it goes on\">",
+        "<error message=\"t.st:25: division by zero",
+    ] {
+        assert!(xml.contains(part), "{part}: {xml}");
+    }
+    let ended = folder.takt_plc(&["test", "main.st", "t.st", "--filter", "state"]);
+    ended.expect(0, "test: 1 tests, all as expected");
+    let ended = folder.takt_plc(&["test", "main.st", "t.st", "--filter", "none such"]);
+    ended.expect(2, "found no test with `none such` in its name");
+}
+
+#[test]
+fn a_comparison_is_told_with_both_values() {
+    for (declaration, assertion, says) in [
+        ("x : INT := 2;", "ASSERT(x = 3);", "found 2, expected 3\n"),
+        (
+            "x : INT := -2;",
+            "ASSERT(x >= 3, 'grows');",
+            "'grows'): grows\n      found -2, expected at least 3",
+        ),
+        ("x : REAL := 1.5;", "ASSERT_NEAR(x, 1.6, 0.05);", "found 1.5, expected 1.6 +-0.05"),
+        ("x : TIME := T#1.5s;", "ASSERT(x < T#1s);", "found T#1500ms, expected less than T#1s"),
+        ("x : STRING := 'ab';", "ASSERT(x = 'ac');", "found 'ab', expected 'ac'"),
+        ("x : Colour;", "ASSERT(x = Green);", "found Red, expected Green"),
+        (
+            "x : WORD := 16#AB;",
+            "ASSERT(x <> 16#AB);",
+            "found 16#00AB, expected something other than 16#00AB",
+        ),
+        ("x : BOOL;", "ASSERT(x);", "t.st:5: ASSERT(x)\n"),
+        // Kept in a register by a loop, and seen all the same.
+        (
+            "x, i : INT;",
+            "FOR i := 1 TO 9 DO x := x + i; ASSERT(x < 10); END_FOR;",
+            "found 10, expected less than 10",
+        ),
+    ] {
+        let folder = folder(&format!(
+            "TYPE Colour : (Red, Green); END_TYPE\nTEST 'one'\nVAR {declaration} END_VAR\n\n{assertion}\nEND_TEST\n"
+        ));
+        folder.takt_plc(&["test", "main.st", "t.st"]).expect(1, says);
+    }
+}
+
+#[test]
+fn a_test_that_does_not_end_or_lets_too_much_time_pass_is_broken() {
+    let folder = folder(
+        "TEST 'endless'
+VAR i : DINT; b : BOOL; END_VAR
+WHILE NOT b DO FOR i := 1 TO 1000000 DO IF i < 0 THEN b := TRUE; END_IF; END_FOR; END_WHILE;
+END_TEST
+TEST 'ages'
+ADVANCE(T#300d);
+END_TEST
+",
+    );
+    let ended = folder.takt_plc(&["test", "main.st", "t.st", "--time-limit", "100"]);
+    let ended = ended.expect(1, "it did not end in time");
+    ended.expect(1, "t.st:6: it takes more than");
+}
+
+#[test]
+fn tests_are_no_part_of_the_image_and_the_program_cannot_use_what_they_declare() {
+    let folder = folder(
+        "FUNCTION Helper : INT\nHelper := 1;\nEND_FUNCTION\nTEST 'a'\nASSERT(Helper() = 1);\nEND_TEST\n",
+    );
+    folder.takt_plc(&["build", "main.st", "-o", "plain.plc"]).expect(0, "");
+    folder.takt_plc(&["build", "main.st", "t.st", "-o", "plain2.plc"]).expect(0, "");
+    let [plain, with] = ["plain.plc", "plain2.plc"].map(|name| folder.read(name).len());
+    assert_eq!(plain, with);
+    folder.takt_plc(&["check", "main.st", "t.st"]).expect(0, "");
+    folder.write("main.st", &FILL.replace("level < 10", "level < Helper()"));
+    let ended = folder.takt_plc(&["check", "main.st", "t.st"]);
+    ended.expect(2, "there is no function `Helper`");
+}
+
+#[test]
+fn log_lines_are_shown_with_task_and_time() {
+    let folder = Folder::new();
+    let body = "IF level = 1 THEN LOG_LINE('level is one'); END_IF;\npump := level > 1;";
+    let source = FILL.replace("pump := delay.q;", body);
+    folder.write("main.st", &source);
+    folder.write("t.st", "TEST 'a'\nLOG_LINE('here');\nlevel := 1;\nRUN(T#10ms);\nEND_TEST\n");
+    let ended = folder.takt_plc(&["test", "main.st", "t.st"]);
+    ended.expect(0, "[0 ns test] here\n").expect(0, "[0 ns often] level is one\n");
+    folder.takt_plc(&["build", "main.st"]).expect(0, "");
+    folder.write("t.csv", "level,pump\n1,0\n2,1\n");
+    folder.takt_plc(&["test", "main.plc", "t.csv"]).expect(0, "[0 ns often] level is one\n");
+}
