@@ -2,7 +2,8 @@
 //!
 //! All tasks are ranked together: by priority, those of one priority in the order in which they were added,
 //! which is that of the programs and of the tasks in them. Tasks whose releases or execution nothing bounds come
-//! after all others, whatever their priority ([`Class`](crate::task::Class)). A holder of a semaphore comes before all of
+//! after all others, whatever their priority ([`Class`](crate::task::Class)); of initialisations, the one that has
+//! executed the least comes first, so that one without an end does not keep the others from theirs. A holder of a semaphore comes before all of
 //! the semaphore's ceiling. There is always one most urgent task, and what runs follows from the state
 //! alone.
 //!
@@ -393,13 +394,13 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
 
     /// Gives the processor to the most urgent ready task.
     pub fn pick(&mut self) -> Option<Picked> {
-        let mut best: Option<(Class, u8, bool, TaskId)> = None;
+        let mut best: Option<(Class, u64, bool, TaskId)> = None;
         let mut rest = self.ready;
         while rest != 0 {
             let id = TaskId(rest.trailing_zeros() as u8);
             rest &= rest - 1;
             let task = &self.tasks[id.index()];
-            let key = (task.class(), task.effective, task.held == 0, id);
+            let key = (task.class(), task.urgency(), task.held == 0, id);
             if best.is_none_or(|best| key < best) {
                 best = Some(key);
             }

@@ -56,6 +56,24 @@ fn releases_are_at_whole_periods_after_the_offset() {
 }
 
 #[test]
+fn an_initialisation_without_an_end_leaves_half_of_the_rest_to_another() {
+    let mut s = Small::new();
+    for program in [0, 1] {
+        assert_eq!(s.add_program([].into_iter()), Ok(ProgramId(program)));
+        let settings = Settings { program: ProgramId(program), ..settings(Release::Start, 255) };
+        assert!(s.add_task(settings).is_ok());
+        s.start(ProgramId(program), Instant(0));
+    }
+    let mut turns = [0; 2];
+    for window in 0..10 {
+        let runs = at(&mut s, window * 100).unwrap();
+        turns[usize::from(runs)] += 1;
+        assert_eq!(s.account(Span(10)), None);
+    }
+    assert_eq!(turns, [5, 5]);
+}
+
+#[test]
 fn a_release_that_comes_late_keeps_its_instant_and_moves_no_other() {
     let mut s = started(&[cyclic(100, 0, 0)]);
     assert_eq!(at(&mut s, 37), Some(0));

@@ -89,7 +89,7 @@ pub enum Class {
     Bounded,
     /// It takes what the others leave.
     Freewheeling,
-    /// The initialisation of a program, which has no budget and may never end.
+    /// The initialisation of a program, which has no budget and may never end. They share what is left.
     Initialisation,
 }
 
@@ -248,6 +248,14 @@ impl Task {
             Release::Cyclic { .. } | Release::Event { .. } => Class::Bounded,
             Release::Freewheeling => Class::Freewheeling,
             Release::Start => Class::Initialisation,
+        }
+    }
+
+    /// Its place within its class, the smallest first.
+    pub(crate) const fn urgency(&self) -> u64 {
+        match self.class() {
+            Class::Initialisation => self.executed.0,
+            Class::Bounded | Class::Freewheeling => self.effective as u64,
         }
     }
 

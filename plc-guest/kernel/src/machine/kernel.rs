@@ -231,23 +231,32 @@ impl Kernel {
         }
         let ran = self.clock.span(to.saturating_sub(from));
         let violation = self.scheduler.account(ran);
-        if let Entry::Fault(fault) = entry {
-            self.tell_fault(task, &fault);
-            let program = self.entry_of(task);
-            self.act(task, program.on_fault);
-            // What a fault leads to, no action after a budget that is used up takes back.
-            if program.on_overrun != action::STOP_PARTITION {
-                return;
-            }
-        }
-        if let Some(violation) = violation {
+        let stops_partition = self.entry_of(task).on_overrun == action::STOP_PARTITION;
+        // What a fault or STOP leads to, no action after a budget that is used up takes back.
+        let ended = self.ends_program(task, entry);
+        if let Some(violation) = violation.filter(|_| !ended || stops_partition) {
             self.violated(task, violation);
-            if self.scheduler.running() != Some(task) {
-                return;
-            }
         }
-        if let Entry::Call = entry {
+        if let Entry::Call = entry
+            && self.scheduler.running() == Some(task)
+        {
             self.call(task);
+        }
+    }
+
+    /// Sees to an entry after which the program does not go on as it was; false if this is none.
+    fn ends_program(&mut self, task: TaskId, entry: Entry) -> bool {
+        match entry {
+            Entry::Fault(fault) => {
+                self.tell_fault(task, &fault);
+                self.act(task, self.entry_of(task).on_fault);
+                true
+            }
+            Entry::Call if self.contexts[task.index()].rax == u64::from(Call::Stop as u32) => {
+                self.call(task);
+                true
+            }
+            _ => false,
         }
     }
 

@@ -94,8 +94,9 @@ impl Space {
         Ok(new)
     }
 
-    /// Makes the processor use them.
+    /// Makes the processor use them, and forget the selectors that another program has loaded.
     pub fn enter(self) {
+        super::processor::forget_selectors();
         // SAFETY: the kernel is in all spaces at the same addresses.
         unsafe {
             asm!("mov cr3, {}", in(reg) self.root.start(), options(nostack, preserves_flags));
