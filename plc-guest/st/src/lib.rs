@@ -14,6 +14,7 @@ pub mod diagnostic;
 pub mod files;
 pub mod format;
 pub mod hir;
+pub mod layout;
 pub mod library;
 pub mod limits;
 pub mod manifest;

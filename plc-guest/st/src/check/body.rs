@@ -172,17 +172,12 @@ impl<'c, 'a> Body<'c, 'a> {
         if let Root::Global(id) = place.root
             && self.checker.program.global(id).storage.area == Area::State
         {
-            let mut offset = 0;
-            let mut ty = self.checker.program.global(id).ty;
-            for step in &place.path {
-                let Step::Field(index) = step else { break };
-                let field =
-                    self.checker.program.types.structure(ty)?.fields.get(*index as usize)?;
-                offset += field.offset;
-                ty = field.ty;
-            }
-            if place.path.iter().all(|step| matches!(step, Step::Field(_))) {
-                return Some(Constant::Address(id, offset));
+            let fields = place.path.iter().map(|step| match step {
+                Step::Field(index) => Some(*index),
+                _ => None,
+            });
+            if let Some(fields) = fields.collect() {
+                return Some(Constant::Address(id, fields));
             }
         }
         self.tell(

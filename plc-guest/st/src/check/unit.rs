@@ -139,7 +139,7 @@ impl<'a> Checker<'a> {
     }
 
     fn declare_unit_here(&mut self, index: usize, span: Span, by_reference: bool) -> Option<()> {
-        let ast = self.units[index].ast;
+        let (ast, library) = (self.units[index].ast, self.units[index].library);
         match self.units[index].progress {
             Progress::Done => return Some(()),
             Progress::Begun if by_reference => return Some(()),
@@ -195,7 +195,11 @@ impl<'a> Checker<'a> {
             Some(())
         });
         if let Some(structure) = structure {
-            self.program.types.complete(structure);
+            // The library changes with the compiler, and tests are never loaded.
+            match library || ast.kind == UnitKind::Test {
+                true => self.program.types.complete(structure),
+                false => self.program.types.complete_with_room(structure),
+            }
         }
         let entry = &mut self.units[index];
         entry.progress = Progress::Done;

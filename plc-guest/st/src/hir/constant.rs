@@ -16,8 +16,8 @@ pub enum Constant {
     String(Vec<u8>),
     /// WSTRING, at most as long as the type's capacity.
     WString(Vec<u16>),
-    /// `REF(variable)` of a variable in the state, with an offset in bytes.
-    Address(GlobalId, u32),
+    /// `REF(variable)` of a variable in the state, or of a field of one: the indices of fields on the way to it.
+    Address(GlobalId, Vec<u32>),
     /// Array or structure: one value for each element or field, in order. Missing ones at the end are [`Constant::Default`].
     Aggregate(Vec<Constant>),
     /// Array: as many elements of the same value as the array has.
@@ -34,13 +34,14 @@ impl Types {
         }
     }
 
-    /// Writes `value` of type `id` to `bytes`, which has the type's size. `address` gives a global variable's address.
+    /// Writes `value` of type `id` to `bytes`, which has the type's size. `address` gives the address of a
+    /// global variable's field, by the indices on the way to it.
     pub fn encode(
         &self,
         id: TypeId,
         value: &Constant,
         bytes: &mut [u8],
-        address: &dyn Fn(GlobalId) -> u64,
+        address: &dyn Fn(GlobalId, &[u32]) -> u64,
     ) {
         match (self.get(id), value) {
             (Type::Array { element, lower, upper }, value) => {
@@ -89,8 +90,8 @@ impl Types {
                 bytes.copy_from_slice(&(*value as f32).to_le_bytes())
             }
             (_, Constant::Real(value)) => bytes.copy_from_slice(&value.to_le_bytes()),
-            (_, Constant::Address(global, offset)) => {
-                bytes.copy_from_slice(&(address(*global) + u64::from(*offset)).to_le_bytes());
+            (_, Constant::Address(global, fields)) => {
+                bytes.copy_from_slice(&address(*global, fields).to_le_bytes());
             }
             (_, value) => {
                 let integer = match value {

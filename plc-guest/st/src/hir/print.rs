@@ -314,7 +314,9 @@ fn value_text(value: &Constant) -> String {
         Constant::Real(value) => format!("{value:?}"),
         Constant::String(bytes) => format!("'{}'", bytes.escape_ascii()),
         Constant::WString(units) => format!("{:?}", String::from_utf16_lossy(units)),
-        Constant::Address(global, offset) => format!("address of global {} + {offset}", global.0),
+        Constant::Address(global, fields) => {
+            format!("address of global {}, fields {fields:?}", global.0)
+        }
         Constant::Aggregate(values) => {
             let values: Vec<String> = values.iter().map(value_text).collect();
             format!("({})", values.join(", "))

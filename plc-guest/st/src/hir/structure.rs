@@ -16,6 +16,8 @@ pub struct Structure {
     pub size: u32,
     /// The alignment in bytes.
     pub align: u32,
+    /// Whether bytes behind the last field are left for the fields of later versions.
+    pub room: bool,
 }
 
 /// What declared a structure.

@@ -163,6 +163,7 @@ impl Types {
             fields: Vec::new(),
             size: 0,
             align: 1,
+            room: false,
         }))
     }
 
@@ -203,6 +204,44 @@ impl Types {
     pub fn complete(&mut self, id: TypeId) {
         if let Type::Structure(structure) = &mut self.list[id.0 as usize] {
             structure.size = structure.size.max(1).next_multiple_of(structure.align);
+        }
+    }
+
+    /// Ends the definition of structure `id` with room for the fields of later versions, of any type: an eighth of its size,
+    /// and at least two variables of 8 bytes. So the usual change of a program moves none of its instances.
+    pub fn complete_with_room(&mut self, id: TypeId) {
+        if let Type::Structure(structure) = &mut self.list[id.0 as usize] {
+            structure.align = 8;
+            structure.room = true;
+            structure.size = Self::with_room(structure.size);
+        }
+        self.complete(id);
+    }
+
+    /// The size of a structure whose last field ends there, with room for later ones.
+    pub fn with_room(end: u32) -> u32 {
+        end.next_multiple_of(8) + (end / 8).max(16)
+    }
+
+    /// How far into a value of type `id` the field lies to which these indices lead.
+    pub fn field_offset(&self, id: TypeId, fields: &[u32]) -> u32 {
+        let mut at = (id, 0);
+        for index in fields {
+            let field =
+                self.structure(at.0).and_then(|structure| structure.fields.get(*index as usize));
+            let Some(field) = field else { break };
+            at = (field.ty, at.1 + field.offset);
+        }
+        at.1
+    }
+
+    /// Gives structure `id` other places for its fields, and another size.
+    pub fn place_fields(&mut self, id: TypeId, offsets: &[u32], size: u32) {
+        if let Type::Structure(structure) = &mut self.list[id.0 as usize] {
+            for (field, offset) in structure.fields.iter_mut().zip(offsets) {
+                field.offset = *offset;
+            }
+            structure.size = size;
         }
     }
 

@@ -64,7 +64,7 @@ fn initial_values_are_encoded_through_arrays_and_structures() {
         ],
     );
     let mut bytes = vec![0; types.size(id) as usize];
-    types.encode(id, &Constant::Default, &mut bytes, &|_| 0);
+    types.encode(id, &Constant::Default, &mut bytes, &|_, _| 0);
     assert_eq!(bytes, [10, b'a', b'b', 0, 0, 0, 0xFE, 0xFF, 0xFE, 0xFF, 0xFE, 0xFF]);
 
     let given = Constant::Aggregate(vec![
@@ -73,7 +73,7 @@ fn initial_values_are_encoded_through_arrays_and_structures() {
         Constant::Aggregate(vec![Constant::Integer(1)]),
     ]);
     bytes.fill(0);
-    types.encode(id, &given, &mut bytes, &|_| 0);
+    types.encode(id, &given, &mut bytes, &|_, _| 0);
     assert_eq!(bytes, [7, b'a', b'b', 0, 0, 0, 1, 0, 0, 0, 0, 0]);
 }
 
@@ -83,8 +83,8 @@ fn a_reference_is_encoded_as_an_address() {
     let int = types.elementary(Elementary::Int);
     let reference = types.reference(int);
     let mut bytes = [0; 8];
-    types.encode(reference, &Constant::Address(GlobalId(3), 4), &mut bytes, &|id| {
-        0x5000_0000 + u64::from(id.0) * 16
+    types.encode(reference, &Constant::Address(GlobalId(3), vec![1]), &mut bytes, &|id, fields| {
+        0x5000_0000 + u64::from(id.0) * 16 + u64::from(fields[0]) * 4
     });
     assert_eq!(u64::from_le_bytes(bytes), 0x5000_0034);
 }

@@ -76,9 +76,9 @@ impl Lower<'_> {
             _ => {
                 let value = match constant {
                     Constant::Integer(value) => *value,
-                    Constant::Address(global, offset) => i128::from(
-                        super::global_address(self.program, *global) + u64::from(*offset),
-                    ),
+                    Constant::Address(global, fields) => {
+                        i128::from(super::field_address(self.program, *global, fields))
+                    }
                     _ => self.program.types.first_value(ty),
                 };
                 self.integer(scalar, value)

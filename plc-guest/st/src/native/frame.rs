@@ -135,9 +135,9 @@ impl Lower<'_> {
             return;
         }
         let mut bytes = vec![0; self.program.types.size(ty) as usize];
-        self.program
-            .types
-            .encode(ty, initial, &mut bytes, &|id| super::global_address(self.program, id));
+        self.program.types.encode(ty, initial, &mut bytes, &|id, fields| {
+            super::field_address(self.program, id, fields)
+        });
         let size = bytes.len() as u32;
         if bytes.iter().all(|byte| *byte == 0) {
             self.zero(address, size);

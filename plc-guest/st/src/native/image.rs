@@ -213,7 +213,9 @@ impl Types<'_> {
                     ty: self.add(builder, field.ty),
                     offset: field.offset,
                 });
-                let fields = fields.collect();
+                let mut fields: Vec<build::Field> = fields.collect();
+                // A field that came in a later version may lie in front of older ones.
+                fields.sort_by_key(|field| field.offset);
                 match structure.kind {
                     StructureKind::Struct => Kind::Structure { fields },
                     StructureKind::FunctionBlock | StructureKind::Program => {

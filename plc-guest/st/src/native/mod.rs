@@ -172,9 +172,9 @@ fn initial(program: &Program) -> Vec<u8> {
         let start = global.storage.offset as usize;
         let end = start + program.types.size(global.ty) as usize;
         let initial: &Constant = &global.initial;
-        program
-            .types
-            .encode(global.ty, initial, &mut state[start..end], &|id| global_address(program, id));
+        program.types.encode(global.ty, initial, &mut state[start..end], &|id, fields| {
+            field_address(program, id, fields)
+        });
     }
     state
 }
@@ -191,4 +191,9 @@ fn area_address(area: Area) -> u64 {
 fn global_address(program: &Program, id: GlobalId) -> u64 {
     let storage = program.global(id).storage;
     area_address(storage.area) + u64::from(storage.offset)
+}
+
+fn field_address(program: &Program, id: GlobalId, fields: &[u32]) -> u64 {
+    let offset = program.types.field_offset(program.global(id).ty, fields);
+    global_address(program, id) + u64::from(offset)
 }

@@ -96,8 +96,9 @@ impl Machine<'_> {
                 Value::Text(bytes.iter().map(|&byte| u16::from(byte)).collect())
             }
             Constant::WString(units) => Value::Text(units.clone()),
-            Constant::Address(id, offset) => {
-                Value::Integer(i128::from(self.global_address(*id) + u64::from(*offset)))
+            Constant::Address(id, fields) => {
+                let offset = types.field_offset(self.program.global(*id).ty, fields);
+                Value::Integer(i128::from(self.global_address(*id) + u64::from(offset)))
             }
             Constant::Default => match (types.get(expr.ty), types.scalar(expr.ty)) {
                 (Type::String { .. } | Type::WString { .. }, _) => Value::Text(Vec::new()),

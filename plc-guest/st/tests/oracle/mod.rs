@@ -99,7 +99,10 @@ impl<'p> Machine<'p> {
 
     fn initialise(&mut self, address: u64, ty: TypeId, value: &Constant) {
         let mut bytes = vec![0; self.program.types.size(ty) as usize];
-        self.program.types.encode(ty, value, &mut bytes, &|id| self.global_address(id));
+        self.program.types.encode(ty, value, &mut bytes, &|id, fields| {
+            let offset = self.program.types.field_offset(self.program.global(id).ty, fields);
+            self.global_address(id) + u64::from(offset)
+        });
         self.memory.write(address, &bytes);
     }
 

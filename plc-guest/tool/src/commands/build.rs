@@ -3,10 +3,10 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use takt_st::{build, hir, manifest, native, stack};
+use takt_st::{build, hir, layout, manifest, native, stack};
 
 use super::structured_text::{Messages, Origin, is_text, no_thread};
-use super::{image, write};
+use super::{image, read, write};
 use crate::{Failure, link};
 
 /// Arguments of `build`.
@@ -20,6 +20,10 @@ pub struct Build {
     /// first input, and the image is written to NAME.plc.
     #[arg(short, long, value_name = "IMAGE")]
     output: Option<PathBuf>,
+    /// The image of the running version, in Structured Text: what has not changed stays at its place, so that an online
+    /// change moves nothing. The key `previous` of a project file says the same.
+    #[arg(long, value_name = "IMAGE")]
+    previous: Option<PathBuf>,
     /// Print a stage of the compiler for Structured Text instead of writing an image.
     #[arg(long, value_enum, value_name = "STAGE", conflicts_with = "output")]
     emit: Option<Stage>,
@@ -47,8 +51,9 @@ impl Build {
     }
 
     fn link(&self) -> Result<(), Failure> {
-        if self.emit.is_some() {
-            return Err(Failure::input("--emit is for Structured Text (.st)"));
+        if self.emit.is_some() || self.previous.is_some() {
+            let message = "--emit and --previous are for Structured Text (.st)";
+            return Err(Failure::input(message));
         }
         let Some(output) = &self.output else {
             return Err(Failure::input("say where to write the image with -o IMAGE"));
@@ -59,7 +64,12 @@ impl Build {
     fn compile(&self) -> Result<(), Failure> {
         let origin = Origin::of(&self.inputs)?;
         let name = self.name(&origin)?;
-        let program = self.messages.program(&name, &origin)?;
+        let mut program = self.messages.program(&name, &origin)?;
+        let of_project = origin.project().and_then(|project| project.previous.as_ref());
+        if let Some(path) = self.previous.as_ref().or(of_project) {
+            let bytes = read(path)?;
+            layout::keep(&mut program, &image(path, &bytes)?);
+        }
         match self.emit {
             Some(stage) => {
                 let text = stack::with_room(|| match stage {

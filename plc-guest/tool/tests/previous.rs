@@ -1,0 +1,87 @@
+//! A new version that takes the places of the running one: what `takt plc diff` says of it.
+
+mod common;
+
+use common::Folder;
+
+fn source(globals: &str, block: &str, variables: &str) -> String {
+    format!(
+        "TYPE Pair : STRUCT a : INT; b : REAL; END_STRUCT END_TYPE\nVAR_GLOBAL {globals} END_VAR\n\
+         FUNCTION_BLOCK Count\nVAR_INPUT x : DINT; END_VAR\n{block}\nsum := sum + x;\nEND_FUNCTION_BLOCK\n\
+         PROGRAM Main\nVAR {variables} END_VAR\ncount(x := 1);\nhistory[1] := history[2];\nEND_PROGRAM\n\
+         CONFIGURATION Plant\nTASK often (INTERVAL := T#10ms, PRIORITY := 1);\nPROGRAM one WITH often : Main;\n\
+         END_CONFIGURATION\n"
+    )
+}
+
+const OLD: [&str; 3] = [
+    "first : INT; couple : Pair; last : LREAL;",
+    "VAR sum : DINT; END_VAR",
+    "count : Count; history : ARRAY[1..50] OF REAL; toggle : BOOL;",
+];
+
+/// What `diff` says of a change to this version.
+fn change([globals, block, variables]: [&str; 3], previous: bool) -> String {
+    let folder = Folder::new();
+    folder.write("old.st", &source(OLD[0], OLD[1], OLD[2]));
+    folder.takt_plc(&["build", "old.st", "-o", "old.plc"]).expect(0, "old.plc");
+    folder.write("new.st", &source(globals, block, variables));
+    let mut words = vec!["build", "new.st", "-o", "new.plc"];
+    if previous {
+        words.extend(["--previous", "old.plc"]);
+    }
+    folder.takt_plc(&words).expect(0, "new.plc");
+    folder.takt_plc(&["diff", "old.plc", "new.plc"]).text
+}
+
+#[test]
+fn a_new_variable_moves_nothing_wherever_it_is_declared() {
+    let new = [
+        "first : INT; fresh : LREAL; couple : Pair; last : LREAL;",
+        "VAR level : LREAL; sum : DINT; name : BOOL; END_VAR",
+        "gain : LREAL; count : Count; history : ARRAY[1..50] OF REAL; toggle : BOOL;",
+    ];
+    let without = change(new, false);
+    assert!(without.contains("moved"), "{without}");
+    let with = change(new, true);
+    assert!(!with.contains("moved") && !with.contains("anew"), "{with}");
+    for name in ["fresh", "one.gain", "one.count.level", "one.count.name"] {
+        assert!(
+            with.lines().any(|line| line.contains("new ") && line.contains(name)),
+            "{name}: {with}"
+        );
+    }
+}
+
+#[test]
+fn order_and_removal_move_nothing() {
+    let new = [
+        "last : LREAL; couple : Pair;",
+        "VAR sum : DINT; END_VAR",
+        "toggle : BOOL; history : ARRAY[1..50] OF REAL; count : Count;",
+    ];
+    let with = change(new, true);
+    assert!(!with.contains("moved"), "{with}");
+    assert!(with.contains("dropped      first"), "{with}");
+}
+
+#[test]
+fn what_outgrows_its_room_moves_alone() {
+    let new = [OLD[0], "VAR sum : DINT; row : ARRAY[1..20] OF LREAL; END_VAR", OLD[2]];
+    let with = change(new, true);
+    assert!(with.contains("moved"), "{with}");
+    assert!(!with.contains("last ") && !with.contains("history"), "{with}");
+}
+
+#[test]
+fn the_same_source_gives_the_same_layout_and_a_file_that_is_no_image_is_refused() {
+    let with = change(OLD, true);
+    assert!(!with.contains("moved") && !with.contains("new  "), "{with}");
+    let folder = Folder::new();
+    folder.write("main.st", &source(OLD[0], OLD[1], OLD[2]));
+    folder.write("old.plc", "no image");
+    folder.takt_plc(&["build", "main.st", "--previous", "old.plc"]).expect(2, "old.plc: ");
+    folder.write("a.o", "");
+    let words = ["build", "a.o", "-o", "a.plc", "--previous", "old.plc"];
+    folder.takt_plc(&words).expect(2, "for Structured Text");
+}
