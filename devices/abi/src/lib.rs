@@ -13,6 +13,7 @@
 //! | [`Information`] | writes | reads (a read-only memory slot) | a guest cannot forge its own schedule |
 //! | [`PortTable`] | writes, before the start | reads (a read-only memory slot) | which ports it has is the file's business |
 //! | [`ProgramTable`](program::ProgramTable) | writes, before the start | reads (a read-only memory slot) | so are its programs |
+//! | [`IoTable`](io::IoTable) | writes, before the start | reads (a read-only memory slot) | and what their inputs and outputs are |
 //! | [`Status`] and text | reads | writes | a claim of the guest, checked before it is believed |
 //!
 //! The host writes the information page only while the vCPU is outside guest mode. A kick can take
@@ -24,6 +25,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod io;
 pub mod live;
 pub mod program;
 
@@ -58,6 +60,11 @@ pub mod memory {
     /// Guest-physical address of the [`ProgramTable`](crate::program::ProgramTable) page (read-only), if
     /// the partition has programs.
     pub const PROGRAM_TABLE: u64 = 0xc000_3000;
+    /// Guest-physical address of the [`IoTable`](crate::io::IoTable) (read-only), if the partition has
+    /// programs.
+    pub const IO_TABLE: u64 = 0xc000_4000;
+    /// Its length, in pages.
+    pub const IO_TABLE_PAGES: u64 = 3;
     /// Start of the area of channel pages. Each is readable, and writable if it is the guest's own.
     pub const CHANNELS: u64 = 0xc000_8000;
     /// End of that area: it and the pages before it are in one page table.

@@ -20,7 +20,7 @@ pub const OBJECTS_MAX: usize = 255;
 pub const NAME_BYTES: usize = 32;
 
 /// What the guest has of its [working area](ProgramTable::work) for each program, apart from the stacks of
-/// its tasks and the messages of its objects: 64 KiB each for inputs, outputs and markers, and the rest for
+/// its tasks, [their views of the process image](view_bytes) and the messages of its objects: 64 KiB each for inputs, outputs and markers, and the rest for
 /// page tables and the kernel's own records.
 pub const WORK_BYTES_EACH: u64 = 768 << 10;
 
@@ -34,6 +34,20 @@ pub const fn queue_bytes(message_bytes: u32, depth: u32) -> u64 {
 #[must_use]
 pub const fn mailbox_bytes(bytes: u32) -> u64 {
     3 * message_area(bytes)
+}
+
+/// What the guest has of it for each task of a program with inputs or outputs of these lengths, in bytes: pages for
+/// inputs and outputs of the task's own, for a map of the outputs that it writes, and for the page table of all these.
+#[must_use]
+pub const fn view_bytes(input_bytes: u32, output_bytes: u32) -> u64 {
+    if input_bytes == 0 && output_bytes == 0 {
+        return 0;
+    }
+    pages(input_bytes) + 2 * pages(output_bytes) + memory::PAGE
+}
+
+const fn pages(bytes: u32) -> u64 {
+    (bytes as u64).next_multiple_of(memory::PAGE)
 }
 
 const fn message_area(bytes: u32) -> u64 {
@@ -59,8 +73,8 @@ pub struct ProgramTable {
     /// Start of the memory behind all programs, which is the guest's to use: page tables, stacks,
     /// process images. It ends with the guest's RAM.
     pub work: u64,
-    /// Its length: at least [`WORK_BYTES_EACH`] for each program, the stacks of all tasks, and
-    /// [`queue_bytes`] and [`mailbox_bytes`] for all objects.
+    /// Its length: at least [`WORK_BYTES_EACH`] for each program, the stacks of all tasks, [`view_bytes`] for each
+    /// of them, and [`queue_bytes`] and [`mailbox_bytes`] for all objects.
     pub work_bytes: u64,
     /// The programs, in the order of the partition file; the rest is zero.
     pub programs: [Program; PROGRAMS_MAX],
