@@ -20,6 +20,7 @@
 mod append;
 mod channels;
 pub mod check;
+mod connections;
 mod contents;
 mod deadlines;
 mod diagnostic;
@@ -65,6 +66,7 @@ use schedules::Draft;
 
 pub use append::AppendError;
 pub use channels::{CHANNELS_MAX, Channel, ChannelKind, End, Owner, WhenFull};
+pub use connections::Connection;
 pub use deadlines::{Met, WAKE_UP_ALLOWANCE};
 pub use disks::{DISKS_MAX, Disk, SECTOR};
 pub use host_ports::HostPort;
@@ -168,6 +170,7 @@ pub struct Partition {
     disks: Vec<Disk>,
     programs: Vec<Program>,
     program_tasks: Vec<ProgramTask>,
+    connections: Vec<Connection>,
 }
 
 impl Partition {
@@ -250,6 +253,18 @@ impl Partition {
     #[must_use]
     pub fn program_tasks(&self) -> &[ProgramTask] {
         &self.program_tasks
+    }
+
+    /// What the inputs and outputs of its programs are connected to, in the order of the guest's table.
+    #[must_use]
+    pub fn connections(&self) -> &[Connection] {
+        &self.connections
+    }
+
+    /// The I/O table that its guest finds.
+    #[must_use]
+    pub fn io_table(&self) -> takt_abi::io::IoTable {
+        connections::table(&self.connections)
     }
 
     /// What the analysis found for a schedule; `None` without tasks, or without a window in it.
@@ -390,7 +405,12 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     points::check_ports(&channels, &partitions)?;
     health::check(&file.health.0, &mut partitions)?;
     let passthrough = passthrough::check(&file.partition.0, &partitions)?;
-    partitions.iter_mut().zip(passthrough).for_each(|(p, it)| p.partition.passthrough = it);
+    let connections = connections::check(&file.partition.0, &partitions, &channels, &passthrough)?;
+    let checked = passthrough.into_iter().zip(connections);
+    partitions.iter_mut().zip(checked).for_each(|(p, (passthrough, connections))| {
+        p.partition.passthrough = passthrough;
+        p.partition.connections = connections;
+    });
     partition::check_one_linux(&partitions)?;
     // Last, because it is the only thing that may be right on another machine.
     partitions.iter().flat_map(|p| &p.images).try_for_each(images::check)?;

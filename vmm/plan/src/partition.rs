@@ -169,6 +169,7 @@ fn check(
         disks: disks.iter().map(|disk| disk.disk.clone()).collect(),
         programs: Vec::new(),
         program_tasks,
+        connections: Vec::new(),
     };
     Ok(Checked {
         partition,
@@ -205,7 +206,7 @@ fn check_plc(
         if let Some(span) = span {
             let found = misplaced(key, "linux", name, "plc");
             let allowed = "for a \"plc\": name, kind, cpu, memory, release_guard, image, \
-                           on_schedule_change, restarts, [[partition.program]], \
+                           on_schedule_change, restarts, [[partition.program]], [[partition.io]], \
                            [[partition.task]], \
                            [[partition.port_io]], [[partition.mmio]], \
                            [[partition.safe_value]] and [[partition.interrupt]]";
@@ -247,6 +248,7 @@ fn check_linux(
         ("on_schedule_change", raw.on_schedule_change.as_ref().map(Spanned::span)),
         ("task", raw.task.0.first().map(Spanned::span)),
         ("program", raw.program.0.first().map(Spanned::span)),
+        ("io", raw.io.0.first().map(Spanned::span)),
         ("port_io", raw.port_io.0.first().map(Spanned::span)),
         ("mmio", raw.mmio.0.first().map(Spanned::span)),
         ("safe_value", raw.safe_value.0.first().map(Spanned::span)),

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use takt_abi::memory::PAGE;
 use takt_abi::program::{self, PROGRAMS_MAX, action};
-use takt_program::{Image, ObjectKind, limit};
+use takt_program::{Area, Image, ObjectKind, limit};
 use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
@@ -264,9 +264,13 @@ fn work(image: &Image<'_>, bank: u64) -> u64 {
     // The kernel closes a bank to itself page by page, with a table for each part of 2 MiB, of which it may
     // begin and end in the middle.
     let tables = (bank / BANK_TABLE + 2) * PAGE;
-    // Bounded by the limits of an image: 16 stacks of 1 MiB, 64 queues of 4 MiB.
+    let area = |area| image.area_bytes(area);
+    let views =
+        image.tasks().len() as u64 * program::view_bytes(area(Area::Input), area(Area::Output));
+    // Bounded by the limits of an image: 16 views of 193 KiB, 16 stacks of 1 MiB, 64 queues of 4 MiB.
     const { assert!(limit::TASKS <= 16 && limit::OBJECTS <= 64) };
-    let bytes = program::WORK_BYTES_EACH + tables + stacks.sum::<u64>() + objects.sum::<u64>();
+    let bytes =
+        program::WORK_BYTES_EACH + tables + views + stacks.sum::<u64>() + objects.sum::<u64>();
     bytes.next_multiple_of(PAGE)
 }
 

@@ -63,6 +63,8 @@ pub struct Partition {
     #[serde(default)]
     pub program: Tables<Program>,
     #[serde(default)]
+    pub io: Tables<Io>,
+    #[serde(default)]
     pub port_io: Tables<PortIo>,
     #[serde(default)]
     pub mmio: Tables<Mmio>,
@@ -105,6 +107,39 @@ pub struct Program {
     pub on_fault: Option<Spanned<String>>,
     pub on_overrun: Option<Spanned<String>>,
     pub on_deadline: Option<Spanned<String>>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Io {
+    pub program: Option<Spanned<String>>,
+    pub point: Option<Spanned<String>>,
+    pub at: Option<Spanned<String>>,
+    pub channel: Option<Spanned<String>>,
+    pub byte: Option<Spanned<i64>>,
+    pub valid: Option<Spanned<bool>>,
+    pub age: Option<Spanned<bool>>,
+    pub port: Option<Spanned<String>>,
+    pub mmio: Option<Spanned<String>>,
+    pub offset: Option<Spanned<String>>,
+    pub width: Option<Spanned<i64>>,
+    pub bit: Option<Spanned<i64>>,
+    pub output: Option<Spanned<String>>,
+    pub output_of: Option<Spanned<String>>,
+    pub simulate: Option<Spanned<Keys<Simulate>>>,
+    pub task: Option<Spanned<String>>,
+    pub on_stop: Option<Spanned<String>>,
+    pub on_invalid: Option<Spanned<String>>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Simulate {
+    pub shape: Spanned<String>,
+    pub value: Option<Spanned<f64>>,
+    pub low: Option<Spanned<f64>>,
+    pub high: Option<Spanned<f64>>,
+    pub period: Option<Spanned<Duration>>,
 }
 
 #[derive(Debug, serde::Deserialize)]

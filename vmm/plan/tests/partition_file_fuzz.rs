@@ -100,6 +100,7 @@ fn load(name: &str, case: usize, bytes: &[u8]) -> bool {
         fs::write(folder.join("dummy-image"), "").unwrap();
         fs::write(folder.join("dummy-kernel"), guest_images::kernel()).unwrap();
         fs::write(folder.join("dummy-plc"), guest_images::plc()).unwrap();
+        fs::write(folder.join("dummy-program"), guest_images::program(&[])).unwrap();
     }
     let path = folder.join("case/case.toml");
     fs::write(&path, bytes).unwrap();

@@ -127,7 +127,12 @@ fn scratch(name: &str) -> PathBuf {
 
 #[test]
 fn the_images_beside_the_fixtures_are_those_of_the_tests() {
-    let images = [("dummy-kernel", guest_images::kernel()), ("dummy-plc", guest_images::plc())];
+    let images = [
+        ("dummy-kernel", guest_images::kernel()),
+        ("dummy-plc", guest_images::plc()),
+        ("dummy-program", guest_images::program(&[])),
+        ("dummy-caller", guest_images::program(&["called"])),
+    ];
     for (name, bytes) in images {
         let path = Path::new(FOLDER).join(name);
         if std::env::var_os("UPDATE_EXPECT").is_some() {

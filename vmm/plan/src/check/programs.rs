@@ -1,6 +1,7 @@
 //! What the programs of a PLC are: where they come from, what they do when, and what they write.
 
-use takt_program::{Area, Image, TypeId, TypeKind, Variable};
+use takt_abi::io::{INPUT, flag};
+use takt_program::{Area, Image, TaskId, TypeId, TypeKind, Variable};
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::time::Nanos;
 
@@ -8,7 +9,7 @@ use super::{line, tables};
 use crate::points;
 use crate::program_tasks::{ProgramTask, Release};
 use crate::programs::{action_name, hex};
-use crate::{Bytes, Partition, PartitionFile, Program, Trust, percent};
+use crate::{Bytes, Connection, Partition, PartitionFile, Program, Trust, percent};
 
 /// Most points of a program that are shown.
 const POINTS_MAX: usize = 64;
@@ -71,13 +72,13 @@ pub fn list(out: &mut String, file: &PartitionFile) {
             continue;
         }
         line(out, &format!("\nprograms of {}", partition.name()));
-        for program in partition.programs() {
-            describe(out, program);
+        for (number, program) in partition.programs().iter().enumerate() {
+            describe(out, partition, number, program);
         }
     }
 }
 
-fn describe(out: &mut String, program: &Program) {
+fn describe(out: &mut String, partition: &Partition, number: usize, program: &Program) {
     let Some(image) = program.image() else { return };
     let place = &program.place;
     line(out, &format!("  {}: {} {}", program.name, image.name(), image.version()));
@@ -102,29 +103,54 @@ fn describe(out: &mut String, program: &Program) {
         action_name(place.on_deadline)
     );
     line(out, &text);
-    points(out, &image);
+    points(out, partition, number, &image);
 }
 
-/// Inputs and outputs, the latter with the task that writes them.
-fn points(out: &mut String, image: &Image<'_>) {
+/// Inputs and outputs, the latter with the task that writes them, and what they are connected to.
+fn points(out: &mut String, partition: &Partition, number: usize, image: &Image<'_>) {
     let is_point = |v: &Variable<'_>| matches!(v.area, Area::Input | Area::Output);
     let mut points: Vec<Variable<'_>> = image.variables().filter(is_point).collect();
-    if points.is_empty() {
-        return;
-    }
     points.sort_by_key(|v| (v.area, v.offset, v.bit));
+    let connections = partition.connections().iter();
+    let connections: Vec<&Connection> =
+        connections.filter(|c| usize::from(c.mapping.program) == number).collect();
     let rows = points.iter().take(POINTS_MAX).map(|v| {
         let writer = v.writer.and_then(|id| image.task(id)).map(|task| task.name.to_owned());
         let writer = match v.area {
             Area::Input => "-".to_owned(),
             _ => writer.unwrap_or_else(|| "not told".to_owned()),
         };
-        [points::address(v), v.name.to_owned(), type_name(image, v.ty), writer]
+        let places = connections.iter().filter(|c| c.meets(v)).map(|c| place(c, image));
+        let places = places.collect::<Vec<_>>().join("; ");
+        let places = if places.is_empty() { "not connected".to_owned() } else { places };
+        [points::address(v), v.name.to_owned(), type_name(image, v.ty), writer, places]
     });
-    tables::columns(out, "    ", ["point", "name", "type", "writer"], rows.collect());
+    let without_name = connections.iter().filter(|c| !points.iter().any(|v| c.meets(v)));
+    let without_name = without_name.map(|c| {
+        [c.point.clone(), "-".to_owned(), "-".to_owned(), "-".to_owned(), place(c, image)]
+    });
+    let rows: Vec<[String; 5]> = rows.chain(without_name).collect();
+    if rows.is_empty() {
+        return;
+    }
+    tables::columns(out, "    ", ["point", "name", "type", "writer", "connected to"], rows);
     if points.len() > POINTS_MAX {
         line(out, &format!("    and {} more", points.len() - POINTS_MAX));
     }
+}
+
+/// A place, and what is special about the connection.
+fn place(connection: &Connection, image: &Image<'_>) -> String {
+    let Connection { mapping, place, .. } = connection;
+    let input = mapping.direction == INPUT;
+    let reader = image.task(TaskId(mapping.task.into())).filter(|_| input);
+    let reader = reader.map(|task| format!(", read by {}", task.name)).unwrap_or_default();
+    let special = match (input, mapping.flags & flag::ZERO != 0) {
+        (true, true) => ", 0 while invalid",
+        (false, false) => ", held at a stop",
+        _ => "",
+    };
+    format!("{place}{reader}{special}")
 }
 
 fn type_name(image: &Image<'_>, id: TypeId) -> String {

@@ -16,7 +16,7 @@ mod interrupts;
 mod memory;
 mod platform;
 mod ports;
-mod safe_values;
+pub mod safe_values;
 mod source;
 
 use toml::Spanned;

@@ -2,7 +2,7 @@
 
 use toml::Spanned;
 
-use super::super::diagnostic::{Diagnostic, quote};
+use super::super::diagnostic::{Diagnostic, Span, quote};
 use super::super::raw::{self, Keys};
 use super::{DeviceMemory, PortIo, check_hex};
 
@@ -56,8 +56,15 @@ fn check_one(
         }
     };
     let place = match (&raw.port, &raw.mmio) {
-        (Some(port), None) => check_port(raw, port, width, ports)?,
-        (None, Some(name)) => check_register(raw, table, name, width, memory)?,
+        (Some(port), None) => {
+            check_no_offset(raw)?;
+            SafePlace::Port(check_port(port, width, ports)?)
+        }
+        (None, Some(name)) => {
+            let offset = raw.offset.as_ref();
+            let (memory, offset) = check_register(name, offset, &table.span(), width, memory)?;
+            SafePlace::Register { memory, offset }
+        }
         (Some(port), Some(mmio)) => {
             let found = "both `port` and `mmio` say where the value is written";
             return Err(Diagnostic::new(mmio.span(), found, "one of them")
@@ -79,22 +86,20 @@ fn check_one(
     Ok(SafeValue { place, width, value: value as u32 })
 }
 
-fn check_port(
-    raw: &raw::SafeValue,
-    port: &Spanned<String>,
-    width: u8,
-    ports: &[PortIo],
-) -> Result<SafePlace, Diagnostic> {
-    if let Some(offset) = &raw.offset {
-        let found = "`offset` is about a register, and there is no key `mmio`";
-        let allowed = "`mmio = \"a-name\"` instead of `port`, or no `offset`";
-        return Err(Diagnostic::new(offset.span(), found, allowed));
-    }
+fn check_no_offset(raw: &raw::SafeValue) -> Result<(), Diagnostic> {
+    let Some(offset) = &raw.offset else { return Ok(()) };
+    let found = "`offset` is about a register, and there is no key `mmio`";
+    let allowed = "`mmio = \"a-name\"` instead of `port`, or no `offset`";
+    Err(Diagnostic::new(offset.span(), found, allowed))
+}
+
+/// A port that the partition has, for an access of so many bytes.
+pub fn check_port(port: &Spanned<String>, width: u8, ports: &[PortIo]) -> Result<u16, Diagnostic> {
     let first = check_hex(port, "an I/O port", "0x378")?;
     let last = first.saturating_add(u64::from(width) - 1);
     let holds = |r: &&PortIo| u64::from(r.first) <= first && last <= u64::from(r.last);
     match (u16::try_from(first), ports.iter().find(holds)) {
-        (Ok(first), Some(_)) => Ok(SafePlace::Port(first)),
+        (Ok(first), Some(_)) => Ok(first),
         _ => {
             let found = format!(
                 "an access of {} at port {first:#x} is not wholly the partition's",
@@ -112,13 +117,15 @@ fn check_port(
     }
 }
 
-fn check_register(
-    raw: &raw::SafeValue,
-    table: &Spanned<Keys<raw::SafeValue>>,
+/// A register in the memory of a device that the partition has, for an access of so many bytes: in which memory, and at
+/// which byte of it.
+pub fn check_register(
     name: &Spanned<String>,
+    offset: Option<&Spanned<String>>,
+    table: &Span,
     width: u8,
     memory: &[DeviceMemory],
-) -> Result<SafePlace, Diagnostic> {
+) -> Result<(usize, u64), Diagnostic> {
     let Some(index) = memory.iter().position(|entry| entry.name == *name.get_ref()) else {
         let found = format!("the partition has no device memory {}", quote(name.get_ref()));
         let names: Vec<String> = memory.iter().map(|entry| quote(&entry.name)).collect();
@@ -128,10 +135,10 @@ fn check_register(
         };
         return Err(Diagnostic::new(name.span(), found, allowed));
     };
-    let Some(text) = &raw.offset else {
+    let Some(text) = offset else {
         let found = format!("which register of {} is not said", quote(name.get_ref()));
         let allowed = "`offset = \"0x0\"`, counted from the start of that memory";
-        return Err(Diagnostic::new(table.span(), found, allowed));
+        return Err(Diagnostic::new(table.clone(), found, allowed));
     };
     let offset = check_hex(text, "an offset", "0x0")?;
     let last = memory[index].bytes - u64::from(width);
@@ -140,7 +147,7 @@ fn check_register(
         let allowed = format!("a multiple of {width}, at most {last:#x}");
         return Err(Diagnostic::new(text.span(), found, allowed));
     }
-    Ok(SafePlace::Register { memory: index, offset })
+    Ok((index, offset))
 }
 
 fn bytes(width: u8) -> String {

@@ -48,3 +48,48 @@ pub fn kernel() -> Vec<u8> {
     ];
     file(0x600, &fields)
 }
+
+/// A program with two tasks, inputs and outputs of some types, and these ports.
+pub fn program(ports: &[&str]) -> Vec<u8> {
+    use takt_program::build::{Builder, Kind, Port, Task, Type, Variable};
+    use takt_program::{Area, CodeOffset, Direction, Elementary, Nanoseconds, TaskId};
+
+    let mut program = Builder::new("tank");
+    program.code = vec![0xc3];
+    (program.state_bytes, program.input_bytes, program.output_bytes) = (8, 32, 8);
+    for (name, period, priority) in [("fast", 1_000_000, 0), ("slow", 10_000_000, 1)] {
+        let budget = Some(Nanoseconds(10_000));
+        let task = Task::cyclic(name, Nanoseconds(period), CodeOffset(0));
+        program.task(Task { budget, priority, ..task });
+    }
+    let bytes = program.elementary(Elementary::Byte);
+    let block = program.ty(Type::new(12, Kind::Array { element: bytes, lower: 0, upper: 11 }));
+    for name in ports {
+        let name = (*name).to_owned();
+        program.port(Port { name, direction: Direction::In, message_bytes: 8 });
+    }
+    let inputs = [
+        ("level", Elementary::Real, 0, None),
+        ("enable", Elementary::Bool, 4, Some(0)),
+        ("count", Elementary::Uint, 6, None),
+        ("stamp", Elementary::Time, 8, None),
+    ];
+    let outputs = [
+        ("valve", Elementary::Real, 0, None, Some(0)),
+        ("lamp", Elementary::Bool, 4, Some(0), Some(0)),
+        ("alarm", Elementary::Bool, 4, Some(1), Some(1)),
+        ("loose", Elementary::Byte, 5, None, None),
+    ];
+    for (name, ty, offset, bit) in inputs {
+        let ty = program.elementary(ty);
+        program.variable(Variable { bit, ..Variable::new(name, ty, Area::Input, offset) });
+    }
+    for (name, ty, offset, bit, writer) in outputs {
+        let ty = program.elementary(ty);
+        let variable = Variable::new(name, ty, Area::Output, offset);
+        program.variable(Variable { bit, writer: writer.map(TaskId), ..variable });
+    }
+    program.variable(Variable::new("block", block, Area::Input, 16));
+    program.variable(Variable::new("inner", bytes, Area::State, 0));
+    program.build().unwrap()
+}

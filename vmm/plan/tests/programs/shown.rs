@@ -34,9 +34,9 @@ fn programs_are_shown_with_tasks_points_and_writers() {
         "  tank: tank 1.2.3",
         "    not signed",
         "    fault -> restart, overrun -> skip, deadline -> log",
-        "    point   name        type  writer",
-        "    %IB4    Main.level  REAL  -",
-        "    %QX0.2  Main.valve  BOOL  main",
+        "    point   name        type  writer  connected to",
+        "    %IB4    Main.level  REAL  -       not connected",
+        "    %QX0.2  Main.valve  BOOL  main    not connected",
         "  signed: s 0.0.0",
         &format!("    signed with {}", public(&PRIVATE)),
     ] {

@@ -1,0 +1,371 @@
+//! The place that a point is connected to: a channel, a register, or an output of a program.
+
+use takt_abi::io::{INPUT, Mapping, WHOLE, kind};
+use takt_program::{Elementary, limit};
+use toml::Spanned;
+
+use super::super::channels::{Channel, ChannelKind, Owner};
+use super::super::diagnostic::{Diagnostic, Span, quote};
+use super::super::passthrough::safe_values::{check_port, check_register};
+use super::super::raw;
+use super::point::{self, Point};
+use super::{Around, Place, find_program, is_bool, simulate};
+
+/// The keys of places, of which a table has one, and what belongs to them.
+const PLACES: &str =
+    "one of `channel`, `port`, `mmio`, `output` (of a program) and `simulate`, for each table";
+
+/// The place that a table names, and where it does.
+pub fn find(
+    raw: &raw::Io,
+    header: &Span,
+    point: &Point,
+    mapping: Mapping,
+    around: Around<'_>,
+) -> Result<(Place, Span), Diagnostic> {
+    let simulated = raw.simulate.as_ref().map(Spanned::span);
+    let span = |value: &Option<Spanned<String>>| value.as_ref().map(Spanned::span);
+    let places = [
+        ("channel", span(&raw.channel)),
+        ("port", span(&raw.port)),
+        ("mmio", span(&raw.mmio)),
+        ("output", span(&raw.output)),
+        ("simulate", simulated),
+    ];
+    let named: Vec<(&str, Span)> =
+        places.into_iter().filter_map(|(key, span)| Some((key, span?))).collect();
+    let (key, placed) = match &named[..] {
+        [] => {
+            let found = format!("what {} is connected to is not said", quote(&point.name));
+            return Err(Diagnostic::new(header.clone(), found, PLACES));
+        }
+        [one] => one.clone(),
+        [(one, there), (other, here), ..] => {
+            let found = format!("both `{one}` and `{other}` say what the point is connected to");
+            return Err(
+                Diagnostic::new(here.clone(), found, PLACES).and(there.clone(), "the other one")
+            );
+        }
+    };
+    check_keys(raw, key)?;
+    if mapping.direction != INPUT && matches!(key, "output" | "simulate") {
+        let found = format!("`{key}` is for inputs, and {} is an output", quote(&point.name));
+        let allowed = "for an output `channel`, `port` or `mmio`";
+        return Err(Diagnostic::new(placed, found, allowed));
+    }
+    let connection = match (&raw.channel, &raw.port, &raw.mmio, &raw.output, &raw.simulate) {
+        (Some(name), ..) => channel(raw, name, header, point, mapping, around),
+        (_, Some(port), ..) => io_port(raw, port, point, mapping, around),
+        (_, _, Some(name), ..) => register(raw, name, header, point, mapping, around),
+        (_, _, _, Some(name), _) => output(raw, name, header, point, mapping, around),
+        (_, _, _, _, Some(wave)) => simulate::check(wave, point, mapping),
+        _ => Err(Diagnostic::new(header.clone(), "the point is connected to nothing", PLACES)),
+    }?;
+    Ok((connection, placed))
+}
+
+/// Keys that belong to other places than this one are refused.
+fn check_keys(raw: &raw::Io, place: &str) -> Result<(), Diagnostic> {
+    let keys = [
+        ("byte", raw.byte.as_ref().map(Spanned::span), &["channel"][..]),
+        ("valid", raw.valid.as_ref().map(Spanned::span), &["channel"]),
+        ("age", raw.age.as_ref().map(Spanned::span), &["channel"]),
+        ("bit", raw.bit.as_ref().map(Spanned::span), &["channel", "port", "mmio"]),
+        ("width", raw.width.as_ref().map(Spanned::span), &["port", "mmio"]),
+        ("offset", raw.offset.as_ref().map(Spanned::span), &["mmio"]),
+        ("output_of", raw.output_of.as_ref().map(Spanned::span), &["output"]),
+    ];
+    for (key, span, places) in keys {
+        if let Some(span) = span.filter(|_| !places.contains(&place)) {
+            let places: Vec<String> = places.iter().map(|place| format!("`{place}`")).collect();
+            let found = format!("`{key}` does not belong to `{place}`");
+            let allowed = format!("`{key}` beside {}", places.join(" or "));
+            return Err(Diagnostic::new(span, found, allowed));
+        }
+    }
+    Ok(())
+}
+
+/// What part of a channel a table asks for.
+enum Part<'a> {
+    Field(&'a Spanned<i64>),
+    Valid(Span),
+    Age(Span),
+}
+
+fn channel(
+    raw: &raw::Io,
+    name: &Spanned<String>,
+    header: &Span,
+    point: &Point,
+    mapping: Mapping,
+    around: Around<'_>,
+) -> Result<Place, Diagnostic> {
+    let (number, channel) = find_channel(name, mapping.direction == INPUT, around)?;
+    let mapping = Mapping { place: number, ..mapping };
+    let port = name.get_ref();
+    match part(raw, header)? {
+        Part::Field(byte) => {
+            let (field, place_bit) = field(raw, byte, name, channel, point)?;
+            let bit = bit_words(place_bit);
+            let words = format!("channel port {port}, byte {field}{bit}");
+            Ok(Place { mapping: Mapping { kind: kind::FIELD, field, place_bit, ..mapping }, words })
+        }
+        Part::Valid(span) => {
+            if !is_bool(point) || mapping.direction != INPUT {
+                let found = format!("{} cannot say whether a message is valid", quote(&point.name));
+                return Err(Diagnostic::new(span, found, "an input that is a BOOL"));
+            }
+            let words = format!("channel port {port}, whether it is valid");
+            Ok(Place { mapping: Mapping { kind: kind::VALID, ..mapping }, words })
+        }
+        Part::Age(span) => {
+            let is_time = matches!(
+                point.ty,
+                Some(
+                    Elementary::Time
+                        | Elementary::Ltime
+                        | Elementary::Lint
+                        | Elementary::Ulint
+                        | Elementary::Lword
+                )
+            );
+            if !is_time || mapping.direction != INPUT {
+                let found = format!("{} cannot be the age of a message", quote(&point.name));
+                let allowed = "an input that is a TIME, LTIME, LINT, ULINT or LWORD: nanoseconds";
+                return Err(Diagnostic::new(span, found, allowed));
+            }
+            let words = format!("channel port {port}, the age of its message");
+            Ok(Place { mapping: Mapping { kind: kind::AGE, ..mapping }, words })
+        }
+    }
+}
+
+fn part<'a>(raw: &'a raw::Io, header: &Span) -> Result<Part<'a>, Diagnostic> {
+    let wanted = |flag: &Option<Spanned<bool>>| {
+        flag.as_ref().filter(|flag| *flag.get_ref()).map(Spanned::span)
+    };
+    let allowed = "one of `byte = 0`, the first byte of a field, `valid = true` and `age = true`";
+    match (&raw.byte, wanted(&raw.valid), wanted(&raw.age)) {
+        (Some(byte), None, None) => Ok(Part::Field(byte)),
+        (None, Some(span), None) => Ok(Part::Valid(span)),
+        (None, None, Some(span)) => Ok(Part::Age(span)),
+        (None, None, None) => {
+            let found = "what of the channel is meant is not said";
+            Err(Diagnostic::new(header.clone(), found, allowed))
+        }
+        (_, valid, age) => {
+            let found = "more than one thing of the channel is asked for";
+            Err(Diagnostic::new(valid.or(age).unwrap_or(header.clone()), found, allowed))
+        }
+    }
+}
+
+/// A port of the partition at a sampling channel, by its place in the guest's table of ports, and the channel.
+fn find_channel<'a>(
+    name: &Spanned<String>,
+    input: bool,
+    around: Around<'a>,
+) -> Result<(u64, &'a Channel), Diagnostic> {
+    let owner = Owner::Partition(around.partition.partition.id);
+    let refuse = |found: String, allowed: String| {
+        Err(Diagnostic::new(
+            name.span(),
+            format!("the port {} {found}", quote(name.get_ref())),
+            allowed,
+        ))
+    };
+    // As the guest's table has them: each channel with an end in the partition is one port.
+    let ports = around.channels.iter().filter_map(|channel| {
+        let ends = std::iter::once(&channel.source).chain(&channel.destinations);
+        let end = ends.into_iter().find(|end| end.owner == owner)?;
+        Some((channel, end))
+    });
+    let end = format!("{}:{}", around.partition.partition.name, name.get_ref());
+    let end = quote(&end);
+    let way = if input { "as a destination" } else { "as the source" };
+    let Some((number, (channel, port))) =
+        (0..).zip(ports).find(|(_, (_, end))| end.port == *name.get_ref())
+    else {
+        return refuse(
+            "is no end of a channel".to_owned(),
+            format!("a [[channel]] with {end} {way}"),
+        );
+    };
+    if (channel.source == *port) == input {
+        return refuse("goes the other way".to_owned(), format!("a [[channel]] with {end} {way}"));
+    }
+    if !matches!(channel.kind, ChannelKind::Sampling { .. }) {
+        let found = format!("is an end of the queue {}", quote(&channel.name));
+        let allowed = "a sampling channel: inputs and outputs are the newest values; a program \
+                       reads and writes queues by calls";
+        return refuse(found, allowed.to_owned());
+    }
+    if channel.message_bytes > limit::MESSAGE_BYTES {
+        let found = format!("has messages of {} bytes", channel.message_bytes);
+        let allowed = format!("a channel with `message_bytes` of at most {}", limit::MESSAGE_BYTES);
+        return refuse(found, allowed);
+    }
+    Ok((number, channel))
+}
+
+fn field(
+    raw: &raw::Io,
+    byte: &Spanned<i64>,
+    name: &Spanned<String>,
+    channel: &Channel,
+    point: &Point,
+) -> Result<(u32, u8), Diagnostic> {
+    let place_bit = match &raw.bit {
+        None => WHOLE,
+        Some(bit) => check_bit(bit, point, 8)?,
+    };
+    let length = i64::from(channel.message_bytes);
+    let last = length - i64::from(point.bytes);
+    match u32::try_from(*byte.get_ref()) {
+        Ok(field) if i64::from(field) <= last => Ok((field, place_bit)),
+        _ => {
+            let found = format!(
+                "{} bytes at byte {} do not lie in a message of {length} bytes",
+                point.bytes,
+                byte.get_ref()
+            );
+            let allowed = match last {
+                0.. => format!("0 to {last}"),
+                _ => format!("a point of at most {length} bytes, or longer messages"),
+            };
+            Err(Diagnostic::new(byte.span(), found, allowed).and(name.span(), "the port"))
+        }
+    }
+}
+
+/// The bit of a BOOL among so many.
+fn check_bit(bit: &Spanned<i64>, point: &Point, bits: u8) -> Result<u8, Diagnostic> {
+    if !is_bool(point) {
+        let found = format!("`bit` is about a BOOL, and {} is none", quote(&point.name));
+        return Err(Diagnostic::new(bit.span(), found, "no `bit` for a point of whole bytes"));
+    }
+    let number = u8::try_from(*bit.get_ref()).ok().filter(|number| *number < bits);
+    number.ok_or_else(|| {
+        let found = format!("there is no bit {}", bit.get_ref());
+        Diagnostic::new(bit.span(), found, format!("0 to {}", bits - 1))
+    })
+}
+
+/// How a register is accessed: its width in bytes, and the bit of a BOOL.
+fn access(
+    raw: &raw::Io,
+    place: &Spanned<String>,
+    point: &Point,
+    widths: &[u8],
+) -> Result<(u8, u8), Diagnostic> {
+    let all = || {
+        let widths: Vec<String> = widths.iter().map(u8::to_string).collect();
+        widths.join(", ")
+    };
+    let fits = |width: i64| u8::try_from(width).ok().filter(|width| widths.contains(width));
+    let width = match &raw.width {
+        None => fits(point.bytes.into()).ok_or_else(|| {
+            let found =
+                format!("{} has {} bytes, which no register has", quote(&point.name), point.bytes);
+            Diagnostic::new(place.span(), found, format!("a point of {} bytes", all()))
+        })?,
+        Some(width) => fits(*width.get_ref())
+            .filter(|width| u32::from(*width) >= point.bytes)
+            .ok_or_else(|| {
+                let found = format!(
+                    "an access of {} bytes cannot be that of {}",
+                    width.get_ref(),
+                    quote(&point.name)
+                );
+                let allowed = format!("one of {} that is at least {}", all(), point.bytes);
+                Diagnostic::new(width.span(), found, allowed)
+            })?,
+    };
+    let bit = match &raw.bit {
+        Some(bit) => check_bit(bit, point, 8 * width)?,
+        None if is_bool(point) => {
+            let found = format!("which bit of the register {} is, is not said", quote(&point.name));
+            let allowed = format!("`bit = 0` to `bit = {}`", 8 * u32::from(width) - 1);
+            return Err(Diagnostic::new(place.span(), found, allowed));
+        }
+        None => WHOLE,
+    };
+    Ok((width, bit))
+}
+
+fn io_port(
+    raw: &raw::Io,
+    port: &Spanned<String>,
+    point: &Point,
+    mapping: Mapping,
+    around: Around<'_>,
+) -> Result<Place, Diagnostic> {
+    let (width, place_bit) = access(raw, port, point, &[1, 2, 4])?;
+    let number = check_port(port, width, &around.passthrough.ports)?;
+    let bit = bit_words(place_bit);
+    let words = format!("I/O port {number:#x}{bit}");
+    let mapping = Mapping { kind: kind::PORT, width, place_bit, place: number.into(), ..mapping };
+    Ok(Place { mapping, words })
+}
+
+fn register(
+    raw: &raw::Io,
+    name: &Spanned<String>,
+    header: &Span,
+    point: &Point,
+    mapping: Mapping,
+    around: Around<'_>,
+) -> Result<Place, Diagnostic> {
+    let (width, place_bit) = access(raw, name, point, &[1, 2, 4, 8])?;
+    let memory = &around.passthrough.memory;
+    let offset = raw.offset.as_ref();
+    let (index, offset) = check_register(name, offset, header, width, memory)?;
+    let bit = bit_words(place_bit);
+    let words = format!("register {} + {offset:#x}{bit}", name.get_ref());
+    let address = memory[index].address + offset;
+    let mapping = Mapping { kind: kind::REGISTER, width, place_bit, place: address, ..mapping };
+    Ok(Place { mapping, words })
+}
+
+fn output(
+    raw: &raw::Io,
+    name: &Spanned<String>,
+    header: &Span,
+    point: &Point,
+    mapping: Mapping,
+    around: Around<'_>,
+) -> Result<Place, Diagnostic> {
+    let of = raw.output_of.as_ref().or(raw.program.as_ref());
+    let (number, program) = find_program(of, "output_of", header, around)?;
+    let image = program.program.image();
+    let image = image.as_ref().ok_or_else(|| {
+        Diagnostic::new(name.span(), "its program has no image", "a program with an image")
+    })?;
+    let from = point::find_output(name, image)?;
+    if (is_bool(&from), from.bytes) != (is_bool(point), point.bytes) {
+        let size =
+            |p: &Point| if is_bool(p) { "a BOOL".to_owned() } else { format!("{} bytes", p.bytes) };
+        let found = format!(
+            "the output {} is {}, and {} is {}",
+            quote(name.get_ref()),
+            size(&from),
+            quote(&point.name),
+            size(point)
+        );
+        return Err(Diagnostic::new(name.span(), found, "an output of the same size"));
+    }
+    let mapping = Mapping {
+        kind: kind::PROGRAM,
+        place: number.into(),
+        field: from.offset,
+        place_bit: from.bit.unwrap_or(WHOLE),
+        ..mapping
+    };
+    let words = format!("output {} of {}", name.get_ref(), program.program.name);
+    Ok(Place { mapping, words })
+}
+
+fn bit_words(bit: u8) -> String {
+    if bit == WHOLE { String::new() } else { format!(", bit {bit}") }
+}
