@@ -16,7 +16,10 @@ use std::sync::Arc;
 
 use kvm_bindings::{KVM_MEM_READONLY, kvm_userspace_memory_region};
 use kvm_ioctls::VmFd;
-use takt_abi::memory::{INFORMATION, PAGE, PORT_TABLE, PROGRAM_TABLE, STATUS};
+use takt_abi::io::IoTable;
+use takt_abi::memory::{
+    INFORMATION, IO_TABLE, IO_TABLE_PAGES, PAGE, PORT_TABLE, PROGRAM_TABLE, STATUS,
+};
 use takt_abi::program::ProgramTable;
 use takt_plan::linux_map::{HOLE_END, HOLE_START};
 use thiserror::Error;
@@ -135,27 +138,31 @@ impl GuestMemory {
     /// # Errors
     /// See [`MemoryError`].
     pub fn for_plc(bytes: u64, channels: &[View<'_>]) -> Result<Self, MemoryError> {
-        Self::for_plc_with(bytes, &[INFORMATION, PORT_TABLE], channels)
+        Self::for_plc_with(bytes, &[(INFORMATION, 1), (PORT_TABLE, 1)], channels)
     }
 
-    /// As [`for_plc`](Self::for_plc), with the page that tells the guest of its programs.
+    /// As [`for_plc`](Self::for_plc), with the pages that tell the guest of its programs and of what is mapped to
+    /// their inputs and outputs.
     ///
     /// # Errors
     /// See [`MemoryError`].
     pub fn for_plc_with_programs(bytes: u64, channels: &[View<'_>]) -> Result<Self, MemoryError> {
-        Self::for_plc_with(bytes, &[INFORMATION, PORT_TABLE, PROGRAM_TABLE], channels)
+        let read_only =
+            [(INFORMATION, 1), (PORT_TABLE, 1), (PROGRAM_TABLE, 1), (IO_TABLE, IO_TABLE_PAGES)];
+        Self::for_plc_with(bytes, &read_only, channels)
     }
 
     fn for_plc_with(
         bytes: u64,
-        read_only: &[u64],
+        read_only: &[(u64, u64)],
         channels: &[View<'_>],
     ) -> Result<Self, MemoryError> {
         let mut regions = vec![region(0, bytes)?];
-        for start in read_only.iter().chain([&STATUS]) {
-            regions.push(region(*start, PAGE)?);
+        for (start, pages) in read_only.iter().chain([&(STATUS, 1)]) {
+            regions.push(region(*start, pages * PAGE)?);
         }
-        Self::from_regions(regions, read_only, channels, bytes)
+        let starts: Vec<u64> = read_only.iter().map(|(start, _)| *start).collect();
+        Self::from_regions(regions, &starts, channels, bytes)
     }
 
     /// Adds the channels to the guest's own regions, of which it may only read some.
@@ -255,6 +262,12 @@ impl GuestMemory {
         self.page(PROGRAM_TABLE)
     }
 
+    /// The I/O table of a PLC guest; `None` for guests without programs.
+    #[must_use]
+    pub fn io_table(&self) -> Option<Page<IoTable>> {
+        self.page(IO_TABLE)
+    }
+
     fn page<T: PageContent>(&self, address: u64) -> Option<Page<T>> {
         let region = self.regions.find_region(GuestAddress(address))?;
         let fits = region.start_addr().0 == address && region.len() >= size_of::<T>() as u64;
@@ -327,8 +340,7 @@ fn map(bytes: u64, file: Option<File>, protection: libc::c_int) -> Result<MmapRe
 /// What may lie in a [`Page`]: plain integers, any bit pattern of which is a value.
 ///
 /// # Safety
-/// The type must be `Copy`, without padding, references or invalid bit patterns, and at most a
-/// page long.
+/// The type must be `Copy`, without padding, references or invalid bit patterns.
 pub unsafe trait PageContent: Copy {}
 
 // SAFETY: `repr(C)`, made of u32 and u64 without padding (sizes asserted in takt-abi).
@@ -339,8 +351,10 @@ unsafe impl PageContent for takt_abi::Status {}
 unsafe impl PageContent for takt_abi::PortTable {}
 // SAFETY: as above.
 unsafe impl PageContent for ProgramTable {}
+// SAFETY: as above.
+unsafe impl PageContent for IoTable {}
 
-/// One page that host and guest both see, as a value that is copied whole.
+/// One or more pages that host and guest both see, as a value that is copied whole.
 ///
 /// A copy out is a snapshot of what the guest claims: it can be torn or nonsense, never unsound.
 pub struct Page<T> {
@@ -402,8 +416,8 @@ mod tests {
         assert_eq!(memory.information().unwrap().read().release, 7);
         assert!(memory.status().is_some() && memory.program_table().is_none());
         let with_programs = GuestMemory::for_plc_with_programs(2 << 20, &[]).unwrap();
-        assert!(with_programs.program_table().is_some());
-        assert!(with_programs.read_only.contains(&PROGRAM_TABLE));
+        assert!(with_programs.program_table().is_some() && with_programs.io_table().is_some());
+        assert!([PROGRAM_TABLE, IO_TABLE].iter().all(|p| with_programs.read_only.contains(p)));
         assert!(GuestMemory::for_linux(1 << 20, &[]).unwrap().information().is_none());
     }
 

@@ -58,6 +58,9 @@ impl Preparation<'_> {
                 .program_table()
                 .ok_or(MachineError::Missing("the PLC guest's program table"))?;
             page.write(programs.table());
+            let mut io =
+                memory.io_table().ok_or(MachineError::Missing("the PLC guest's I/O table"))?;
+            io.write(partition.io_table());
         }
         let mut table = memory
             .port_table(PORT_TABLE)
