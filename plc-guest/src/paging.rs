@@ -110,6 +110,7 @@ impl Tables {
         self.shared[index(memory::STATUS, 12)] = memory::STATUS | PRESENT | WRITABLE | NO_EXECUTE;
         self.map_shared(memory::PORT_TABLE, 1, 0);
         self.map_shared(memory::PROGRAM_TABLE, 1, 0);
+        self.map_shared(memory::IO_TABLE, memory::IO_TABLE_PAGES as u32, 0);
         for port in layout.ports {
             self.map_shared(port.own, port.own_pages, WRITABLE);
             self.map_shared(port.peer, port.peer_pages, 0);
@@ -210,6 +211,8 @@ mod tests {
             (memory::STATUS, PRESENT | WRITABLE | NO_EXECUTE),
             (memory::PORT_TABLE, PRESENT | NO_EXECUTE),
             (memory::PROGRAM_TABLE, PRESENT | NO_EXECUTE),
+            (memory::IO_TABLE, PRESENT | NO_EXECUTE),
+            (memory::IO_TABLE + 2 * memory::PAGE, PRESENT | NO_EXECUTE),
             (memory::CHANNELS, PRESENT | WRITABLE | NO_EXECUTE),
             (memory::CHANNELS + memory::PAGE, PRESENT | WRITABLE | NO_EXECUTE),
             (memory::CHANNELS_END - memory::PAGE, PRESENT | NO_EXECUTE),

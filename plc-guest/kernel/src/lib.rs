@@ -10,6 +10,7 @@
 //! | [`task`] | what a task is, and in which state |
 //! | [`scheduler`] | who runs; releases, ends, programs that start and stop |
 //! | [`objects`] | semaphores, queues, mailboxes and event flags |
+//! | [`process_image`] | what becomes of the bytes of inputs and outputs |
 //! | [`watchdog`] | when a job has used too much time |
 //! | [`statistics`] | what is counted for each task |
 //! | [`time`] | instants and spans in nanoseconds, and the clock that they are read from |
@@ -21,6 +22,9 @@
 #![forbid(unsafe_code)]
 
 pub mod objects;
+pub mod process_image;
+#[cfg(test)]
+mod process_image_tests;
 pub mod scheduler;
 #[cfg(test)]
 mod scheduler_tests;

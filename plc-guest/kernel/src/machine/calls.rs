@@ -23,6 +23,8 @@ const HEADER: u64 = 16;
 
 /// The arguments of a call.
 struct Arguments {
+    /// The calling task, whose memory pointers name.
+    task: TaskId,
     first: u64,
     second: u64,
     third: u64,
@@ -30,8 +32,14 @@ struct Arguments {
 }
 
 impl Arguments {
-    const fn of(context: &Context) -> Self {
-        Self { first: context.rdi, second: context.rsi, third: context.rdx, fourth: context.r10 }
+    const fn of(task: TaskId, context: &Context) -> Self {
+        Self {
+            task,
+            first: context.rdi,
+            second: context.rsi,
+            third: context.rdx,
+            fourth: context.r10,
+        }
     }
 }
 
@@ -43,7 +51,7 @@ impl Kernel {
     /// The running task has made a call.
     pub fn call(&mut self, task: TaskId) {
         let context = &self.contexts[task.index()];
-        let (number, arguments) = (context.rax, Arguments::of(context));
+        let (number, arguments) = (context.rax, Arguments::of(task, context));
         let call = u32::try_from(number).ok().and_then(Call::from_code);
         let answer = match call {
             None => Err(Error::BadNumber),
@@ -112,7 +120,7 @@ impl Kernel {
         let ObjectKind::Queue { message_bytes, .. } = self.kind(program, a.first)? else {
             return Err(Error::BadId);
         };
-        let message = self.message(program, a.second, a.third, message_bytes)?;
+        let message = self.message(a.task, a.second, a.third, message_bytes)?;
         match self.scheduler.send(id)? {
             Sent::Slot(slot) => self.slot(program, a.first, message_bytes, slot).put(message),
             Sent::To(receiver) => {
@@ -120,7 +128,7 @@ impl Kernel {
                 let context = &mut self.contexts[receiver.index()];
                 let buffer = context.rsi;
                 context.rax = message.bytes();
-                let to = self.memory(program, buffer, message.bytes(), true)?;
+                let to = self.memory(receiver, buffer, message.bytes(), true)?;
                 to.copy_from(message);
             }
         }
@@ -131,7 +139,7 @@ impl Kernel {
         let ObjectKind::Queue { message_bytes, .. } = self.kind(program, a.first)? else {
             return Err(Error::BadId);
         };
-        let buffer = self.buffer(program, a.second, a.third, message_bytes)?;
+        let buffer = self.buffer(a.task, a.second, a.third, message_bytes)?;
         match self.scheduler.receive(id, self.now(), Span(a.fourth))? {
             Received::Slot(slot) => {
                 let length = self.slot(program, a.first, message_bytes, slot).get(buffer);
@@ -150,7 +158,7 @@ impl Kernel {
         let ObjectKind::Mailbox { bytes } = self.kind(program, a.first)? else {
             return Err(Error::BadId);
         };
-        let message = self.message(program, a.second, a.third, bytes)?;
+        let message = self.message(a.task, a.second, a.third, bytes)?;
         self.scheduler.write(id)?;
         self.slot(program, a.first, bytes, 0).put(message);
         Ok(())
@@ -160,21 +168,21 @@ impl Kernel {
         let ObjectKind::Mailbox { bytes } = self.kind(program, a.first)? else {
             return Err(Error::BadId);
         };
-        let buffer = self.buffer(program, a.second, a.third, bytes)?;
+        let buffer = self.buffer(a.task, a.second, a.third, bytes)?;
         let fresh = self.scheduler.read(id)?;
         let length = self.slot(program, a.first, bytes, 0).get(buffer);
         Ok(Some(if fresh { length | FRESH } else { length }))
     }
 
     fn channel_read(&mut self, program: ProgramId, a: &Arguments) -> Answer {
-        let to = self.memory(program, a.second, a.third, true)?;
+        let to = self.memory(a.task, a.second, a.third, true)?;
         let message = self.ports.read(program.0, a.first, to.bytes(), cycle::now())?;
         to.write(message);
         Ok(Some(message.len() as i64))
     }
 
     fn channel_write(&mut self, program: ProgramId, a: &Arguments) -> Answer {
-        let from = self.message(program, a.second, a.third, limit::MESSAGE_BYTES)?;
+        let from = self.message(a.task, a.second, a.third, limit::MESSAGE_BYTES)?;
         let bytes = from.bytes() as usize;
         from.read(self.ports.buffer(bytes).ok_or(Error::TooLong)?);
         self.ports.write(program.0, a.first, bytes, cycle::now())?;
@@ -182,7 +190,7 @@ impl Kernel {
     }
 
     fn log(&mut self, program: ProgramId, task: TaskId, pointer: u64, bytes: u64) -> Answer {
-        let from = self.message(program, pointer, bytes, limit::LOG_BYTES)?;
+        let from = self.message(task, pointer, bytes, limit::LOG_BYTES)?;
         let mut buffer = [0; limit::LOG_BYTES as usize];
         from.read(&mut buffer);
         // A line feed in it would begin a line that seems to be the kernel's, or another program's.
@@ -212,6 +220,7 @@ impl Kernel {
             ));
         }
         self.scheduler.stop(ProgramId(place.program));
+        self.stop_outputs(place.program);
     }
 
     fn kind(&self, program: ProgramId, number: u64) -> Result<ObjectKind, Error> {
@@ -220,25 +229,27 @@ impl Kernel {
         Ok(object.kind)
     }
 
-    fn memory(&self, program: ProgramId, at: u64, bytes: u64, write: bool) -> Result<Area, Error> {
-        let program = self.programs[program.index()].as_ref().ok_or(Error::BadPointer)?;
-        program.memory(at, bytes, write).ok_or(Error::BadPointer)
+    fn memory(&self, task: TaskId, at: u64, bytes: u64, write: bool) -> Result<Area, Error> {
+        let place = self.places[task.index()];
+        let program = self.programs[usize::from(place.program)].as_ref();
+        let area = program.and_then(|program| program.memory(place.number, at, bytes, write));
+        area.ok_or(Error::BadPointer)
     }
 
     /// A message of the program's, with at most so many bytes.
-    fn message(&self, program: ProgramId, at: u64, bytes: u64, most: u32) -> Result<Area, Error> {
+    fn message(&self, task: TaskId, at: u64, bytes: u64, most: u32) -> Result<Area, Error> {
         if bytes > u64::from(most) {
             return Err(Error::TooLong);
         }
-        self.memory(program, at, bytes, false)
+        self.memory(task, at, bytes, false)
     }
 
     /// A buffer of the program's, with room for the longest message.
-    fn buffer(&self, program: ProgramId, at: u64, bytes: u64, most: u32) -> Result<Area, Error> {
+    fn buffer(&self, task: TaskId, at: u64, bytes: u64, most: u32) -> Result<Area, Error> {
         if bytes < u64::from(most) {
             return Err(Error::TooLong);
         }
-        self.memory(program, at, bytes, true)
+        self.memory(task, at, bytes, true)
     }
 
     /// Where an object keeps a message.

@@ -22,6 +22,7 @@
 use super::context::{self, Context, Entry};
 use super::events::Events;
 use super::figures::Figures;
+use super::io::{Io, Job};
 use super::live::Live;
 use super::memory::{Area, Pages};
 use super::ports::Ports;
@@ -78,8 +79,12 @@ pub struct Kernel {
     pub clock: Clock,
     pub start: Start,
     window: Window,
-    /// The program whose tables are in use.
-    space: Option<u8>,
+    /// The program whose tables are in use, and the task whose view of the process image is in them.
+    space: Option<(u8, u16)>,
+    /// What is mapped to inputs and outputs.
+    pub io: Io,
+    /// Tasks whose jobs have not read their inputs yet, a bit for each.
+    unread: u64,
     pub figures: Figures,
     /// Orders from Takt, and answers.
     pub live: Live,
@@ -102,6 +107,8 @@ impl Kernel {
         start: Start::Cold,
         window: Window { release: 0, release_tsc: 0, end_tsc: 0, begun: false },
         space: None,
+        io: Io::NONE,
+        unread: 0,
         figures: Figures::START,
         live: Live::CLOSED,
         pages: None,
@@ -206,15 +213,13 @@ impl Kernel {
         if let Some(wake) = wake {
             self.end_wait(task, wake);
         }
-        if self.space != Some(place.program) {
-            self.space = Some(place.program);
-            if let Some(program) = &self.programs[usize::from(place.program)] {
-                program.space.enter();
-            }
-        }
+        self.enter_space(place);
         // If the window is over by now, all that was prepared waits for the next one.
         let Some(from) = self.begin_window() else { return };
         self.scheduler.begins(self.clock.instant(from));
+        if self.unread & 1 << task.0 != 0 {
+            self.read_inputs(task);
+        }
         let context = &mut self.contexts[task.index()];
         let entry = loop {
             match context::run(context) {
@@ -225,12 +230,7 @@ impl Kernel {
                 entry => break entry,
             }
         };
-        let mut to = cycle::now();
-        if pages::release() != self.window.release {
-            to = to.min(self.window.end_tsc);
-        }
-        let ran = self.clock.span(to.saturating_sub(from));
-        let violation = self.scheduler.account(ran);
+        let violation = self.charge(from);
         let stops_partition = self.entry_of(task).on_overrun == action::STOP_PARTITION;
         // What a fault or STOP leads to, no action after a budget that is used up takes back.
         let ended = self.ends_program(task, entry);
@@ -240,6 +240,10 @@ impl Kernel {
         if let Entry::Call = entry
             && self.scheduler.running() == Some(task)
         {
+            let ends = self.contexts[task.index()].rax == u64::from(Call::End as u32);
+            if ends && !self.write_outputs(task) {
+                return;
+            }
             self.call(task);
         }
     }
@@ -260,6 +264,73 @@ impl Kernel {
         }
     }
 
+    /// Charges the running task with the time since then, up to the end of the window that it was in.
+    fn charge(&mut self, from: u64) -> Option<Violation> {
+        let mut to = cycle::now();
+        if pages::release() != self.window.release {
+            to = to.min(self.window.end_tsc);
+        }
+        self.scheduler.account(self.clock.span(to.saturating_sub(from)))
+    }
+
+    /// Uses the tables of a task's program, with the task's view of the process image.
+    fn enter_space(&mut self, place: Place) {
+        let Some(program) = &self.programs[usize::from(place.program)] else { return };
+        let space = (place.program, program.process.view_of(place.number));
+        if self.space != Some(space) {
+            self.space = Some(space);
+            program.process.show(program.space, place.number);
+            program.space.enter();
+        }
+    }
+
+    fn job(&self, id: TaskId) -> Job {
+        let Place { program, number, .. } = self.places[id.index()];
+        let released = self.scheduler.task(id).released();
+        Job { program, task: number, released, clock: self.clock }
+    }
+
+    /// Inputs at the start of a job: those of the program are read, and the task gets them, with the outputs as
+    /// they are. Nothing comes between this and the job's first instruction.
+    fn read_inputs(&mut self, id: TaskId) {
+        self.unread &= !(1 << id.0);
+        let job = self.job(id);
+        self.io.read(job, &self.programs, &mut self.ports);
+        if let Some(program) = &self.programs[usize::from(job.program)] {
+            program.process.give(job.task);
+        }
+    }
+
+    /// Outputs at the end of a job: those that the task writes are taken from it, and those that are mapped leave the
+    /// partition. The job pays for it. False if it may not end as it would for that.
+    fn write_outputs(&mut self, id: TaskId) -> bool {
+        let job = self.job(id);
+        let Some(program) = &self.programs[usize::from(job.program)] else { return true };
+        if program.process.is_empty() {
+            return true;
+        }
+        let from = cycle::now();
+        program.process.take(job.task);
+        self.io.write(job, &program.process, &mut self.ports);
+        if let Some(violation) = self.charge(from) {
+            self.violated(id, violation);
+        }
+        self.scheduler.running() == Some(id)
+    }
+
+    /// Outputs of a program that has stopped.
+    pub fn stop_outputs(&mut self, program: u8) {
+        if let Some(stopped) = &self.programs[usize::from(program)] {
+            self.io.stop(program, &stopped.process, &mut self.ports);
+        }
+    }
+
+    /// Stops the program of a task that has failed.
+    fn fail(&mut self, id: TaskId) {
+        self.scheduler.fail(id);
+        self.stop_outputs(self.places[id.index()].program);
+    }
+
     fn begin_job(&mut self, id: TaskId, place: Place) {
         let task = self.scheduler.task(id);
         let Some(program) = &self.programs[usize::from(place.program)] else { return };
@@ -274,6 +345,9 @@ impl Kernel {
         };
         let argument = program.inform(place.number, &information);
         let stack = program.begin_stack(place.number.unwrap_or(0));
+        if !program.process.is_empty() {
+            self.unread |= 1 << id.0;
+        }
         self.contexts[id.index()].begin(place.entry, stack, argument);
     }
 
@@ -333,7 +407,7 @@ impl Kernel {
                 }
             }
             action::RESTART_PROGRAM => {
-                self.scheduler.fail(id);
+                self.fail(id);
                 if let Some(program) = &mut self.programs[usize::from(place.program)] {
                     program.reload(self.window.release);
                 }
@@ -343,7 +417,7 @@ impl Kernel {
                 print(format_args!("the partition ends itself, as its file says"));
                 port::exit(STOPPED_BY_PROGRAM);
             }
-            _ => self.scheduler.fail(id),
+            _ => self.fail(id),
         }
     }
 }

@@ -54,6 +54,11 @@ impl Area {
         }
     }
 
+    /// Its first bytes, or all of it if there are not so many.
+    pub const fn first(self, bytes: u64) -> Self {
+        Self { start: self.start, bytes: if bytes < self.bytes { bytes } else { self.bytes } }
+    }
+
     fn pointer(self) -> *mut u8 {
         (DISTANCE + self.start) as *mut u8
     }
@@ -83,6 +88,19 @@ impl Area {
         let bytes = from.len().min(self.bytes as usize);
         // SAFETY: as in `read`.
         unsafe { ptr::copy_nonoverlapping(from.as_ptr(), self.pointer(), bytes) };
+    }
+
+    /// All of it, for a while.
+    ///
+    /// # Safety
+    ///
+    /// No program may see it, and until the end of the life of the result nothing else may read or write it.
+    pub unsafe fn slice<'a>(self) -> &'a mut [u8] {
+        if self.bytes == 0 {
+            return &mut [];
+        }
+        // SAFETY: as in `clear`; the caller promises the rest.
+        unsafe { core::slice::from_raw_parts_mut(self.pointer(), self.bytes as usize) }
     }
 
     /// The 64-bit number at an offset; 0 outside of the area.

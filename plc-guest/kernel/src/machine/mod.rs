@@ -8,6 +8,7 @@
 //! | [`calls`] | what programs ask for |
 //! | [`events`] | what event tasks wait for |
 //! | [`program`], [`space`], [`memory`] | a program's memory, its page tables, and the RAM |
+//! | [`process`], [`io`] | process images, and what is mapped to inputs and outputs |
 //! | [`ports`] | ends of channels |
 //! | [`live`] | orders from Takt while the PLC runs |
 //! | [`faults`], [`figures`], [`lines`] | what is told of errors and figures, and how much programs may log |
@@ -18,11 +19,13 @@ pub mod context;
 pub mod events;
 pub mod faults;
 pub mod figures;
+pub mod io;
 pub mod kernel;
 pub mod lines;
 pub mod live;
 pub mod memory;
 pub mod ports;
+pub mod process;
 pub mod processor;
 pub mod program;
 pub mod space;

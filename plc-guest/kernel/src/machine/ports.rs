@@ -4,19 +4,25 @@
 //! the partition file; for another one, and where kind, direction or size differ, it is closed, which
 //! is said at the start, and its calls are refused.
 
-use takt_abi::port_kind;
-use takt_channel::{ReadError, ReceiveError, ReturnCode, SendError, Tsc};
+use takt_abi::{direction, port_kind};
+use takt_channel::{ReadError, ReceiveError, ReturnCode, SendError, Tsc, Validity};
+use takt_kernel::process_image::Newest;
+use takt_kernel::time::Clock;
 use takt_plc_guest::channel::{self, Input, Output, Receiver, Sender};
 use takt_program::call::Error;
 use takt_program::{Direction, Port, limit};
 
 /// Most ports of a partition.
 pub const PORTS: usize = takt_abi::PORTS_MAX;
+/// Whose ports are those that the partition file maps to inputs and outputs. They belong to no program.
+const OF_IO: u8 = u8::MAX;
 
 /// An open port.
 #[derive(Debug)]
 enum End {
     Output(Output),
+    /// Of which outputs are written, with the length of its messages.
+    Mapped(Output, usize),
     Sender(Sender),
     /// With the stamp of the message that was read last.
     Input(Input, u64),
@@ -56,6 +62,55 @@ impl Ports {
         Ok(())
     }
 
+    /// Opens a port of the partition for inputs and outputs, by its place in the host's table, if it is not open.
+    pub fn open_for_io(&mut self, place: u64) {
+        let Some(port) = usize::try_from(place).ok().and_then(|p| channel::ports().get(p)) else {
+            return;
+        };
+        if self.end(OF_IO, place).is_some() {
+            return;
+        }
+        let Some(slot) = self.ends.iter_mut().find(|end| end.is_none()) else { return };
+        let length = port.name.iter().position(|byte| *byte == 0).unwrap_or(port.name.len());
+        let name = core::str::from_utf8(&port.name[..length]).unwrap_or("");
+        let end = match port.direction {
+            direction::SOURCE => channel::output(name, port.maximum)
+                .map(|output| End::Mapped(output, port.maximum as usize)),
+            _ => channel::input(name, port.maximum).map(|input| End::Input(input, 0)),
+        };
+        // The host's table is right; a port that cannot be opened has no messages.
+        *slot = end.ok().map(|end| (OF_IO, place as u8, end));
+    }
+
+    /// The newest message at such a port.
+    pub fn newest(&mut self, place: u64, now: u64, clock: &Clock) -> Newest<'_> {
+        let Some((End::Input(input, _), buffer)) = self.end(OF_IO, place) else {
+            return Newest::NONE;
+        };
+        let longest = input.status().maximum;
+        match input.read(buffer, Tsc(now)) {
+            // A message is a structure: a part of it is none.
+            Ok(sample) if sample.bytes.len() == longest => Newest {
+                message: Some(sample.bytes),
+                valid: sample.validity == Validity::Valid,
+                age: clock.span(sample.age.0).0,
+            },
+            _ => Newest::NONE,
+        }
+    }
+
+    /// Writes a message of full length, which is filled in from zeros, to such a port.
+    pub fn write_for_io(&mut self, place: u64, now: u64, fill: impl FnOnce(&mut [u8])) {
+        if let Some((End::Mapped(output, longest), buffer)) = self.end(OF_IO, place)
+            && let Some(message) = buffer.get_mut(..*longest)
+        {
+            message.fill(0);
+            fill(message);
+            // It is as long as the longest.
+            let _ = output.write(message, Tsc(now));
+        }
+    }
+
     fn end(&mut self, program: u8, number: u64) -> Option<(&mut End, &mut [u8])> {
         let mut open = self.ends.iter_mut().flatten();
         let found = open.find(|(p, n, _)| (*p, u64::from(*n)) == (program, number));
@@ -82,7 +137,7 @@ impl Ports {
                 Err(ReceiveError::Buffer(_)) => Err(Error::TooLong),
                 Err(_) => Err(Error::Empty),
             },
-            End::Output(_) | End::Sender(_) => Err(Error::NotAllowed),
+            End::Output(_) | End::Mapped(..) | End::Sender(_) => Err(Error::NotAllowed),
         }
     }
 
@@ -102,7 +157,7 @@ impl Ports {
                 Err(SendError::Full) => Err(Error::Full),
                 Err(SendError::Length(_)) => Err(Error::TooLong),
             },
-            End::Input(..) | End::Receiver(..) => Err(Error::NotAllowed),
+            End::Mapped(..) | End::Input(..) | End::Receiver(..) => Err(Error::NotAllowed),
         }
     }
 
@@ -116,7 +171,7 @@ impl Ports {
                 let stamp = input.read(buffer, Tsc(now)).map(|sample| sample.stamp.0);
                 stamp.is_ok_and(|stamp| core::mem::replace(seen, stamp) != stamp && *read != stamp)
             }
-            End::Output(_) | End::Sender(_) => false,
+            End::Output(_) | End::Mapped(..) | End::Sender(_) => false,
         }
     }
 }

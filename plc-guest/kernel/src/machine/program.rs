@@ -5,6 +5,7 @@
 //! time from its neighbours.
 
 use super::memory::{Area, OutOfMemory, Pages, Ram};
+use super::process::Process;
 use super::space::{Rights, Space};
 use core::fmt;
 use takt_abi::memory::PAGE;
@@ -25,15 +26,17 @@ const _: () = assert!((INITIALISATION + 1) * INFORMATION_BYTES <= PAGE);
 
 /// Memory of a program, where the program sees it.
 #[derive(Clone, Copy, Debug)]
-struct Region {
-    address: u64,
-    area: Area,
-    rights: Rights,
+pub struct Region {
+    pub address: u64,
+    pub area: Area,
+    pub rights: Rights,
 }
 
 const NO_REGION: Region = Region { address: 0, area: Area::NONE, rights: Rights::Constants };
-/// Code, constants, state, inputs, outputs, markers, the information of the tasks.
-const FIXED: usize = 7;
+/// Code, constants, state, markers, the information of the tasks.
+const FIXED: usize = 5;
+const STATE: usize = 2;
+const MARKER: usize = 3;
 const REGIONS: usize = FIXED + limit::TASKS as usize;
 
 /// Why a program cannot be run.
@@ -96,6 +99,8 @@ pub struct Program {
     pub id: ProgramId,
     pub image: Image<'static>,
     pub space: Space,
+    /// Its inputs and outputs.
+    pub process: Process,
     /// The host's entry: name, and what follows from errors.
     pub entry: table::Program,
     /// Memory for the messages of each object.
@@ -137,6 +142,7 @@ impl Program {
             id,
             image,
             space: Space::new(pages)?,
+            process: Process::new(pages, &image)?,
             entry: *entry,
             messages: [Area::NONE; OBJECTS_EACH_MAX as usize],
             regions: [NO_REGION; REGIONS],
@@ -170,18 +176,14 @@ impl Program {
         let constants = segment(SectionKind::Constants, image.constants().len())?;
         let state_bytes = address::pages(image.state_bytes().into());
         let state = state.part(0, state_bytes).ok_or(LoadError::Table)?;
-        let mut process = |kind| {
-            let bytes = image.area_bytes(kind);
-            if bytes == 0 { Ok(Area::NONE) } else { pages.take(bytes.into()) }
+        let marker = match image.area_bytes(Kind::Marker) {
+            0 => Area::NONE,
+            bytes => pages.take(bytes.into())?,
         };
-        let (input, output) = (process(Kind::Input)?, process(Kind::Output)?);
-        let marker = process(Kind::Marker)?;
         let fixed: [(u64, Area, Rights); FIXED] = [
             (address::CODE, code, Rights::Code),
             (image.constants_address(), constants, Rights::Constants),
             (address::STATE, state, Rights::Data),
-            (address::INPUT, input, Rights::Constants),
-            (address::OUTPUT, output, Rights::Data),
             (address::MARKER, marker, Rights::Data),
             (address::TASK_INFORMATION, self.information, Rights::Constants),
         ];
@@ -227,9 +229,10 @@ impl Program {
         core::str::from_utf8(&self.entry.name[..end]).unwrap_or("?")
     }
 
-    /// Memory of the program that it names by a pointer, if all of it may be accessed so.
-    pub fn memory(&self, pointer: u64, bytes: u64, write: bool) -> Option<Area> {
-        let found = self.regions.iter().find_map(|region| {
+    /// Memory of the program that a task names by a pointer, if all of it may be accessed so.
+    pub fn memory(&self, task: Option<u16>, pointer: u64, bytes: u64, write: bool) -> Option<Area> {
+        let regions = self.regions.iter().copied().chain(self.process.regions(task));
+        let found = regions.into_iter().find_map(|region| {
             let allowed = !write || region.rights == Rights::Data;
             let offset = pointer.checked_sub(region.address)?;
             region.area.part(offset, bytes).filter(|_| allowed)
@@ -298,7 +301,7 @@ impl Program {
     /// Sets up some more of the state. True if that was the last of it.
     pub fn load_some(&mut self) -> bool {
         let Some(done) = self.loading else { return false };
-        let state = self.regions[2].area;
+        let state = self.regions[STATE].area;
         let initial = self.image.state();
         let length = STEP.min(state.bytes() - done);
         if let Some(part) = state.part(done, length) {
@@ -309,9 +312,8 @@ impl Program {
         let next = done + length;
         self.loading = (next < state.bytes()).then_some(next);
         if self.loading.is_none() {
-            for region in &self.regions[3..6] {
-                region.area.clear();
-            }
+            self.regions[MARKER].area.clear();
+            self.process.clear();
         }
         self.loading.is_none()
     }

@@ -12,12 +12,17 @@
 use super::memory::{Area, OutOfMemory, Pages, ROOT_ENTRY};
 use core::arch::asm;
 use takt_abi::memory::PAGE;
+use takt_program::address::{INPUT, MARKER, OUTPUT};
 
 const PRESENT: u64 = 1;
 const WRITABLE: u64 = 1 << 1;
 const USER: u64 = 1 << 2;
 const NO_EXECUTE: u64 = 1 << 63;
 const ADDRESS: u64 = 0x000f_ffff_ffff_f000;
+
+// Inputs and outputs have a page table to themselves.
+const _: () = assert!(INPUT.is_multiple_of(2 << 20) && INPUT >> 21 == OUTPUT >> 21);
+const _: () = assert!(MARKER >> 21 != INPUT >> 21);
 
 /// What ring 3 may do with a page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,6 +49,29 @@ impl Rights {
 #[derive(Clone, Copy, Debug)]
 pub struct Space {
     root: Area,
+    /// That with the entry for the process image.
+    directory: Area,
+}
+
+/// What of a program's address space each of its tasks sees differently: the part of 2 MiB that begins with the inputs.
+#[derive(Clone, Copy, Debug)]
+pub struct View(Area);
+
+impl View {
+    /// Nothing.
+    pub const NONE: Self = Self(Area::NONE);
+
+    /// Nothing yet, in a page of zeros.
+    pub const fn new(page: Area) -> Self {
+        Self(page)
+    }
+
+    /// Maps an area, which begins at a page, to addresses in it.
+    pub fn map(self, address: u64, area: Area, rights: Rights) {
+        for offset in (0..area.bytes()).step_by(PAGE as usize) {
+            self.0.set_word(index(address + offset, 12), (area.start() + offset) | rights.bits());
+        }
+    }
 }
 
 impl Space {
@@ -62,7 +90,14 @@ impl Space {
         }
         root.set_word(0, pointers.start() | PRESENT | WRITABLE | USER);
         root.set_word(8 * ROOT_ENTRY as u64, kernel_root.entry(ROOT_ENTRY as u64));
-        Ok(Self { root })
+        let inner = Self::table(root, index(INPUT, 39), pages)?;
+        let directory = Self::table(inner, index(INPUT, 30), pages)?;
+        Ok(Self { root, directory })
+    }
+
+    /// Exchanges the view. It holds when the tables are entered the next time.
+    pub fn show(self, view: View) {
+        self.directory.set_word(index(INPUT, 21), view.0.start() | PRESENT | WRITABLE | USER);
     }
 
     /// Maps an area, which begins at a page, to addresses of the program.

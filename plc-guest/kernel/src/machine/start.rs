@@ -5,6 +5,7 @@
 
 use super::context::{self};
 use super::events::Source;
+use super::io::Io;
 use super::kernel::{Kernel, Place};
 use super::memory::{Pages, Ram};
 use super::program::{LoadError, Program};
@@ -53,6 +54,13 @@ impl Kernel {
             Ram::map(space::boot_root(), information.memory_bytes)
         };
         self.live.open();
+        let Some(io) = Io::open(&mut self.ports) else {
+            print(format_args!(
+                "this kernel needs inputs and outputs of interface version {VERSION}"
+            ));
+            port::exit(CANNOT_START);
+        };
+        self.io = io;
         let count = (table.count as usize).min(table.programs.len());
         for (place, entry) in (0..).zip(&table.programs[..count]) {
             let name = entry.name.iter().take_while(|byte| **byte != 0).count();
@@ -175,7 +183,11 @@ fn source_of(program: &Program, source: EventSource<'_>) -> Result<Source, LoadE
         }
         EventSource::Rise(name) => {
             let variable = image.variable(name).ok_or(LoadError::Source("a variable"))?;
-            let byte = program.memory(variable.address(image), 1, false);
+            // Of an input or an output the kernel's own, which the jobs of all tasks have read and written.
+            let byte = program
+                .process
+                .part(variable.area, variable.offset.into(), 1)
+                .or_else(|| program.memory(None, variable.address(image), 1, false));
             let byte = byte.ok_or(LoadError::Source("a variable"))?;
             // Without a bit of its own a BOOL is a byte.
             let is_bool = image
