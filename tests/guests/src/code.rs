@@ -334,6 +334,71 @@ functions! {
     Times = "takt_test_times": [
         "push r12", "mov r12, [rbx]", "2:", "mov eax, 1", "syscall", "dec r12", "jnz 2b", "pop r12",
     ]
+    /// Copies the first 16 bytes of its inputs to its outputs.
+    CopyInputs = "takt_test_copy_inputs": [
+        "movups xmm0, [0x68000000]", "movups [0x68100000], xmm0",
+    ]
+    /// Counts its jobs in the first word of its outputs. Stops with code 82 if that word has another count, or if
+    /// the first word of the inputs is what it was in the job before.
+    NewInput = "takt_test_new_input": [
+        "mov rax, [0x68000000]", "cmp rax, [rbx + 16]", "je 2f", "mov [rbx + 16], rax",
+        "inc qword ptr [0x68100000]",
+        "mov rax, [0x68100000]", "cmp rax, [rbx + 8]", "je 3f",
+        "2:", "mov edi, 82", "mov eax, 14", "syscall",
+        "3:",
+    ]
+    /// Counts its jobs in the second word of its outputs, and looks at the first words of inputs and outputs as often
+    /// as the parameter says. Stops with code 83 if one of the three changes.
+    SameInput = "takt_test_same_input": [
+        "inc qword ptr [0x68100008]",
+        "mov rax, [0x68000000]", "mov rdx, [0x68100000]", "mov rcx, [rbx]",
+        "2:",
+        "cmp rax, [0x68000000]", "jne 3f",
+        "cmp rdx, [0x68100000]", "jne 3f",
+        "dec rcx", "jnz 2b",
+        "mov rax, [0x68100008]", "cmp rax, [rbx + 8]", "je 4f",
+        "3:", "mov edi, 83", "mov eax, 14", "syscall",
+        "4:",
+    ]
+    /// Counts its jobs in the first word of its outputs, works as often as the parameter says, and counts in the second.
+    TwoOutputs = "takt_test_two_outputs": [
+        "inc qword ptr [0x68100000]",
+        "mov rcx, [rbx]", "2:", "dec rcx", "jnz 2b",
+        "inc qword ptr [0x68100008]",
+    ]
+    /// Stops with code 84 if the first two words of its inputs differ, or if the first has become less. Says "more" in
+    /// the job in which it reaches the parameter.
+    TwoInputs = "takt_test_two_inputs": [
+        "mov rax, [0x68000000]",
+        "cmp rax, [0x68000008]", "jne 2f",
+        "mov rdx, [rbx + 16]", "mov [rbx + 16], rax",
+        "cmp rax, rdx", "jb 2f",
+        "cmp rax, [rbx]", "jb 3f", "cmp rdx, [rbx]", "jae 3f",
+        "mov eax, 2", "mov rdi, rbx", "add rdi, 56", "mov dword ptr [rdi], 0x65726f6d",
+        "mov esi, 4", "syscall", "jmp 3f",
+        "2:", "mov edi, 84", "mov eax, 14", "syscall",
+        "3:",
+    ]
+    /// Says "fell" when the first word of its inputs is zero and has not been before.
+    Fall = "takt_test_fall": [
+        "mov rdx, [rbx + 16]", "mov rax, [0x68000000]", "mov [rbx + 16], rax",
+        "test rax, rax", "jnz 3f", "test rdx, rdx", "jz 3f",
+        "mov eax, 2", "mov rdi, rbx", "add rdi, 56", "mov dword ptr [rdi], 0x6c6c6566",
+        "mov esi, 4", "syscall",
+        "3:",
+    ]
+    /// Writes 7 to the first two words of its outputs, and causes a fault in the job with the number of the parameter.
+    FaultingOutputs = "takt_test_faulting_outputs": [
+        "mov qword ptr [0x68100000], 7", "mov qword ptr [0x68100008], 7",
+        "mov rax, [rbx]", "cmp [rbx + 8], rax", "jb 2f", "ud2", "2:",
+    ]
+    /// Half of the count of its jobs in output byte 0; in byte 1, by turns, 0x0c and 0x0d, which strobes a printer.
+    Print = "takt_test_print": [
+        "mov rax, [rbx + 8]", "dec rax", "mov rdx, rax", "shr rax, 1", "mov [0x68100000], al",
+        "and edx, 1", "or edx, 12", "mov [0x68100001], dl",
+    ]
+    /// Writes into its inputs.
+    WriteInput = "takt_test_write_input": ["mov byte ptr [0x68000000], 1"]
     /// Says hello.
     Log = "takt_test_log": [
         "mov eax, 2", "mov rdi, 0x50000038", "mov dword ptr [rdi], 0x6c6c6568",

@@ -12,7 +12,7 @@ mod code;
 
 pub use code::{Entry, trap_of};
 use takt_program::build::{Builder, Event, Object, Place, Port, Task, Trap, Variable, When};
-use takt_program::{Area, Direction, Elementary, Nanoseconds, TrapKind};
+use takt_program::{Area, Direction, Elementary, Nanoseconds, TaskId, TrapKind, TypeId};
 
 /// Bytes of the state that belong to one task.
 const EACH: usize = 64;
@@ -80,6 +80,30 @@ impl Program {
     #[must_use]
     pub fn port(mut self, name: &str, direction: Direction) -> Self {
         self.0.port(Port { name: name.into(), direction, message_bytes: 8 });
+        self
+    }
+
+    /// With an input at this byte.
+    #[must_use]
+    pub fn input(self, name: &str, ty: Elementary, offset: u32) -> Self {
+        self.point(Variable::new(name, TypeId(0), Area::Input, offset), ty)
+    }
+
+    /// With an output at this byte, which the task of this number writes.
+    #[must_use]
+    pub fn output(self, name: &str, ty: Elementary, offset: u32, task: u16) -> Self {
+        let variable = Variable::new(name, TypeId(0), Area::Output, offset);
+        self.point(Variable { writer: Some(TaskId(task)), ..variable }, ty)
+    }
+
+    fn point(mut self, variable: Variable, ty: Elementary) -> Self {
+        let bytes = match variable.area {
+            Area::Input => &mut self.0.input_bytes,
+            _ => &mut self.0.output_bytes,
+        };
+        *bytes = (*bytes).max(variable.offset + ty.bytes());
+        let ty = self.0.elementary(ty);
+        self.0.variable(Variable { ty, ..variable });
         self
     }
 

@@ -17,6 +17,7 @@ mod linux_ports;
 mod load;
 mod passthrough;
 mod ports;
+mod process_image;
 mod programs;
 mod quiet;
 mod safe_values;

@@ -143,6 +143,7 @@ const FAULTS: &[(Entry, &str)] = &[
     (Entry::Null, "page fault, read of 0x0 "),
     (Entry::WriteCode, "page fault, write of 0x40000000"),
     (Entry::WriteConstants, "page fault, write of 0x40001000"),
+    (Entry::WriteInput, "page fault, write of 0x68000000"),
     (Entry::WriteInformation, "page fault, write of 0x6ffff"),
     (Entry::WriteCallPage, "page fault, write of 0x3ffff000"),
     (Entry::JumpIntoData, "page fault, execution of 0x50000000"),
