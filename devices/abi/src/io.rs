@@ -2,8 +2,7 @@
 //!
 //! The partition file maps points of the programs' process images to places: fields of messages, registers,
 //! outputs of programs, simulated values. Takt checks the mapping and resolves all names, so that the guest finds
-//! numbers only. The pages are there if the partition has programs, and only then. They came without a change of the
-//! interface's version: a guest that does not look at them finds all else as before.
+//! numbers only. The pages are there if the partition has programs, and only then.
 
 use crate::{MAGIC, VERSION, memory};
 
