@@ -20,6 +20,7 @@ pub mod limits;
 pub mod manifest;
 pub mod native;
 pub mod project;
+pub mod query;
 pub mod source;
 pub mod stack;
 pub mod syntax;

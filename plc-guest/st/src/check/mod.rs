@@ -32,6 +32,8 @@ mod usage;
 
 use std::collections::HashMap;
 
+pub use standard::known;
+
 use crate::diagnostic::{Code, Diagnostic, Diagnostics};
 use crate::hir::{Elementary, Location, Program, TypeId};
 use crate::limits;

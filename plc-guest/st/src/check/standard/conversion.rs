@@ -161,7 +161,7 @@ impl<'a> Body<'_, 'a> {
 
 /// What a conversion gives.
 #[derive(Clone, Copy)]
-enum Target {
+pub(super) enum Target {
     Elementary(Elementary),
     String,
     WString,
@@ -178,7 +178,7 @@ impl Target {
 }
 
 /// The types in the name of a conversion, and whether it cuts off the fraction.
-fn parse(key: &str) -> Option<(Option<Elementary>, Target, bool)> {
+pub(super) fn parse(key: &str) -> Option<(Option<Elementary>, Target, bool)> {
     let target = |name: &str| match name {
         "STRING" => Some(Target::String),
         "WSTRING" => Some(Target::WString),

@@ -7,6 +7,7 @@
 mod arguments;
 mod bounds;
 mod conversion;
+pub mod known;
 mod make;
 mod repeated;
 mod table;

@@ -1,0 +1,35 @@
+//! The names that mean something without a declaration, for editors.
+
+use super::{conversion, table};
+use crate::check::names;
+use crate::hir::Elementary;
+
+/// The names of the elementary types, and of the strings.
+pub fn types() -> impl Iterator<Item = &'static str> {
+    Elementary::ALL.into_iter().map(Elementary::name).chain(["STRING", "WSTRING"])
+}
+
+/// Whether this key is the name of an elementary type or of a string.
+#[must_use]
+pub fn is_type(key: &str) -> bool {
+    names::elementary(key).is_some() || matches!(key, "STRING" | "WSTRING")
+}
+
+/// The functions that the compiler makes itself, except for conversions: name, and how it is called.
+pub fn functions() -> impl Iterator<Item = (&'static str, String)> {
+    let own = |name: &'static str, form: &str| (name, form.to_owned());
+    let table = table::FUNCTIONS.iter().filter(|function| !function.name.starts_with("TAKT_"));
+    table.map(|function| (function.name, function.form())).chain([
+        own("REF", "REF(variable)"),
+        own("LOWER_BOUND", "LOWER_BOUND(ARR, DIM)"),
+        own("UPPER_BOUND", "UPPER_BOUND(ARR, DIM)"),
+    ])
+}
+
+/// How the function of this key, or the conversion, is called, if the compiler makes it itself.
+#[must_use]
+pub fn function(key: &str) -> Option<String> {
+    let known = functions().find(|(name, _)| *name == key).map(|(_, form)| form);
+    let hidden = || table::function(key).map(|function| function.form());
+    known.or_else(hidden).or_else(|| conversion::parse(key).map(|_| format!("{key}(IN)")))
+}
