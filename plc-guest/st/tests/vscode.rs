@@ -23,6 +23,12 @@ fn the_files_that_the_package_names_are_there() {
     {
         json(path.as_str().expect("a path"));
     }
+    let client = package["main"].as_str().expect("a path");
+    let client = fs::read_to_string(file(client)).expect("the client is there");
+    assert!(client.contains(r#"args: ["plc", "lsp"]"#) && client.contains(r#"get("command")"#));
+    let library = package["dependencies"].as_object().expect("libraries").keys().next();
+    assert!(client.contains(&format!("require(\"{}/node\")", library.expect("one"))));
+    assert!(contributes["configuration"]["properties"]["takt.command"].is_object());
     let scope = &contributes["grammars"][0]["scopeName"];
     assert_eq!(*scope, json("syntaxes/st.tmLanguage.json")["scopeName"]);
 }

@@ -45,6 +45,8 @@ enum Command {
     Check(commands::check::Check),
     /// Format sources in Structured Text: white space and the case of keywords.
     Fmt(commands::fmt::Fmt),
+    /// Serve an editor: the language server of Structured Text, on the standard input and output.
+    Lsp(commands::lsp::Lsp),
     /// Make a program image of Structured Text, or of object files and static libraries.
     Build(commands::build::Build),
     /// Run the tests of a project on this machine, or an image cycle by cycle against a table.
@@ -80,6 +82,7 @@ fn main() -> ExitCode {
         Command::Import(command) => command.run(),
         Command::Check(command) => command.run(),
         Command::Fmt(command) => command.run(),
+        Command::Lsp(command) => command.run(),
         Command::Build(command) => command.run(),
         Command::Test(command) => command.run(),
         Command::Inspect(command) => command.run(),

@@ -7,6 +7,7 @@ pub mod fmt;
 pub mod import;
 pub mod inspect;
 pub mod keygen;
+pub mod lsp;
 pub mod new;
 pub mod sign;
 mod structured_text;

@@ -1,0 +1,72 @@
+//! What is wrong with a project, file by file.
+
+use std::collections::BTreeMap;
+
+use lsp_types::{
+    Diagnostic, DiagnosticRelatedInformation, DiagnosticSeverity, DiagnosticTag, NumberOrString,
+    PublishDiagnosticsParams, Range, Uri,
+};
+use takt_st::diagnostic::{self, Code, Severity};
+
+use crate::analysis::Analysis;
+
+/// The messages about each text of the project, also about those that have none.
+pub fn all(analysis: &Analysis) -> Vec<PublishDiagnosticsParams> {
+    let mut by_file: BTreeMap<usize, Vec<Diagnostic>> = BTreeMap::new();
+    for one in &analysis.diagnostics {
+        if let Some(shown) = diagnostic(analysis, one) {
+            by_file.entry(one.span.file.index()).or_default().push(shown);
+        }
+    }
+    let files = analysis.files.iter().enumerate().map(|(at, file)| PublishDiagnosticsParams {
+        uri: file.uri.clone(),
+        diagnostics: by_file.remove(&at).unwrap_or_default(),
+        version: file.version,
+    });
+    let left_out = analysis.left_out.iter().map(|(uri, reason)| unreadable(uri, reason));
+    files.chain(left_out).collect()
+}
+
+fn diagnostic(analysis: &Analysis, one: &diagnostic::Diagnostic) -> Option<Diagnostic> {
+    let file = analysis.file_of(one.span)?;
+    let mut message = one.found.clone();
+    for (word, text) in [("allowed", &one.allowed), ("hint", &one.hint)] {
+        if let Some(text) = text {
+            message.push_str(&format!("\n{word}: {text}"));
+        }
+    }
+    let mut related = Vec::new();
+    for other in &one.related {
+        match analysis.location(other.span) {
+            Some(location) => {
+                related.push(DiagnosticRelatedInformation { location, message: other.note.clone() })
+            }
+            // The library has no file that an editor could show.
+            None => message.push_str(&format!("\n{}", other.note)),
+        }
+    }
+    Some(Diagnostic {
+        range: analysis.range(file, one.span),
+        severity: Some(match one.code.severity() {
+            Severity::Error => DiagnosticSeverity::ERROR,
+            Severity::Warning => DiagnosticSeverity::WARNING,
+        }),
+        code: Some(NumberOrString::String(one.code.name().to_owned())),
+        source: Some("takt".to_owned()),
+        message,
+        related_information: (!related.is_empty()).then_some(related),
+        tags: (one.code == Code::Unused).then(|| vec![DiagnosticTag::UNNECESSARY]),
+        ..Diagnostic::default()
+    })
+}
+
+fn unreadable(uri: &Uri, reason: &str) -> PublishDiagnosticsParams {
+    let one = Diagnostic {
+        range: Range::default(),
+        severity: Some(DiagnosticSeverity::ERROR),
+        source: Some("takt".to_owned()),
+        message: reason.to_owned(),
+        ..Diagnostic::default()
+    };
+    PublishDiagnosticsParams { uri: uri.clone(), diagnostics: vec![one], version: None }
+}

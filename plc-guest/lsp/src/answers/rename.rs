@@ -1,0 +1,60 @@
+//! A new name for what is declared.
+
+use lsp_types::{
+    DocumentChanges, OneOf, OptionalVersionedTextDocumentIdentifier, PrepareRenameResponse,
+    TextDocumentEdit, TextEdit, WorkspaceEdit,
+};
+use takt_st::query::rename;
+
+use crate::analysis::{Analysis, File};
+
+/// The name at a byte, if it can be changed.
+pub fn prepare(
+    analysis: &Analysis,
+    file: &File,
+    offset: u32,
+) -> Result<PrepareRenameResponse, String> {
+    let (one, _) =
+        rename::prepare(&analysis.index, file.id, offset).map_err(|error| error.to_string())?;
+    // As it is written here: case does not count, and may differ.
+    let placeholder = analysis.sources.text(one.span).to_owned();
+    let range = analysis.range(file, one.span);
+    Ok(PrepareRenameResponse::RangeWithPlaceholder { range, placeholder })
+}
+
+/// The changes that give the name at a byte another text. With `versions` the editor refuses them for texts that it
+/// has changed since.
+pub fn edit(
+    analysis: &Analysis,
+    file: &File,
+    offset: u32,
+    new: &str,
+    versions: bool,
+) -> Result<WorkspaceEdit, String> {
+    let own = analysis.files.len();
+    let place = (file.id, offset);
+    let places = rename::rename(&analysis.sources, own, &analysis.index, place, new)
+        .map_err(|error| error.to_string())?;
+    let changed = analysis.files.iter().filter_map(|file| {
+        let places = places.iter().filter(|span| span.file == file.id);
+        let edits: Vec<TextEdit> = places
+            .map(|span| TextEdit { range: analysis.range(file, *span), new_text: new.to_owned() })
+            .collect();
+        (!edits.is_empty()).then_some((file, edits))
+    });
+    if !versions {
+        // The protocol's own type; what its keys hide is never changed.
+        #[allow(clippy::mutable_key_type)]
+        let changes = changed.map(|(file, edits)| (file.uri.clone(), edits)).collect();
+        return Ok(WorkspaceEdit { changes: Some(changes), ..WorkspaceEdit::default() });
+    }
+    let edits = changed.map(|(file, edits)| TextDocumentEdit {
+        text_document: OptionalVersionedTextDocumentIdentifier {
+            uri: file.uri.clone(),
+            version: file.version,
+        },
+        edits: edits.into_iter().map(OneOf::Left).collect(),
+    });
+    let document_changes = Some(DocumentChanges::Edits(edits.collect()));
+    Ok(WorkspaceEdit { document_changes, ..WorkspaceEdit::default() })
+}

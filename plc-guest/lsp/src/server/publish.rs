@@ -1,0 +1,75 @@
+//! What the server tells by itself: the messages about each text of a project.
+
+use std::collections::BTreeMap;
+
+use lsp_types::PublishDiagnosticsParams;
+use lsp_types::notification as notify;
+
+use super::Server;
+use crate::analysis::Analysis;
+use crate::answers::diagnostics;
+use crate::workspace::Project;
+
+impl Server {
+    /// A project as it is now.
+    pub(super) fn analysis(&mut self, project: &Project) -> Result<&Analysis, String> {
+        if !self.analyses.contains_key(project) {
+            let analysis = Analysis::new(&self.workspace, &self.documents, project)
+                .map_err(|error| format!("cannot start a thread: {error}"))?;
+            self.analyses.insert(project.clone(), analysis);
+        }
+        self.analyses.get(project).ok_or_else(|| "the project is not there".to_owned())
+    }
+
+    /// Checks a project and tells the client what is new.
+    pub(super) fn publish(&mut self, project: &Project) {
+        let wanted = match project {
+            Project::Tree(_) => self.workspace.projects().any(|known| known == *project),
+            _ => self.documents.names().any(|name| self.workspace.project_of(name) == *project),
+        };
+        let mut now = BTreeMap::new();
+        if wanted {
+            let (all, problem) = match self.analysis(project) {
+                Ok(analysis) => (diagnostics::all(analysis), analysis.problem.clone()),
+                Err(error) => (Vec::new(), Some(error)),
+            };
+            self.tell_problem(project, problem);
+            now.extend(all.into_iter().map(|one| (one.uri.to_string(), one)));
+        } else {
+            self.analyses.remove(project);
+            self.problems.remove(project);
+        }
+        let before = self.published.remove(project).unwrap_or_default();
+        for (uri, one) in &now {
+            // What the client has already, and no messages about a text that it never heard of.
+            let known = before.get(uri);
+            let nothing = known.is_none() && one.diagnostics.is_empty() && one.version.is_none();
+            if !nothing && known != Some(one) {
+                self.notify::<notify::PublishDiagnostics>(one);
+            }
+        }
+        for (uri, old) in &before {
+            // A text may belong to another project now.
+            let moved = self.published.values().any(|others| others.contains_key(uri));
+            if !now.contains_key(uri) && !moved && !old.diagnostics.is_empty() {
+                let none = PublishDiagnosticsParams::new(old.uri.clone(), Vec::new(), None);
+                self.notify::<notify::PublishDiagnostics>(&none);
+            }
+        }
+        if !now.is_empty() {
+            self.published.insert(project.clone(), now);
+        }
+    }
+
+    /// Tells the user once why messages of a project may be missing.
+    fn tell_problem(&mut self, project: &Project, problem: Option<String>) {
+        match problem {
+            None => drop(self.problems.remove(project)),
+            Some(problem) if self.problems.get(project) == Some(&problem) => {}
+            Some(problem) => {
+                self.show(&format!("not all files are checked: {problem}"));
+                self.problems.insert(project.clone(), problem);
+            }
+        }
+    }
+}
