@@ -13,7 +13,7 @@ use takt_st::source::{FileId, Sources, Span};
 use crate::documents::Documents;
 use crate::position::Lines;
 use crate::uri::Name;
-use crate::workspace::{Project, Workspace};
+use crate::workspace::{Project, Texts, Workspace};
 
 /// The bytes of all texts of a project that are read.
 const PROJECT_BYTES: usize = 64 << 20;
@@ -27,7 +27,8 @@ pub struct File {
     pub version: Option<i32>,
     /// Its number in the sources.
     pub id: FileId,
-    name: Name,
+    /// Which text it is.
+    pub name: Name,
     lines: Lines,
 }
 
@@ -59,10 +60,10 @@ impl Analysis {
         documents: &Documents,
         project: &Project,
     ) -> std::io::Result<Self> {
-        let (names, mut problem) = workspace.texts(project, documents);
+        let Texts { names, mut problem } = workspace.texts(project, documents);
         let (mut sources, mut files, mut left_out) = (Sources::new(), Vec::new(), Vec::new());
         let mut room = PROJECT_BYTES;
-        for name in names {
+        for (name, library) in names {
             let document = documents.get(&name);
             let Some(uri) = document.map(|open| open.uri.clone()).or_else(|| name.uri()) else {
                 problem = Some(format!("{} has no address that an editor knows", name.shown()));
@@ -80,6 +81,9 @@ impl Analysis {
             });
             match added {
                 Ok(id) => {
+                    if library {
+                        sources.mark_as_library(id);
+                    }
                     let lines = Lines::new(sources.get(id).text());
                     let version = document.map(|open| open.version);
                     files.push(File { uri, version, id, name, lines });
@@ -87,7 +91,7 @@ impl Analysis {
                 Err(reason) => left_out.push((uri, reason)),
             }
         }
-        let checked = project::check("check", &mut sources)?;
+        let checked = project::check_all("check", &mut sources)?;
         let index = Index::new(&sources, files.len())?;
         Ok(Self { sources, files, index, diagnostics: checked.diagnostics, left_out, problem })
     }

@@ -65,7 +65,7 @@ impl Name {
 }
 
 /// A path without `.` and `..`, as far as that needs no look at the disk.
-fn normal(path: &Path) -> PathBuf {
+pub fn normal(path: &Path) -> PathBuf {
     let mut normal = PathBuf::new();
     for part in path.components() {
         match part {

@@ -1,13 +1,14 @@
 //! Which texts belong to one project.
 //!
-//! A folder that the editor has opened is a project with all files below it that end with `.st`, as
-//! `takt plc check FOLDER` takes them. A file outside of such folders is a project with the files beside it. A text that
-//! is no file is alone.
+//! A folder with a project file (`takt-plc.toml`) is a project of the files that this file names. Of what is left, a folder
+//! that the editor has opened is a project with all files below it that end with `.st`: both are as `takt plc check FOLDER`
+//! takes them. Any other file is a project with the files beside it, and a text that is no file is alone.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use takt_st::files::{self, FilesError};
+use takt_st::manifest;
 
 use crate::documents::Documents;
 use crate::uri::Name;
@@ -15,12 +16,23 @@ use crate::uri::Name;
 /// A project.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Project {
+    /// A folder with a project file.
+    Described(PathBuf),
     /// A folder of the editor, and those within it.
     Tree(PathBuf),
     /// A folder without those within it.
     Folder(PathBuf),
     /// A text that is no file.
     Text(String),
+}
+
+/// The texts of a project.
+#[derive(Debug, Default)]
+pub struct Texts {
+    /// Each with whether it is of a library.
+    pub names: Vec<(Name, bool)>,
+    /// Why others may be missing.
+    pub problem: Option<String>,
 }
 
 /// The folders that the editor has opened.
@@ -46,15 +58,22 @@ impl Workspace {
 
     /// The projects of all folders.
     pub fn projects(&self) -> impl Iterator<Item = Project> {
-        self.folders.iter().map(|folder| Project::Tree(folder.clone()))
+        self.folders.iter().map(|folder| match manifest::Project::is_in(folder) {
+            true => Project::Described(folder.clone()),
+            false => Project::Tree(folder.clone()),
+        })
     }
 
-    /// The project of a text: of folders within each other the innermost.
+    /// The project of a text: that of the nearest project file above it, else of the innermost folder.
     pub fn project_of(&self, name: &Name) -> Project {
         let path = match name {
             Name::Other(text) => return Project::Text(text.clone()),
             Name::File(path) => path,
         };
+        let above = path.ancestors().skip(1);
+        if let Some(folder) = above.into_iter().find(|folder| manifest::Project::is_in(folder)) {
+            return Project::Described(folder.to_owned());
+        }
         let around = self.folders.iter().filter(|folder| path.starts_with(folder));
         match around.max_by_key(|folder| folder.components().count()) {
             Some(folder) => Project::Tree(folder.clone()),
@@ -62,36 +81,53 @@ impl Workspace {
         }
     }
 
-    /// The texts of a project in the order of their names, and why others may be missing.
-    pub fn texts(&self, project: &Project, documents: &Documents) -> (Vec<Name>, Option<String>) {
-        let open = documents.names().filter(|name| self.project_of(name) == *project).cloned();
-        let mut texts: BTreeSet<Name> = open.collect();
+    /// The texts of a project: its own in the order of their names, then those of its libraries.
+    pub fn texts(&self, project: &Project, documents: &Documents) -> Texts {
+        let ours = |name: &Name| self.project_of(name) == *project;
+        let open = documents.names().filter(|name| ours(name)).cloned();
+        let mut texts: BTreeMap<Name, bool> = open.map(|name| (name, false)).collect();
         let listed = match project {
-            Project::Tree(folder) => files::list(std::slice::from_ref(folder)),
-            Project::Folder(folder) => Ok(beside(folder)),
+            Project::Described(folder) => described(folder),
+            Project::Tree(folder) => {
+                let all = files::list(std::slice::from_ref(folder));
+                all.map(without_libraries).map_err(|error| match error {
+                    FilesError::Empty { .. } => String::new(),
+                    error => error.to_string(),
+                })
+            }
+            Project::Folder(folder) => Ok(without_libraries(beside(folder))),
             Project::Text(_) => Ok(Vec::new()),
         };
         let problem = match listed {
             Ok(paths) => {
+                let whole = matches!(project, Project::Described(_));
+                let names = paths.into_iter().map(|(path, library)| (Name::File(path), library));
                 // A file of a folder within may be of another project.
-                let names = paths.into_iter().map(Name::File);
-                texts.extend(names.filter(|name| self.project_of(name) == *project));
+                texts.extend(names.filter(|(name, _)| whole || ours(name)));
                 None
             }
-            Err(FilesError::Empty { .. }) => None,
-            Err(error) => Some(error.to_string()),
+            Err(problem) => Some(problem).filter(|problem| !problem.is_empty()),
         };
-        (texts.into_iter().collect(), problem)
+        let mut names: Vec<(Name, bool)> = texts.into_iter().collect();
+        names.sort_by_key(|(_, library)| *library);
+        Texts { names, problem }
     }
+}
+
+/// The files that a project file names.
+fn described(folder: &Path) -> Result<Vec<(PathBuf, bool)>, String> {
+    let project = manifest::Project::read(folder).map_err(|error| error.to_string())?;
+    let files = project.files().map_err(|error| error.to_string())?;
+    Ok(files.into_iter().map(|(path, library)| (crate::uri::normal(&path), library)).collect())
+}
+
+fn without_libraries(paths: Vec<PathBuf>) -> Vec<(PathBuf, bool)> {
+    paths.into_iter().map(|path| (path, false)).collect()
 }
 
 /// The sources of a folder that can be read.
 fn beside(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let paths = entries.map(|entry| entry.path());
-    let is_source = |path: &PathBuf| {
-        path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("st"))
-            && path.is_file()
-    };
-    paths.filter(is_source).collect()
+    paths.filter(|path| files::has_extension(path, "st") && path.is_file()).collect()
 }

@@ -96,21 +96,30 @@ impl Project {
     ///
     /// At the first that cannot be a source.
     pub fn sources(&self) -> Result<Sources, FilesError> {
+        let mut sources = Sources::new();
+        for (path, library) in self.files()? {
+            let file = files::add(&mut sources, &path)?;
+            if library {
+                sources.mark_as_library(file);
+            }
+        }
+        Ok(sources)
+    }
+
+    /// The files of [`Project::sources`], each with whether it is of a library.
+    ///
+    /// # Errors
+    ///
+    /// If a folder cannot be read.
+    pub fn files(&self) -> Result<Vec<(PathBuf, bool)>, FilesError> {
         let mut seen = HashSet::new();
         let libraries = distinct(files::list(&self.libraries)?, &mut seen);
         let mut own = self.test_files("st")?;
         own.extend(files::list(&self.sources)?);
         let mut own = distinct(own, &mut seen);
         own.sort();
-        let mut sources = Sources::new();
-        for path in own {
-            files::add(&mut sources, &path)?;
-        }
-        for path in libraries {
-            let file = files::add(&mut sources, &path)?;
-            sources.mark_as_library(file);
-        }
-        Ok(sources)
+        let own = own.into_iter().map(|path| (path, false));
+        Ok(own.chain(libraries.into_iter().map(|path| (path, true))).collect())
     }
 
     /// The files in Structured Text that are the author's own, for the formatter.

@@ -48,9 +48,31 @@ pub fn check_tests(name: &str, sources: &mut Sources) -> std::io::Result<Checked
     stack::with_room(|| check_here(name, sources, Part::Tests))
 }
 
+/// [`check`], and if that is good and there are tests, [`check_tests`]: the program must do without what the files of
+/// tests declare.
+///
+/// # Errors
+///
+/// As of [`check`].
+pub fn check_all(name: &str, sources: &mut Sources) -> std::io::Result<Checked> {
+    stack::with_room(|| {
+        let own = sources.iter().count();
+        library::add(sources);
+        let program = check_with_library(name, sources, own, Part::Program);
+        match program.program.is_some() && program.tests {
+            true => check_with_library(name, sources, own, Part::Tests),
+            false => program,
+        }
+    })
+}
+
 fn check_here(name: &str, sources: &mut Sources, part: Part) -> Checked {
     let own = sources.iter().count();
     library::add(sources);
+    check_with_library(name, sources, own, part)
+}
+
+fn check_with_library(name: &str, sources: &Sources, own: usize, part: Part) -> Checked {
     let mut diagnostics = Diagnostics::new();
     let trees: Vec<File> =
         sources.iter().map(|(file, _)| parser::parse(file, sources, &mut diagnostics)).collect();

@@ -32,7 +32,7 @@ fn ask(files: &[&str]) -> Asked {
         place = place.or(offset.map(|offset| (id, offset as u32)));
     }
     let own = files.len();
-    project::check("query", &mut sources).expect("there is a thread");
+    project::check_all("query", &mut sources).expect("there is a thread");
     let index = Index::new(&sources, own).expect("there is a thread");
     let (file, offset) = place.expect("one file has a place");
     Asked { sources, own, index, file, offset }
@@ -136,7 +136,7 @@ fn each_name_of_a_program_that_the_checker_accepts_is_found() {
         let text = std::fs::read(&path).expect("a case can be read");
         let name = path.display().to_string();
         let Ok(file) = sources.add(&name, &text) else { continue };
-        let checked = project::check("query", &mut sources).expect("there is a thread");
+        let checked = project::check_all("query", &mut sources).expect("there is a thread");
         if checked.program.is_none() {
             continue;
         }
@@ -241,6 +241,21 @@ fn behind_a_dot_the_members_are_offered_that_can_be_used() {
 }
 
 #[test]
+fn a_test_sees_the_variables_of_instances() {
+    let block = "FUNCTION_BLOCK Pump VAR_INPUT on : BOOL; END_VAR VAR hours : REAL; END_VAR END_FUNCTION_BLOCK";
+    let test = "TEST 'hours' VAR pump : Pump; END_VAR ASSERT(pump.|hours = 0.0); END_TEST";
+    let asked = ask(&[block, test]);
+    assert_eq!(asked.offered(complete::Origin::Place), ["hours", "on"]);
+    assert_eq!(asked.declaration(), "f0.st:1:54");
+    assert!(asked.index.unknown().is_empty());
+    let asked = ask(&[block, &test.replace('|', "").replace("ASSERT", "ASS|ERT")]);
+    assert!(asked.offered(complete::Origin::Library).contains(&"ASSERT".to_owned()));
+    // Its name is no name.
+    let asked = ask(&[block, &test.replace('|', "").replace("'hours'", "'ho|urs'")]);
+    assert_eq!(asked.declaration(), "nothing");
+}
+
+#[test]
 fn where_a_value_stands_what_is_visible_is_offered() {
     let other = "TYPE Mode : (Idle, Running); END_TYPE VAR_GLOBAL level : REAL; END_VAR \
                  FUNCTION Twice : INT VAR_INPUT x : INT; END_VAR Twice := x; END_FUNCTION";
@@ -314,7 +329,7 @@ fn a_name_that_would_clash_is_refused() {
         ("|a := b", "c", "f0.st has errors of syntax"),
         ("|a := b; b := q.a;", "c", "it is not clear whether `a` in f0.st:1"),
         ("a := |MAX(a, b);", "c", "there is no declared name"),
-        ("a := |TIME_TO_STRING(T#1s);", "c", "is declared in the library"),
+        ("a := |TIME_TO_STRING(T#1s);", "c", "is declared in a library"),
     ] {
         let error = ask(&[&program(body)]).renamed(new).expect_err(body);
         assert!(error.contains(expected), "{body} to {new}: {error}");

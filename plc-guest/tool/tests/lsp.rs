@@ -290,6 +290,50 @@ fn an_editor_goes_through_a_whole_session() {
 }
 
 #[test]
+fn a_project_file_says_what_belongs_together() {
+    let folder = Folder::new();
+    for name in ["plant", "plant/tests", "lib"] {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+    }
+    folder.write("plant/takt-plc.toml", "name = \"plant\"\nlibraries = [\"../lib\"]\n");
+    let function = "FUNCTION Twice : INT VAR_INPUT x : INT; END_VAR Twice := x * 2; END_FUNCTION\n";
+    folder.write("lib/twice.st", function);
+    // Of no project, and it would be a second Twice.
+    folder.write("other.st", function);
+    let test = "TEST 'two'\nASSERT(Twice(x := 1) = Two);\nEND_TEST\n";
+    folder.write("plant/tests/two.st", test);
+    let main = "PROGRAM Main VAR x : INT; END_VAR x := Twice(x); END_PROGRAM\n";
+    let mut client = Client::start(folder);
+    client.initialize();
+    client.open("plant/main.st", main);
+    assert_eq!(client.diagnostics("plant/main.st"), []);
+    assert_eq!(client.diagnostics("plant/tests/two.st"), [("unknown-name".to_owned(), 1, 23)]);
+    let place = client.at("textDocument/definition", "plant/main.st", main, "Twice");
+    assert_eq!(place["uri"], json!(client.uri("lib/twice.st")));
+    let mut place = client.place("plant/main.st", main, "Twice");
+    place["newName"] = json!("Double");
+    let refused = client.ask_all("textDocument/rename", place);
+    assert!(refused["error"]["message"].as_str().unwrap().contains("in a library"), "{refused}");
+    // A change of the library that is not saved reaches the project.
+    client.open("lib/twice.st", &function.replace("Twice", "Triple"));
+    assert_eq!(client.diagnostics("plant/main.st"), [("unknown-name".to_owned(), 0, 39)]);
+    // So does one of the project file.
+    std::fs::write(client.folder.path().join("plant/takt-plc.toml"), "name = \"plant\"\nx = 1\n")
+        .unwrap();
+    client.tell("workspace/didChangeWatchedFiles", json!({ "changes": [] }));
+    loop {
+        let message = client.next();
+        if message["method"] == "window/showMessage" {
+            assert!(
+                message["params"]["message"].as_str().unwrap().contains("unknown key"),
+                "{message}"
+            );
+            break;
+        }
+    }
+}
+
+#[test]
 fn a_session_without_shutdown_ends_with_an_error() {
     let mut client = Client::start(Folder::new());
     client.initialize();

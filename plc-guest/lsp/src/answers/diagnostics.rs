@@ -9,16 +9,19 @@ use lsp_types::{
 use takt_st::diagnostic::{self, Code, Severity};
 
 use crate::analysis::Analysis;
+use crate::uri::Name;
 
-/// The messages about each text of the project, also about those that have none.
-pub fn all(analysis: &Analysis) -> Vec<PublishDiagnosticsParams> {
+/// The messages about each text of the project, also about those that have none. `tells` says of which texts this project
+/// tells: a library's may be told of by a project of its own.
+pub fn all(analysis: &Analysis, tells: impl Fn(&Name) -> bool) -> Vec<PublishDiagnosticsParams> {
     let mut by_file: BTreeMap<usize, Vec<Diagnostic>> = BTreeMap::new();
     for one in &analysis.diagnostics {
         if let Some(shown) = diagnostic(analysis, one) {
             by_file.entry(one.span.file.index()).or_default().push(shown);
         }
     }
-    let files = analysis.files.iter().enumerate().map(|(at, file)| PublishDiagnosticsParams {
+    let files = analysis.files.iter().enumerate().filter(|(_, file)| tells(&file.name));
+    let files = files.map(|(at, file)| PublishDiagnosticsParams {
         uri: file.uri.clone(),
         diagnostics: by_file.remove(&at).unwrap_or_default(),
         version: file.version,

@@ -42,6 +42,7 @@ fn kind(kind: SymbolKind, constant: bool) -> Kind {
         SymbolKind::Unit(UnitKind::Program) => Kind::MODULE,
         SymbolKind::Unit(UnitKind::FunctionBlock) => Kind::CLASS,
         SymbolKind::Unit(UnitKind::Function) => Kind::FUNCTION,
+        SymbolKind::Unit(UnitKind::Test) => Kind::METHOD,
         SymbolKind::Enumeration => Kind::ENUM,
         SymbolKind::Structure | SymbolKind::Type => Kind::STRUCT,
         SymbolKind::Enumerator => Kind::ENUM_MEMBER,

@@ -14,8 +14,8 @@ pub fn prepare(
     file: &File,
     offset: u32,
 ) -> Result<PrepareRenameResponse, String> {
-    let (one, _) =
-        rename::prepare(&analysis.index, file.id, offset).map_err(|error| error.to_string())?;
+    let (one, _) = rename::prepare(&analysis.sources, &analysis.index, file.id, offset)
+        .map_err(|error| error.to_string())?;
     // As it is written here: case does not count, and may differ.
     let placeholder = analysis.sources.text(one.span).to_owned();
     let range = analysis.range(file, one.span);

@@ -24,8 +24,13 @@ impl Server {
     }
 
     fn changed_text(&mut self, uri: &Uri) {
-        let project = self.workspace.project_of(&Name::new(uri));
-        self.changed(project);
+        let name = Name::new(uri);
+        let own = self.workspace.project_of(&name);
+        // A text of a library is one of other projects too.
+        let with = self.analyses.iter().filter(|(_, analysis)| analysis.file(&name).is_some());
+        let mut projects: Vec<Project> = with.map(|(project, _)| project.clone()).collect();
+        projects.push(own);
+        projects.into_iter().for_each(|project| self.changed(project));
     }
 
     /// Something may have changed on the disk, or which text is of which project.
@@ -48,9 +53,8 @@ impl Server {
             notify::DidOpenTextDocument::METHOD => {
                 let params: lsp_types::DidOpenTextDocumentParams = told(method, params)?;
                 let TextDocumentItem { uri, version, text, .. } = params.text_document;
-                let project = self.workspace.project_of(&Name::new(&uri));
+                self.changed_text(&uri);
                 self.documents.open(Document { uri, version, text })?;
-                self.changed(project);
             }
             notify::DidChangeTextDocument::METHOD => {
                 let params: lsp_types::DidChangeTextDocumentParams = told(method, params)?;
@@ -86,7 +90,7 @@ impl Server {
 
     /// Asks the client to tell of changes on the disk.
     fn watch(&mut self) {
-        let watchers = json!([{ "globPattern": "**/*.{st,ST}" }]);
+        let watchers = json!([{ "globPattern": "**/{*.st,*.ST,takt-plc.toml}" }]);
         let one = json!({
             "id": "sources",
             "method": notify::DidChangeWatchedFiles::METHOD,

@@ -8,6 +8,7 @@ use lsp_types::notification as notify;
 use super::Server;
 use crate::analysis::Analysis;
 use crate::answers::diagnostics;
+use crate::uri::Name;
 use crate::workspace::Project;
 
 impl Server {
@@ -23,15 +24,19 @@ impl Server {
 
     /// Checks a project and tells the client what is new.
     pub(super) fn publish(&mut self, project: &Project) {
-        let wanted = match project {
-            Project::Tree(_) => self.workspace.projects().any(|known| known == *project),
-            _ => self.documents.names().any(|name| self.workspace.project_of(name) == *project),
-        };
         let mut now = BTreeMap::new();
-        if wanted {
-            let (all, problem) = match self.analysis(project) {
-                Ok(analysis) => (diagnostics::all(analysis), analysis.problem.clone()),
-                Err(error) => (Vec::new(), Some(error)),
+        if self.wanted(project) {
+            // It is read first, for what follows looks at all of the server.
+            let failed = self.analysis(project).err();
+            let (all, problem) = match self.analyses.get(project) {
+                Some(analysis) => {
+                    let tells = |name: &Name| {
+                        let own = self.workspace.project_of(name);
+                        own == *project || !self.wanted(&own)
+                    };
+                    (diagnostics::all(analysis, tells), analysis.problem.clone())
+                }
+                None => (Vec::new(), failed),
             };
             self.tell_problem(project, problem);
             now.extend(all.into_iter().map(|one| (one.uri.to_string(), one)));
@@ -59,6 +64,12 @@ impl Server {
         if !now.is_empty() {
             self.published.insert(project.clone(), now);
         }
+    }
+
+    /// Whether the editor has opened anything of a project.
+    fn wanted(&self, project: &Project) -> bool {
+        self.workspace.projects().any(|known| known == *project)
+            || self.documents.names().any(|name| self.workspace.project_of(name) == *project)
     }
 
     /// Tells the user once why messages of a project may be missing.

@@ -75,7 +75,8 @@ impl Server {
     fn of(&mut self, uri: &Uri, answer: impl FnOnce(&Analysis, &File) -> Answer) -> Answer {
         let name = Name::new(uri);
         let project = self.workspace.project_of(&name);
-        if self.documents.get(&name).is_none() && !matches!(project, Project::Tree(_)) {
+        let alone = matches!(project, Project::Folder(_) | Project::Text(_));
+        if alone && self.documents.get(&name).is_none() {
             return Err(Refused::parameters(format!("{} is not open", uri.as_str())));
         }
         let analysis = self.analysis(&project).map_err(Refused::failed)?;

@@ -23,8 +23,13 @@ const FORMS: [(&str, &str); 4] = [
 ];
 
 /// How a function of tests is called, if the key is one's.
-pub(super) fn form(key: &str) -> Option<&'static str> {
+pub(in crate::check) fn form(key: &str) -> Option<&'static str> {
     FORMS.iter().find(|(name, _)| *name == key).map(|(_, form)| *form)
+}
+
+/// The functions that only a test can call.
+pub(in crate::check) fn names() -> impl Iterator<Item = &'static str> {
+    FORMS.iter().map(|(name, _)| *name)
 }
 
 /// Two values that an assertion compares.

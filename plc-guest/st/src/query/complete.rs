@@ -257,10 +257,18 @@ impl Offer<'_> {
     fn members(&mut self, shape: &Shape) {
         let index = self.index;
         for id in index.members(shape) {
-            if index.symbol(*id).is_accessible() {
+            let symbol = index.symbol(*id);
+            // A test looks into instances.
+            let own = symbol.kind == SymbolKind::Variable(SectionKind::Local);
+            if symbol.is_accessible() || own && self.in_test() {
                 self.symbol(*id, Origin::Place);
             }
         }
+    }
+
+    fn in_test(&self) -> bool {
+        let test = SymbolKind::Unit(UnitKind::Test);
+        self.unit.is_some_and(|unit| self.index.symbol(unit).kind == test)
     }
 
     fn values(&mut self, ty: &str) {
@@ -370,7 +378,10 @@ impl Offer<'_> {
                     | SymbolKind::Unit(UnitKind::Function)
             )
         });
-        for (name, form) in known::functions() {
+        let of_tests = known::test_functions().filter(|_| self.in_test());
+        let of_tests: Vec<(&str, String)> =
+            of_tests.map(|name| (name, known::function(name).unwrap_or_default())).collect();
+        for (name, form) in known::functions().chain(of_tests) {
             if name.contains(self.prefix) {
                 self.list.push(Candidate {
                     label: name.to_owned(),

@@ -6,7 +6,7 @@ use crate::check::known;
 use crate::source::Span;
 use crate::syntax::ast::{
     ArrayRange, Configuration, Declaration, EnumerationValue, Expression, File, Name, Section,
-    SectionKind, TypeDeclaration, TypeKind, TypeSpec, Unit, Variables,
+    SectionKind, TypeDeclaration, TypeKind, TypeSpec, Unit, UnitKind, Variables,
 };
 
 /// The names at the top of a file.
@@ -23,7 +23,7 @@ pub(super) fn names(index: &mut Index, tree: &File, library: bool) {
                 declare.top(&one.name, kind, one.span);
             }
             Declaration::Unit(unit) => {
-                declare.top(&unit.name, SymbolKind::Unit(unit.kind), unit.span);
+                declare.unit(unit);
             }
             Declaration::Globals(section) => declare.globals(section, None),
             Declaration::Configuration(configuration) => declare.configuration(configuration),
@@ -65,11 +65,23 @@ impl Declare<'_> {
             self.index.symbols[container.0 as usize].members.push(id);
         }
         if !symbol.name.is_empty() {
-            self.index.uses.push(Use { span: symbol.span, symbol: id, certain: true });
             self.index.declared.insert(symbol.span, id);
+            if symbol.kind != SymbolKind::Unit(UnitKind::Test) {
+                self.index.uses.push(Use { span: symbol.span, symbol: id, certain: true });
+            }
         }
         self.index.symbols.push(symbol);
         id
+    }
+
+    fn unit(&mut self, unit: &Unit) {
+        let (name, kind) = (&unit.name, SymbolKind::Unit(unit.kind));
+        if unit.kind == UnitKind::Test {
+            // Its name is a text, which nothing can use.
+            self.add(Symbol::new(&name.text, kind, name.span, unit.span), None);
+        } else {
+            self.top(name, kind, unit.span);
+        }
     }
 
     fn top(&mut self, name: &Name, kind: SymbolKind, extent: Span) -> SymbolId {

@@ -64,6 +64,7 @@ fn unit(sources: &Sources, index: &Index, symbol: &Symbol, kind: UnitKind) -> St
         UnitKind::Program => "PROGRAM",
         UnitKind::Function => "FUNCTION",
         UnitKind::FunctionBlock => "FUNCTION_BLOCK",
+        UnitKind::Test => "TEST",
     };
     let result = symbol.spec.map(|spec| format!(" : {}", shown(sources, spec)));
     let head = format!("{word} {}{}", symbol.name, result.unwrap_or_default());

@@ -22,7 +22,7 @@ pub enum RenameError {
     #[error("there is no declared name at this place")]
     NoName,
     /// It is the library's.
-    #[error("`{0}` is declared in the library of Takt, which a project cannot change")]
+    #[error("`{0}` is declared in a library, which a project does not change")]
     Library(String),
     /// The new name is none.
     #[error(
@@ -66,10 +66,15 @@ pub enum RenameError {
 /// # Errors
 ///
 /// If there is none, or it is the library's.
-pub fn prepare(index: &Index, file: FileId, offset: u32) -> Result<(&Use, &Symbol), RenameError> {
+pub fn prepare<'i>(
+    sources: &Sources,
+    index: &'i Index,
+    file: FileId,
+    offset: u32,
+) -> Result<(&'i Use, &'i Symbol), RenameError> {
     let one = index.at(file, offset).ok_or(RenameError::NoName)?;
     let symbol = index.symbol(one.symbol);
-    if symbol.library {
+    if symbol.library || sources.is_of_library(symbol.span.file) {
         return Err(RenameError::Library(symbol.name.clone()));
     }
     Ok((one, symbol))
@@ -88,7 +93,7 @@ pub fn rename(
     (file, offset): (FileId, u32),
     new: &str,
 ) -> Result<Vec<Span>, RenameError> {
-    let (one, symbol) = prepare(index, file, offset)?;
+    let (one, symbol) = prepare(sources, index, file, offset)?;
     if !is_name(new) {
         return Err(RenameError::Invalid(new.to_owned()));
     }
@@ -108,8 +113,8 @@ pub fn rename(
     let mut before = changed(sources, own, &[], "").map_err(|()| unclear(one.span))?;
     let mut after =
         changed(sources, own, &places, new).map_err(|()| RenameError::Invalid(new.to_owned()))?;
-    let old_errors = errors(&project::check("rename", &mut before)?);
-    let checked = project::check("rename", &mut after)?;
+    let old_errors = errors(&project::check_all("rename", &mut before)?);
+    let checked = project::check_all("rename", &mut after)?;
     let changed = Index::new(&after, own)?;
     let differs = index
         .uses()
@@ -179,7 +184,10 @@ fn changed(sources: &Sources, own: usize, places: &[Span], new: &str) -> Result<
             at = span.end as usize;
         }
         text.push_str(source.text().get(at..).ok_or(())?);
-        result.add(source.name(), text.as_bytes()).map_err(|_| ())?;
+        let added = result.add(source.name(), text.as_bytes()).map_err(|_| ())?;
+        if sources.is_of_library(file) {
+            result.mark_as_library(added);
+        }
     }
     Ok(result)
 }

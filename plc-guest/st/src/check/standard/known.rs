@@ -1,7 +1,7 @@
 //! The names that mean something without a declaration, for editors.
 
 use super::{conversion, table};
-use crate::check::names;
+use crate::check::{names, test};
 use crate::hir::Elementary;
 
 /// The names of the elementary types, and of the strings.
@@ -26,10 +26,19 @@ pub fn functions() -> impl Iterator<Item = (&'static str, String)> {
     ])
 }
 
+/// The functions that only a test can call.
+pub fn test_functions() -> impl Iterator<Item = &'static str> {
+    test::names()
+}
+
 /// How the function of this key, or the conversion, is called, if the compiler makes it itself.
 #[must_use]
 pub fn function(key: &str) -> Option<String> {
     let known = functions().find(|(name, _)| *name == key).map(|(_, form)| form);
     let hidden = || table::function(key).map(|function| function.form());
-    known.or_else(hidden).or_else(|| conversion::parse(key).map(|_| format!("{key}(IN)")))
+    let of_tests = || test::form(key).map(|form| form.replace('`', ""));
+    known
+        .or_else(hidden)
+        .or_else(of_tests)
+        .or_else(|| conversion::parse(key).map(|_| format!("{key}(IN)")))
 }
