@@ -56,3 +56,44 @@ fn the_rows_name_cases_that_are_there() {
         assert!(path.is_file(), "{name} is named and not there");
     }
 }
+
+/// Whether a case has an error, by what stands at its end; the test of the cases holds that.
+fn has_error(case: &str) -> bool {
+    let path = root().join("tests/cases").join(case).with_extension("st");
+    let text = std::fs::read_to_string(path).expect("the case is there");
+    text.lines().any(|line| line.starts_with("// error "))
+}
+
+/// The cases that a cell names.
+fn named(cell: &str) -> Vec<&str> {
+    cell.split('`').skip(1).step_by(2).collect()
+}
+
+#[test]
+fn each_row_has_what_it_accepts_and_what_it_refuses() {
+    let page = page();
+    let table = page.split("## The language").nth(1).expect("the table is there");
+    let table = table.split("\n## ").next().unwrap_or_default();
+    let rows: Vec<Vec<&str>> = table
+        .lines()
+        .filter(|line| line.starts_with('|'))
+        .skip(2)
+        .map(|line| line.split('|').map(str::trim).collect())
+        .collect();
+    assert!(rows.len() > 35, "only {} rows", rows.len());
+    let mut wrong = Vec::new();
+    for row in &rows {
+        let (part, accepted, refused) = (row[1], named(row[2]), named(row[3]));
+        if accepted.is_empty() && refused.is_empty() {
+            wrong.push(format!("{part}: no case"));
+        }
+        for case in accepted.iter().filter(|case| has_error(case)) {
+            wrong.push(format!("{part}: {case} is refused"));
+        }
+        let is_warning = |case: &&&str| row[3].contains(&format!("`{case}` (a warning)"));
+        for case in refused.iter().filter(|case| !has_error(case) && !is_warning(case)) {
+            wrong.push(format!("{part}: {case} is accepted"));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
