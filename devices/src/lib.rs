@@ -13,4 +13,5 @@ pub mod pci;
 pub mod ports;
 pub mod power;
 pub mod serial;
+pub mod virtio;
 pub mod watchdog;

@@ -1,5 +1,5 @@
 //! A disk for a Linux guest: a virtio block device (virtio 1.2, section 5.2) behind virtio's
-//! memory-mapped registers (section 4.2).
+//! memory-mapped registers ([`virtio`](crate::virtio)).
 //!
 //! What is the guest's and what is the disk's are two threads. The guest's reads and writes of
 //! registers are few and cheap, and are answered where they are made, on the thread of its vCPU.
@@ -8,8 +8,8 @@
 //!
 //! ```text
 //!   vCPU's thread                                       disk's thread
-//!   registers::Registers --> handover::Handover <-- server::Server --> Medium
-//!                               queue, interrupts      request::Request
+//!   device::DiskDevice --> handover::Handover <-- server::Server --> Medium
+//!                            queue, interrupts      request::Request
 //! ```
 //!
 //! Between them is one queue that changes hands ([`handover`]). The disk's thread holds it by a lease,
@@ -26,8 +26,8 @@
 //!   Where it has none, or the rings themselves are nonsense, the device stops and says that it
 //!   needs a reset.
 
+pub mod device;
 pub mod handover;
-pub mod registers;
 pub mod request;
 pub mod server;
 #[cfg(test)]

@@ -7,10 +7,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use vm_memory::{Bytes, GuestAddress, GuestMemoryMmap};
 
+use super::device::DiskDevice;
 use super::handover::Handover;
-use super::registers::Registers;
 use super::server::{Disk, Server};
 use super::{Medium, PIECE_BYTES, QUEUE_SIZE, SECTOR, SEGMENT_BYTES_MAX, SEGMENTS_MAX, Shape};
+use crate::virtio::registers::Registers;
 
 mod driver;
 mod hostile;
@@ -122,7 +123,7 @@ impl Guest {
         let shared: Arc<Handover> = Arc::default();
         let disk = Disk { shape, id: *b"twenty bytes of name", medium };
         Self {
-            registers: Registers::new(shape, shared.clone()),
+            registers: Registers::new(DiskDevice::new(shape, shared.clone())),
             server: Server::new(shared.clone(), memory.clone(), disk),
             shared,
             memory,

@@ -89,8 +89,10 @@ fn a_restart_of_the_guest_begins_as_at_power_on() {
     let mut guest = Guest::driven(false);
     assert_eq!(guest.ask(FLUSH, 0, &[]), OK);
     guest.shared.reset();
-    guest.registers =
-        Registers::new(Shape { sectors: SECTORS, read_only: false }, guest.shared.clone());
+    guest.registers = Registers::new(DiskDevice::new(
+        Shape { sectors: SECTORS, read_only: false },
+        guest.shared.clone(),
+    ));
     assert_eq!([0x44, 0x60, 0x70].map(|at| guest.read(at)), [0; 3]);
     assert!(!guest.server.serve());
     guest.start_driver();

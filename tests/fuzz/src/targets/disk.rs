@@ -4,10 +4,11 @@
 use std::io;
 use std::sync::Arc;
 
+use takt_devices::disk::device::DiskDevice;
 use takt_devices::disk::handover::Handover;
-use takt_devices::disk::registers::Registers;
 use takt_devices::disk::server::{Disk, Server};
 use takt_devices::disk::{Medium, SECTOR, Shape};
+use takt_devices::virtio::registers::Registers;
 use vm_memory::{Bytes, GuestAddress, GuestMemoryMmap};
 
 const SECTORS: u64 = 64;
@@ -63,7 +64,7 @@ pub fn run(mut data: &[u8]) {
     let shared: Arc<Handover> = Arc::default();
     let disk = Disk { shape, id: *b"twenty bytes of name", medium: Void };
     let mut server = Server::new(shared.clone(), memory.clone(), disk);
-    let mut registers = Registers::new(shape, shared.clone());
+    let mut registers = Registers::new(DiskDevice::new(shape, shared.clone()));
     for (register, value) in honest() {
         registers.write(register, &value.to_le_bytes());
     }
@@ -76,7 +77,7 @@ pub fn run(mut data: &[u8]) {
             1 => registers.read(u64::from(at % 0x200), &mut [0; 8][..bytes.len().min(8)]),
             2 => {
                 shared.reset();
-                registers = Registers::new(shape, shared.clone());
+                registers = Registers::new(DiskDevice::new(shape, shared.clone()));
             }
             3 => {
                 let _ = server.serve();

@@ -1,0 +1,82 @@
+//! What a driver sees of the disk (virtio 1.2, section 5.2): features, configuration, one queue.
+
+use std::sync::Arc;
+
+use virtio_bindings::virtio_blk::{
+    VIRTIO_BLK_F_FLUSH, VIRTIO_BLK_F_RO, VIRTIO_BLK_F_SEG_MAX, VIRTIO_BLK_F_SIZE_MAX,
+};
+use virtio_bindings::virtio_config::VIRTIO_F_VERSION_1;
+use virtio_bindings::virtio_ids::VIRTIO_ID_BLOCK;
+use virtio_bindings::virtio_ring::VIRTIO_RING_F_INDIRECT_DESC;
+use virtio_queue::Queue;
+
+use super::handover::Handover;
+use super::{QUEUE_SIZE, SEGMENT_BYTES_MAX, SEGMENTS_MAX, Shape};
+use crate::virtio::{Description, Device, bits};
+
+/// The side of a disk that is the guest's.
+pub struct DiskDevice {
+    description: Description,
+    shared: Arc<Handover>,
+}
+
+impl DiskDevice {
+    /// Of a disk of this shape, whose queue is served by who has the other end of `shared`.
+    #[must_use]
+    pub fn new(shape: Shape, shared: Arc<Handover>) -> Self {
+        let mut config = shape.sectors.to_le_bytes().to_vec();
+        config.extend(SEGMENT_BYTES_MAX.to_le_bytes());
+        config.extend((SEGMENTS_MAX as u32).to_le_bytes());
+        let kind = if shape.read_only { VIRTIO_BLK_F_RO } else { VIRTIO_BLK_F_FLUSH };
+        // A driver that would do less might take what it has written for safe before it is.
+        let required = bits(&[VIRTIO_F_VERSION_1, kind]);
+        let optional =
+            bits(&[VIRTIO_BLK_F_SIZE_MAX, VIRTIO_BLK_F_SEG_MAX, VIRTIO_RING_F_INDIRECT_DESC]);
+        let description = Description {
+            id: VIRTIO_ID_BLOCK,
+            offered: required | optional,
+            required,
+            queues: 1,
+            queue_size: QUEUE_SIZE,
+            config,
+        };
+        Self { description, shared }
+    }
+}
+
+impl Device for DiskDevice {
+    fn description(&self) -> &Description {
+        &self.description
+    }
+
+    fn start(&mut self, _: u64, queues: Vec<Option<Queue>>) {
+        match queues.into_iter().next().flatten() {
+            Some(queue) => self.shared.enable(queue),
+            None => self.shared.break_down(),
+        }
+    }
+
+    fn recall(&mut self, _: usize) {
+        self.shared.recall();
+    }
+
+    fn reset(&mut self) {
+        self.shared.reset();
+    }
+
+    fn break_down(&mut self) {
+        self.shared.break_down();
+    }
+
+    fn needs_reset(&self) -> bool {
+        self.shared.needs_reset()
+    }
+
+    fn interrupts(&self) -> u32 {
+        self.shared.interrupts()
+    }
+
+    fn acknowledge(&self, bits: u32) {
+        self.shared.acknowledge(bits);
+    }
+}
