@@ -8,6 +8,7 @@
 #![forbid(unsafe_code)]
 
 pub mod disk;
+pub mod net;
 pub mod output;
 pub mod pci;
 pub mod ports;

@@ -1,0 +1,315 @@
+//! The interface as a driver sees it, and as a hostile guest does: registers written by hand, before a
+//! carrier that only notes what it is given.
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::virtio::registers::Registers;
+
+/// RAM of the guest: from 0, and behind a hole from `HIGH`.
+const RAM: u64 = 1 << 20;
+const HIGH: u64 = 1 << 32;
+const MAC: Mac = [2, 0, 0, 0, 0, 7];
+/// Three parts of each queue.
+const QUEUE_PARTS: [[u64; 3]; 2] = [[0x1000, 0x2000, 0x3000], [0x5000, 0x6000, HIGH]];
+
+#[derive(Debug, PartialEq, Eq)]
+enum Call {
+    Start(Agreed, [Ring; QUEUES]),
+    Stop,
+}
+
+#[derive(Clone, Default)]
+struct Notes {
+    calls: Arc<Mutex<Vec<Call>>>,
+    refuses: bool,
+}
+
+impl Carrier for Notes {
+    fn features(&self) -> u64 {
+        // One that the device does not know is among them: the log of changed pages.
+        bits(&RINGS) | 1 << 26
+    }
+
+    fn start(&mut self, agreed: Agreed, rings: [Ring; QUEUES]) -> io::Result<()> {
+        self.calls.lock().unwrap().push(Call::Start(agreed, rings));
+        if self.refuses { Err(io::ErrorKind::Other.into()) } else { Ok(()) }
+    }
+
+    fn stop(&mut self) {
+        self.calls.lock().unwrap().push(Call::Stop);
+    }
+}
+
+struct Guest {
+    memory: GuestMemoryMmap,
+    link: Arc<Link>,
+    registers: Registers,
+    notes: Notes,
+}
+
+impl Guest {
+    fn new() -> Self {
+        Self::with(Notes::default())
+    }
+
+    fn with(notes: Notes) -> Self {
+        let ranges = [(GuestAddress(0), RAM as usize), (GuestAddress(HIGH), RAM as usize)];
+        let memory = GuestMemoryMmap::from_ranges(&ranges).unwrap();
+        let link = Arc::new(Link::new(notes.clone()));
+        let registers = Registers::new(NetDevice::new(MAC, memory.clone(), link.clone()));
+        Self { memory, link, registers, notes }
+    }
+
+    fn read(&self, offset: u64) -> u32 {
+        let mut data = [0; 4];
+        self.registers.read(offset, &mut data);
+        u32::from_le_bytes(data)
+    }
+
+    fn write(&mut self, offset: u64, value: u32) {
+        self.registers.write(offset, &value.to_le_bytes());
+    }
+
+    fn offered(&mut self) -> u64 {
+        let halves = [0, 1].map(|half| {
+            self.write(0x14, half);
+            u64::from(self.read(0x10))
+        });
+        halves[0] | halves[1] << 32
+    }
+
+    /// A driver's steps up to its last.
+    fn start(&mut self, features: u64, sizes: [u32; 2], parts: [[u64; 3]; 2]) {
+        for bits in [0, 1, 3] {
+            self.write(0x70, bits);
+        }
+        for half in [0, 1] {
+            self.write(0x24, half);
+            self.write(0x20, (features >> (32 * half)) as u32);
+        }
+        self.write(0x70, 0xb);
+        for (number, (size, parts)) in (0..).zip(sizes.into_iter().zip(parts)) {
+            self.write(0x30, number);
+            self.write(0x38, size);
+            for (register, address) in [0x80, 0x90, 0xa0].into_iter().zip(parts) {
+                self.write(register, address as u32);
+                self.write(register + 4, (address >> 32) as u32);
+            }
+            self.write(0x44, 1);
+        }
+        self.write(0x70, 0xf);
+    }
+
+    fn calls(&self) -> Vec<Call> {
+        std::mem::take(&mut self.notes.calls.lock().unwrap())
+    }
+
+    /// Where a byte of the guest's is in this process.
+    fn at(&self, address: u64) -> u64 {
+        self.memory.get_host_address(GuestAddress(address)).unwrap() as u64
+    }
+
+    /// Fails unless each part of these rings is in the guest's RAM.
+    fn assert_inside(&self, rings: &[Ring]) {
+        let regions = [0, HIGH].map(|start| self.at(start)..self.at(start) + RAM);
+        for ring in rings {
+            let entries = u64::from(ring.size);
+            for (start, bytes) in [
+                (ring.descriptors, 16 * entries),
+                (ring.available, 6 + 2 * entries),
+                (ring.used, 6 + 8 * entries),
+            ] {
+                let inside = |r: &std::ops::Range<u64>| r.start <= start && start + bytes <= r.end;
+                assert!(regions.iter().any(inside), "{start:#x} + {bytes}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_driver_finds_the_interface_and_its_rings_go_to_the_carrier() {
+    let mut guest = Guest::new();
+    assert_eq!([0x0, 0x4, 0x8].map(|offset| guest.read(offset)), [0x7472_6976, 2, 1]);
+    assert_eq!([guest.read(0x100), guest.read(0x104)], [0x0000_0002, 0x0000_0700]);
+    let offered = guest.offered();
+    let taken: u64 = bits(&RINGS) | bits(&FROM_GUEST) | bits(&TO_GUEST) | 1 << 5;
+    assert_eq!(offered, taken, "{offered:#x}");
+    guest.start(offered, [256, 64], QUEUE_PARTS);
+    assert_eq!((guest.read(0x70), guest.read(0x60)), (0xf, 1));
+    let ring = |size, [descriptors, available, used]: [u64; 3]| Ring {
+        size,
+        descriptors: guest.at(descriptors),
+        available: guest.at(available),
+        used: guest.at(used),
+    };
+    let rings = [ring(256, QUEUE_PARTS[0]), ring(64, QUEUE_PARTS[1])];
+    let agreed = Agreed { features: offered, checksum: true, segments: [true; 3] };
+    assert_eq!(guest.calls(), [Call::Start(agreed, rings)]);
+    // The reason is there for each interrupt, whatever is acknowledged.
+    guest.write(0x64, 1);
+    assert_eq!(guest.read(0x60), 1);
+    guest.write(0x70, 0);
+    assert_eq!((guest.calls(), guest.read(0x70), guest.read(0x60)), (vec![Call::Stop], 0, 0));
+}
+
+#[test]
+fn what_the_guest_does_not_take_is_not_sent_to_it() {
+    let mut guest = Guest::new();
+    let v1 = 1 << 32;
+    for (features, checksum, segments) in [
+        (v1, false, [false; 3]),
+        (v1 | 1 << 1 | 1 << 7, true, [true, false, false]),
+        // Segments without checksums are a mistake of the driver's.
+        (v1 | 1 << 7 | 1 << 8, false, [false; 3]),
+    ] {
+        guest.start(features, [256; 2], QUEUE_PARTS);
+        let calls = guest.calls();
+        let Some(Call::Start(agreed, _)) = calls.last() else { panic!("{calls:?}") };
+        assert_eq!(*agreed, Agreed { features, checksum, segments });
+    }
+}
+
+#[test]
+fn a_driver_of_the_old_kind_or_of_what_is_not_offered_is_refused() {
+    let mut guest = Guest::new();
+    for features in [0, 1 << 5, 1 << 32 | 1 << 17, 1 << 32 | 1 << 26] {
+        guest.start(features, [256; 2], QUEUE_PARTS);
+        assert_eq!(guest.read(0x70), 0x47, "{features:#x}");
+        assert_eq!(guest.calls(), []);
+    }
+}
+
+#[test]
+fn rings_that_are_not_in_ram_go_nowhere() {
+    let mut guest = Guest::new();
+    let [good, other] = QUEUE_PARTS;
+    // The last place of a part that fits, and the first that does not; for 256 entries.
+    let tables = [(RAM - 4096, true), (RAM - 4080, false), (RAM, false), (u64::MAX - 15, false)];
+    let available =
+        [(RAM - 518, true), (RAM - 516, false), (HIGH - 2, false), (u64::MAX - 1, false)];
+    let used =
+        [(RAM - 2056, true), (RAM - 2052, false), (HIGH + RAM, false), (u64::MAX - 3, false)];
+    for (part, places) in [tables, available, used].into_iter().enumerate() {
+        for (address, fits) in places {
+            for queue in 0..2 {
+                let mut parts = [good, other];
+                parts[queue][part] = address;
+                let before = guest.link.refusals();
+                guest.start(1 << 32, [256; 2], parts);
+                let calls = guest.calls();
+                let started = calls.iter().any(|call| matches!(call, Call::Start(..)));
+                assert_eq!(started, fits, "queue {queue}, part {part} at {address:#x}");
+                assert_eq!(guest.read(0x70) & 0x40 == 0, fits);
+                assert_eq!(guest.link.refusals() - before, u64::from(!fits));
+            }
+        }
+    }
+}
+
+#[test]
+fn an_address_that_is_not_aligned_or_a_size_that_is_none_breaks_the_device() {
+    let mut guest = Guest::new();
+    let [good, other] = QUEUE_PARTS;
+    for part in 0..3 {
+        let mut odd = good;
+        odd[part] += 1;
+        guest.start(1 << 32, [256; 2], [odd, other]);
+        // The queue keeps its old address, 0, or is refused; it is never the odd one.
+        for call in guest.calls() {
+            if let Call::Start(_, rings) = call {
+                guest.assert_inside(&rings);
+            }
+        }
+    }
+    for size in [0, 3, 512, 0x1_0000, u32::MAX] {
+        guest.start(1 << 32, [256, size], QUEUE_PARTS);
+        assert_eq!(guest.read(0x70) & 0x40, 0x40, "{size}");
+        assert!(!guest.calls().iter().any(|call| matches!(call, Call::Start(..))));
+    }
+}
+
+#[test]
+fn a_queue_does_not_change_while_the_carrier_has_it() {
+    let mut guest = Guest::new();
+    guest.start(1 << 32, [256; 2], QUEUE_PARTS);
+    let _ = guest.calls();
+    guest.write(0x30, 0);
+    for register in [0x38, 0x80, 0x84, 0x90, 0xa0] {
+        guest.write(register, 0xdead_bee0);
+    }
+    // Ready a second time, the last step a second time, another queue than there is.
+    guest.write(0x44, 1);
+    guest.write(0x70, 0xf);
+    guest.write(0x30, 2);
+    guest.write(0x44, 0);
+    assert_eq!(guest.calls(), []);
+    // One queue taken away ends both, once.
+    for queue in [1, 0] {
+        guest.write(0x30, queue);
+        guest.write(0x44, 0);
+    }
+    assert_eq!(guest.calls(), [Call::Stop]);
+    guest.write(0x44, 1);
+    guest.write(0x70, 0xf);
+    assert_eq!(guest.calls(), [], "only a reset starts it again");
+}
+
+#[test]
+fn a_carrier_that_refuses_breaks_the_device_until_a_reset() {
+    let mut guest = Guest::with(Notes { refuses: true, ..Notes::default() });
+    guest.start(1 << 32, [256; 2], QUEUE_PARTS);
+    assert_eq!((guest.read(0x70), guest.read(0x60)), (0x4f, 2));
+    guest.write(0x70, 0);
+    assert_eq!((guest.read(0x70), guest.read(0x60)), (0, 0));
+    assert_eq!(guest.calls().len(), 1, "what has not started is not stopped");
+}
+
+#[test]
+fn a_new_machine_finds_the_device_as_at_power_on() {
+    let mut guest = Guest::new();
+    guest.start(1 << 32, [256; 2], QUEUE_PARTS);
+    guest.link.reset();
+    guest.registers = Registers::new(NetDevice::new(MAC, guest.memory.clone(), guest.link.clone()));
+    assert_eq!((guest.read(0x70), guest.read(0x60)), (0, 0));
+    guest.start(1 << 32, [256; 2], QUEUE_PARTS);
+    assert_eq!(guest.calls().len(), 3);
+}
+
+proptest! {
+    /// Whatever is written wherever: what the carrier gets is the guest's own, and it gets nothing twice
+    /// without having given it back.
+    #[test]
+    fn the_carrier_gets_nothing_but_the_guests_ram(
+        writes in prop::collection::vec(
+            (prop::sample::select(vec![
+                0x20u64, 0x24, 0x30, 0x38, 0x44, 0x44, 0x64, 0x70, 0x70, 0x80, 0x84, 0x90, 0x94, 0xa0, 0xa4,
+            ]), prop::sample::select(vec![
+                0u32, 1, 2, 3, 7, 0xb, 0xf, 16, 256, 0x1000, 0xf_f000, 0xf_fffe, 0x10_0000,
+                0x7fff_ffff, 0xffff_fff0, u32::MAX,
+            ])), 0..200),
+        honest: bool,
+    ) {
+        let mut guest = Guest::new();
+        if honest {
+            guest.start(1 << 32, [256; 2], QUEUE_PARTS);
+        }
+        for (register, value) in writes {
+            guest.write(register, value);
+        }
+        let mut has = false;
+        for call in guest.calls() {
+            match call {
+                Call::Start(_, rings) => {
+                    prop_assert!(!has);
+                    guest.assert_inside(&rings);
+                    has = true;
+                }
+                Call::Stop => {
+                    prop_assert!(has);
+                    has = false;
+                }
+            }
+        }
+    }
+}
