@@ -13,7 +13,7 @@ use super::images::{self, Image};
 use super::raw::{self, Keys};
 
 /// Most disks of a partition: each has an interrupt of its own, and the guest's controller has
-/// seven that nobody else needs.
+/// seven that are free, for these and for network interfaces.
 pub const DISKS_MAX: usize = 4;
 /// Unit of all addresses on a disk, in bytes; virtio's own, whatever the file has.
 pub const SECTOR: u64 = 512;

@@ -9,7 +9,7 @@
 //! 2. the rules of each partition (`partition`, `tasks`), of the schedules (`schedules`,
 //!    `periods`, `explain`), of both together (`deadlines`), of the channels between partitions (`channels`,
 //!    `ports`, `host_ports`), of the health monitor's tables (`health`), of the host's devices
-//!    (`passthrough`), and of the files that are named (`images`, `programs`, `contents`, `placement`, `disks`);
+//!    (`passthrough`), and of the files that are named (`images`, `programs`, `contents`, `placement`, `disks`, `nets`);
 //! 3. a [`PartitionFile`], which has private fields and no other way to be made. The rest of Takt
 //!    takes nothing else and checks nothing again. Only a command line can add words to a guest's
 //!    (`append`).
@@ -35,6 +35,7 @@ pub mod kernel;
 pub mod linux_map;
 mod live;
 mod names;
+mod nets;
 mod partition;
 mod passthrough;
 mod periods;
@@ -73,6 +74,7 @@ pub use host_ports::HostPort;
 pub use images::{SOCKET_PATH_MAX, Unreadable, open as open_file};
 pub use interrupts::{Allowance, INTERRUPT};
 pub use live::live_channels;
+pub use nets::{HostEnd, NETS_MAX, Net};
 pub use passthrough::{
     Bar, DeviceMemory, Interrupt, InterruptSource, MemorySource, Passthrough, PciFunction, PortIo,
     SafePlace, SafeValue,
@@ -168,6 +170,7 @@ pub struct Partition {
     met: Vec<Met>,
     passthrough: Passthrough,
     disks: Vec<Disk>,
+    nets: Vec<Net>,
     programs: Vec<Program>,
     program_tasks: Vec<ProgramTask>,
     connections: Vec<Connection>,
@@ -240,6 +243,12 @@ impl Partition {
     #[must_use]
     pub fn disks(&self) -> &[Disk] {
         &self.disks
+    }
+
+    /// Its network interfaces, in the order of the file; none for a PLC.
+    #[must_use]
+    pub fn nets(&self) -> &[Net] {
+        &self.nets
     }
 
     /// The programs that a PLC's guest is to run, in the order of the file.
@@ -411,6 +420,7 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
         p.partition.passthrough = passthrough;
         p.partition.connections = connections;
     });
+    nets::check_all(partitions.iter().flat_map(|p| &p.nets))?;
     partition::check_one_linux(&partitions)?;
     // Last, because it is the only thing that may be right on another machine.
     partitions.iter().flat_map(|p| &p.images).try_for_each(images::check)?;

@@ -11,7 +11,7 @@
 //! | `0x0010_0000` | RAM: the kernel here or where it prefers, the initial RAM disk at the end of low memory |
 //! | `0xc000_0000` | end of RAM below 4 GiB; devices |
 //! | `0xd000_0000` | memory of PCI functions |
-//! | `0xe000_0000` | registers of disks |
+//! | `0xe000_0000` | registers of disks and network interfaces |
 //! | `0xfec0_0000` | I/O APIC, of KVM |
 //! | `0xfee0_0000` | local APIC, of KVM |
 //! | `0xfffb_d000` | three pages that KVM needs on Intel processors |
@@ -40,8 +40,9 @@ pub const HIGH_RAM_START: u64 = 0x10_0000;
 pub const HOLE_START: u64 = 0xc000_0000;
 /// Memory of PCI functions.
 pub const PCI_WINDOW: RangeInclusive<u32> = 0xd000_0000..=0xdfff_ffff;
-/// Registers of the first disk; those of the others follow.
-pub const DISK_REGISTERS: u32 = 0xe000_0000;
+/// Registers of the first virtio device; those of the others follow: first the disks, then the network
+/// interfaces.
+pub const VIRTIO_REGISTERS: u32 = 0xe000_0000;
 /// Where KVM's I/O APIC answers.
 pub const IO_APIC: u32 = 0xfec0_0000;
 /// Where KVM's local APIC answers.
@@ -60,8 +61,8 @@ mod tests {
 
     /// Whatever has a place, in the order of the table.
     fn areas() -> Vec<(u64, u64)> {
-        let disks = crate::DISKS_MAX as u64 * PAGE;
-        let registers = u64::from(DISK_REGISTERS);
+        let virtio = (crate::DISKS_MAX + crate::NETS_MAX) as u64 * PAGE;
+        let registers = u64::from(VIRTIO_REGISTERS);
         vec![
             (0, 0x1_0000),
             (COMMAND_LINE, COMMAND_LINE + CMDLINE_MAX as u64 + 1),
@@ -70,7 +71,7 @@ mod tests {
             (RESTART_VECTOR, HIGH_RAM_START),
             (HIGH_RAM_START, HOLE_START),
             ((*PCI_WINDOW.start()).into(), u64::from(*PCI_WINDOW.end()) + 1),
-            (registers, registers + disks),
+            (registers, registers + virtio),
             (IO_APIC.into(), u64::from(IO_APIC) + PAGE),
             (LOCAL_APIC.into(), u64::from(LOCAL_APIC) + PAGE),
             (TASK_STATE_SEGMENT, TASK_STATE_SEGMENT + 3 * PAGE),

@@ -12,6 +12,7 @@ use super::disks::{self, CheckedDisk};
 use super::health;
 use super::images::{self, Image};
 use super::names::{HOST, check_name};
+use super::nets::{self, CheckedNet};
 use super::passthrough::Passthrough;
 use super::points;
 use super::program_tasks;
@@ -50,6 +51,7 @@ pub struct Checked {
     pub background: Option<Span>,
     pub tasks: CheckedTasks,
     pub disks: Vec<CheckedDisk>,
+    pub nets: Vec<CheckedNet>,
     pub programs: Vec<CheckedProgram>,
     pub memory: Span,
 }
@@ -154,6 +156,7 @@ fn check(
         }
     };
     let disks = disks::check(&raw.disk.0, around.folder)?;
+    let nets = nets::check(&raw.net.0)?;
     let partition = Partition {
         id,
         name: name.to_owned(),
@@ -167,6 +170,7 @@ fn check(
         met: Vec::new(),
         passthrough: Passthrough::default(),
         disks: disks.iter().map(|disk| disk.disk.clone()).collect(),
+        nets: nets.iter().map(|net| net.net.clone()).collect(),
         programs: Vec::new(),
         program_tasks,
         connections: Vec::new(),
@@ -175,6 +179,7 @@ fn check(
         partition,
         tasks,
         disks,
+        nets,
         programs,
         memory: raw.memory.span(),
         role,
@@ -200,6 +205,7 @@ fn check_plc(
         ("initrd", raw.initrd.as_ref().map(Spanned::span)),
         ("cmdline", raw.cmdline.as_ref().map(Spanned::span)),
         ("disk", raw.disk.0.first().map(Spanned::span)),
+        ("net", raw.net.0.first().map(Spanned::span)),
         ("watchdog", raw.watchdog.as_ref().map(Spanned::span)),
     ];
     for (key, span) in of_linux {
@@ -258,7 +264,8 @@ fn check_linux(
         if let Some(span) = span {
             let found = misplaced(key, "plc", name, "linux");
             let allowed = "for a \"linux\": name, kind, cpu, memory, background, restarts, \
-                           kernel, initrd, cmdline, watchdog and [[partition.disk]]";
+                           kernel, initrd, cmdline, watchdog, [[partition.disk]] and \
+                           [[partition.net]]";
             return Err(Diagnostic::new(span, found, allowed));
         }
     }
@@ -283,6 +290,13 @@ fn check_linux(
         // Linux waits for no release, so a guard would only be taken from it.
         _ => Role::Windowed { guard: Nanos::ZERO },
     };
+    if let (Role::Windowed { .. }, Some(net)) = (&role, raw.net.0.first()) {
+        let found = format!("{} has windows and a network interface", quote(name));
+        // A driver that resets the interface waits for the kernel's thread that moves the packets.
+        let allowed = "`background = true`: what moves the packets runs when no window does, and \
+                       a thread with windows must not wait for it";
+        return Err(Diagnostic::new(net.span(), found, allowed));
+    }
     Ok((kind, role, [kernel].into_iter().chain(initrd).collect()))
 }
 

@@ -78,6 +78,17 @@ pub struct Partition {
     pub watchdog: Option<Spanned<Duration>>,
     #[serde(default)]
     pub disk: Tables<Disk>,
+    #[serde(default)]
+    pub net: Tables<Net>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Net {
+    pub tap: Spanned<String>,
+    pub mac: Spanned<String>,
+    pub address: Option<Spanned<String>>,
+    pub bridge: Option<Spanned<String>>,
 }
 
 #[derive(Debug, serde::Deserialize)]
