@@ -39,7 +39,7 @@ fn takt_survives_a_minute_of_all_hostile_guests_and_does_not_grow() {
     }
     let programs: [PathBuf; 3] = [
         env!("CARGO_BIN_EXE_hostile"),
-        env!("CARGO_BIN_EXE_hostile-disk"),
+        env!("CARGO_BIN_EXE_hostile-virtio"),
         env!("CARGO_BIN_EXE_hostile-machine"),
     ]
     .map(PathBuf::from);
@@ -47,7 +47,7 @@ fn takt_survives_a_minute_of_all_hostile_guests_and_does_not_grow() {
     let exec = format!(
         "echo LNRO0005:00 > {DRIVER}/unbind; echo 1 > /proc/sys/kernel/panic; \
          seed=$(cut -c1-4 /proc/sys/kernel/random/uuid); seed=$((0x$seed)); \
-         while :; do seed=$((seed + 1)); hostile $seed 1000; hostile-disk $seed 100; \
+         while :; do seed=$((seed + 1)); hostile $seed 1000; hostile-virtio 0 $seed 100; \
          hostile-machine $seed 100; done"
     );
     let again = "restarts = { at_most = 100, within = \"60s\" }";
@@ -90,7 +90,7 @@ fn takt_survives_a_minute_of_all_hostile_guests_and_does_not_grow() {
     for name in ["flood", "sweep", "linux"] {
         assert!(outcome.number(name, "illegal_accesses") > 1_000, "{name}\n{}", outcome.output);
     }
-    for program in ["hostile", "hostile-disk", "hostile-machine"] {
-        outcome.assert_shows(&format!("{program}: seed "));
+    for program in ["hostile", "hostile-virtio", "hostile-machine"] {
+        outcome.assert_shows(&format!("\n{program}: "));
     }
 }

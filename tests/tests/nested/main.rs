@@ -15,6 +15,7 @@ mod hostile;
 mod isolation;
 mod linux_ports;
 mod load;
+mod network;
 mod passthrough;
 mod ports;
 mod process_image;

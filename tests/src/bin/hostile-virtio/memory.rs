@@ -36,13 +36,14 @@ impl Page {
         Ok(Self { at, physical: frame * PAGE })
     }
 
-    /// The registers of the first disk, by the name that ACPI gives it.
+    /// The registers of a virtio device, by the name that ACPI gives it.
     ///
     /// # Errors
     /// There is none, or its driver still has it.
-    pub fn of_registers() -> io::Result<Self> {
+    pub fn of_registers(slot: u64) -> io::Result<Self> {
         let map_of_memory = fs::read_to_string("/proc/iomem")?;
-        let line = map_of_memory.lines().find(|line| line.contains("LNRO0005:00"));
+        let name = format!("LNRO0005:{slot:02x}");
+        let line = map_of_memory.lines().find(|line| line.contains(&name));
         let first = line.and_then(|line| line.trim().split('-').next());
         let first = first.and_then(|first| u64::from_str_radix(first, 16).ok());
         let first = first.ok_or(io::ErrorKind::NotFound)?;

@@ -1,14 +1,14 @@
-//! A Linux program that is the worst driver that a disk can have.
+//! A Linux program that is the worst driver that a disk or a network interface can have.
 //!
-//!     hostile-disk SEED STEPS
+//!     hostile-virtio SLOT SEED STEPS
 //!
-//! It takes the registers of the first disk, whose own driver has to be unbound, and in each step
-//! does one of what a driver may do at the wrong moment: reset it, hand it a queue, write anything to any
+//! It takes the registers of a virtio device, by its number among them, whose own driver has to be unbound, and in
+//! each step does one of what a driver may do at the wrong moment: reset it, hand it queues, write anything to any
 //! register, or notify it of requests whose descriptors loop, wrap, point nowhere or into another
-//! table. What the disk may write to is a page of the program's own, or no memory at all, since
+//! table. What the device may write to is a page of the program's own, or no memory at all, since
 //! the machine is to survive, and its neighbours are what the test looks at.
 //!
-//! Exit status 0: all steps are done. The disk is reset then, for its driver.
+//! Exit status 0: all steps are done. The device is reset then, for its driver.
 
 mod memory;
 
@@ -21,6 +21,7 @@ use takt_tests::random::Random;
 /// Registers of virtio 1.2, section 4.2.2.
 const ACCEPTED: u64 = 0x20;
 const ACCEPTED_SELECT: u64 = 0x24;
+const QUEUE_SELECT: u64 = 0x30;
 const QUEUE_SIZE: u64 = 0x38;
 const QUEUE_READY: u64 = 0x44;
 const NOTIFY: u64 = 0x50;
@@ -53,14 +54,14 @@ struct Done {
     queues: u64,
     notifications: u64,
     registers: u64,
-    /// Requests that the disk has said are done.
+    /// Requests that the device has said are done.
     answers: u64,
 }
 
 impl Driver {
-    fn new(seed: u64) -> io::Result<Self> {
+    fn new(slot: u64, seed: u64) -> io::Result<Self> {
         Ok(Self {
-            registers: Page::of_registers()?,
+            registers: Page::of_registers(slot)?,
             descriptors: Page::of_memory()?,
             available: Page::of_memory()?,
             used: Page::of_memory()?,
@@ -102,7 +103,7 @@ impl Driver {
         let mut status = 0;
         for bit in STATUS_BITS {
             if bit == 8 {
-                // All that is offered in the lower half but events and the rest that disks may have;
+                // All that is offered in the lower half but events, and the rest that only some devices have;
                 // version 1 in the upper.
                 for (select, mask) in [(0, 0x1000_0226), (1, 1)] {
                     self.registers.store(0x14, select);
@@ -113,18 +114,21 @@ impl Driver {
             }
             if bit == 4 {
                 let size = if self.odd() { self.random.nasty(ENTRIES) } else { ENTRIES };
-                self.registers.store(0x30, 0_u32);
-                self.registers.store(QUEUE_SIZE, size as u32);
-                for (register, page) in [
-                    (DESCRIPTORS, self.descriptors),
-                    (AVAILABLE, self.available),
-                    (USED, self.used),
-                ] {
-                    let at = if self.odd() { self.nowhere() } else { page.physical };
-                    self.registers.store(register, at as u32);
-                    self.registers.store(register + 4, (at >> 32) as u32);
+                // A network interface has two, and gets the same twice; a disk has no second.
+                for queue in [0_u32, 1] {
+                    self.registers.store(QUEUE_SELECT, queue);
+                    self.registers.store(QUEUE_SIZE, size as u32);
+                    for (register, page) in [
+                        (DESCRIPTORS, self.descriptors),
+                        (AVAILABLE, self.available),
+                        (USED, self.used),
+                    ] {
+                        let at = if self.odd() { self.nowhere() } else { page.physical };
+                        self.registers.store(register, at as u32);
+                        self.registers.store(register + 4, (at >> 32) as u32);
+                    }
+                    self.registers.store(QUEUE_READY, 1_u32);
                 }
-                self.registers.store(QUEUE_READY, 1_u32);
             }
             status |= bit;
             self.registers.store(STATUS, status);
@@ -134,7 +138,7 @@ impl Driver {
         }
     }
 
-    /// Anything but the addresses of rings: at those the disk would write to the kernel's memory.
+    /// Anything but the addresses of rings: at those the device would write to the kernel's memory.
     fn any_register(&mut self) {
         let width = 1 << self.random.below(4);
         let offset = self.random.below(PAGE) / width * width;
@@ -150,7 +154,7 @@ impl Driver {
         }
     }
 
-    /// A chain that begins well, so that the disk reads on, and then is whatever chance makes it.
+    /// A chain that begins well, so that the device reads on, and then is whatever chance makes it.
     fn request(&mut self) {
         for number in 0..PAGE / 16 {
             self.descriptor(number);
@@ -174,7 +178,7 @@ impl Driver {
             self.available.store(4 + 2 * slot, head);
         }
         self.available.store(2, index.wrapping_add(more));
-        let queue = if self.odd() { self.random.number() as u32 } else { 0 };
+        let queue = if self.odd() { self.random.below(3) as u32 } else { 0 };
         self.registers.store(NOTIFY, queue);
     }
 
@@ -220,20 +224,20 @@ impl Driver {
 
 fn main() -> ExitCode {
     let arguments: Vec<u64> = std::env::args().skip(1).flat_map(|word| word.parse()).collect();
-    let [seed, steps] = arguments[..] else {
-        eprintln!("usage: hostile-disk SEED STEPS");
+    let [slot, seed, steps] = arguments[..] else {
+        eprintln!("usage: hostile-virtio SLOT SEED STEPS");
         return ExitCode::from(64);
     };
-    let mut driver = match Driver::new(seed) {
+    let mut driver = match Driver::new(slot, seed) {
         Ok(driver) => driver,
         Err(error) => {
-            println!("hostile-disk: {error}");
+            println!("hostile-virtio: {error}");
             return ExitCode::from(70);
         }
     };
     let mut done = Done::default();
     (0..steps).for_each(|_| driver.step(&mut done));
     driver.reset();
-    println!("hostile-disk: seed {seed}, {done:?}");
+    println!("hostile-virtio: slot {slot}, seed {seed}, {done:?}");
     ExitCode::SUCCESS
 }
