@@ -12,6 +12,14 @@ use crate::table::Cpu;
 /// # Errors
 /// `EINVAL` if the CPU does not exist, is offline or is outside the process's cpuset.
 pub fn pin_to(cpu: Cpu) -> io::Result<()> {
+    pin_thread(0, cpu)
+}
+
+/// Pins another thread, also one of the kernel's.
+///
+/// # Errors
+/// As [`pin_to`]; `ESRCH` if there is none, `EPERM` if it is not the caller's to place.
+pub fn pin_thread(thread: i32, cpu: Cpu) -> io::Result<()> {
     // SAFETY: an all-zero cpu_set_t is the valid empty set.
     let mut set: libc::cpu_set_t = unsafe { mem::zeroed() };
     if cpu.0 >= libc::CPU_SETSIZE as usize {
@@ -21,7 +29,7 @@ pub fn pin_to(cpu: Cpu) -> io::Result<()> {
     // the kernel is to a live set of the length given.
     let result = unsafe {
         libc::CPU_SET(cpu.0, &mut set);
-        libc::sched_setaffinity(0, size_of_val(&set), &raw const set)
+        libc::sched_setaffinity(thread, size_of_val(&set), &raw const set)
     };
     if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }

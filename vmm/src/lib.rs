@@ -26,6 +26,7 @@ pub mod linux_machine;
 pub mod live;
 pub mod machine;
 pub mod memory;
+pub mod net;
 pub mod outlet;
 pub mod passthrough;
 pub mod pci;
@@ -41,6 +42,7 @@ pub mod supervisor;
 pub mod terminal;
 pub mod unix_socket;
 pub mod vcpu;
+pub mod virtio;
 
 pub use takt_figures::{load, report, samples, statistics, trace};
 pub use takt_plan as config;

@@ -26,6 +26,7 @@ use crate::machine::{self, Machine, MachineError, TimerOwner};
 use takt_plan::linux_map::{HOLE_END, HOLE_START, PCI_WINDOW};
 
 use crate::memory::GuestMemory;
+use crate::net::Interface;
 use crate::pci::PciPortDevice;
 use crate::run_error::RunError;
 use crate::vcpu::guest_timer::{Deadlines, GuestTimer};
@@ -70,6 +71,8 @@ pub struct LinuxMachine {
     pub bell: EventFd,
     /// Its disks, by their numbers.
     pub drives: Vec<Drive>,
+    /// Its network interfaces.
+    pub interfaces: Vec<Interface>,
     /// Speed of the TSC, from the first start on.
     pub frequency: Option<TscFrequency>,
     /// What notices that the guest is silent.
@@ -90,7 +93,7 @@ impl LinuxMachine {
         self.vm = None;
         let fittings = AcpiConfig {
             pci: self.card.as_ref().map(|_| PCI_WINDOW),
-            disks: self.drives.len() as u32,
+            virtio: (self.drives.len() + self.interfaces.len()) as u32,
             watchdog: self.watchdog.as_ref().map(Timer::most),
         };
         let entry = boot::linux::load(
@@ -118,7 +121,9 @@ impl LinuxMachine {
         if let Some(card) = &self.card {
             card.attach(&self.memory, tsc, &vm, &mut ports, &self.bell)?;
         }
-        let disks = self.drives.iter().map(|drive| drive.attach(&vm)).collect::<Result<_, _>>()?;
+        let disks = self.drives.iter().map(|drive| drive.attach(&vm));
+        let interfaces = self.interfaces.iter().map(|interface| interface.attach(&vm));
+        let virtio = disks.chain(interfaces).collect::<Result<_, _>>()?;
         self.vm = Some(vm);
         if let Some(timer) = &self.watchdog {
             let registers = Watchdog::new(timer.clone(), clock);
@@ -126,7 +131,7 @@ impl LinuxMachine {
             ports.attach(WATCHDOG_PORT..=last, Box::new(registers))?;
             timer.start(clock());
         }
-        let guest = LinuxGuest::new(ports, power).with_disks(disks);
+        let guest = LinuxGuest::new(ports, power).with_virtio(virtio);
         let guest_timer = self.deadlines.clone().and_then(GuestTimer::new);
         Ok((vcpu, guest.watched_by(self.watchdog.clone()).with_timer(guest_timer)))
     }
@@ -138,8 +143,9 @@ impl LinuxMachine {
     pub fn start_anew(&mut self) -> Result<(VcpuFd, LinuxGuest), RunError> {
         self.vm = None;
         self.console.reset();
-        // What a disk still read would lie in the new guest's memory.
+        // What a disk still read, or a packet that came, would lie in the new guest's memory.
         self.drives.iter().for_each(Drive::reset);
+        self.interfaces.iter().for_each(Interface::reset);
         self.clear().map_err(StartError::from)?;
         let (mut vcpu, guest) = self.start()?;
         // Here, since the partition's own thread may be a deadline thread.

@@ -20,6 +20,7 @@ use crate::interrupts::InterruptError;
 use crate::live::LiveError;
 use crate::machine::MachineError;
 use crate::memory::MemoryError;
+use crate::net::NetError;
 use crate::passthrough::error::DeviceError;
 use crate::pci::PciError;
 use crate::sandbox::SandboxError;
@@ -53,6 +54,8 @@ pub enum RunError {
     Device(#[from] DeviceError),
     #[error(transparent)]
     Disk(#[from] DiskError),
+    #[error("partition {partition}: {source}")]
+    Net { partition: String, source: NetError },
     #[error(transparent)]
     Interrupt(#[from] InterruptError),
     #[error(transparent)]

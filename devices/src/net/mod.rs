@@ -5,10 +5,10 @@
 //! Then the rings go to a [`Carrier`], which is the kernel's vhost-net, and this code sees no packet, no
 //! notification and no interrupt until the driver takes the device back.
 //!
-//! The carrier is given addresses in Takt's own memory, and the kernel takes these for good. So what stands
-//! between a guest and the memory of Takt is one check here: [`Ring`] is made of guest-physical addresses, and
-//! only if all of the ring lies in one region of the guest's RAM. What descriptors point at, the carrier checks
-//! itself, by the table of the guest's RAM that it has.
+//! The kernel takes a ring as an address in Takt's own memory, and does not ask whose memory that is. So what
+//! stands between a guest and the memory of Takt is one check here: there is a [`Ring`] only if each of its
+//! parts lies in one region of the guest's RAM. What descriptors point at, the carrier checks itself, by the table of
+//! the guest's RAM that it has.
 //!
 //! There is no queue for orders, so a driver cannot ask for other addresses or for several pairs of queues;
 //! and no state of the link: it is always up.
@@ -60,27 +60,20 @@ const TO_GUEST: [u32; 4] = [
     VIRTIO_NET_F_GUEST_ECN,
 ];
 
-/// A queue as a carrier takes it: addresses in this process. Each of its parts lies in one region of the
-/// guest's RAM.
+/// A queue that can be worked on: each of its parts lies in one region of the guest's RAM.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ring {
-    /// Entries, a power of two up to [`QUEUE_SIZE`].
-    pub size: u16,
-    /// The descriptors.
-    pub descriptors: u64,
-    /// What the driver has made available.
-    pub available: u64,
-    /// What the device has used.
-    pub used: u64,
+    size: u16,
+    descriptors: u64,
+    available: u64,
+    used: u64,
 }
 
 impl Ring {
     /// The queue, if it is in the guest's memory.
     fn of(queue: &Queue, memory: &GuestMemoryMmap) -> Option<Self> {
-        let place = |address, bytes| {
-            let slice = memory.get_slice(GuestAddress(address), bytes).ok()?;
-            Some(slice.ptr_guard().as_ptr() as u64)
-        };
+        let place =
+            |address, bytes| memory.get_slice(GuestAddress(address), bytes).ok().map(|_| address);
         let entries = usize::from(queue.size());
         Some(Self {
             size: queue.size(),
@@ -89,6 +82,30 @@ impl Ring {
             available: place(queue.avail_ring(), 6 + 2 * entries)?,
             used: place(queue.used_ring(), 6 + 8 * entries)?,
         })
+    }
+
+    /// Entries, a power of two up to [`QUEUE_SIZE`].
+    #[must_use]
+    pub const fn size(&self) -> u16 {
+        self.size
+    }
+
+    /// Guest-physical address of the descriptors.
+    #[must_use]
+    pub const fn descriptors(&self) -> u64 {
+        self.descriptors
+    }
+
+    /// That of the ring that the driver writes.
+    #[must_use]
+    pub const fn available(&self) -> u64 {
+        self.available
+    }
+
+    /// That of the ring that the carrier writes.
+    #[must_use]
+    pub const fn used(&self) -> u64 {
+        self.used
     }
 }
 

@@ -54,6 +54,8 @@ const WATCHDOGS: &str = "/modules/watchdogs";
 const INTERRUPT_MODULES: &str = "/modules/interrupts";
 /// Those that a device behind an IOMMU needs.
 const VFIO_MODULES: &str = "/modules/vfio";
+/// Those that network interfaces need.
+const NET_MODULES: &str = "/modules/net";
 /// Whatever a run leaves in this folder is carried out of the machine.
 const OUT: &str = "/out";
 /// What the kernel shows on the console.
@@ -233,10 +235,7 @@ fn has_fine_timers() -> bool {
 /// # Errors
 /// What is wrong with the list or a module.
 pub fn load_for_interrupts(role: Role) -> io::Result<()> {
-    if role != Role::Run {
-        return Ok(());
-    }
-    load_modules(Path::new(INTERRUPT_MODULES)).map_err(io::Error::other)
+    load_for(role, INTERRUPT_MODULES)
 }
 
 /// Loads what devices behind an IOMMU need, if this is the appliance.
@@ -244,10 +243,22 @@ pub fn load_for_interrupts(role: Role) -> io::Result<()> {
 /// # Errors
 /// What is wrong with the list or a module.
 pub fn load_for_vfio(role: Role) -> io::Result<()> {
+    load_for(role, VFIO_MODULES)
+}
+
+/// Loads what network interfaces need, if this is the appliance.
+///
+/// # Errors
+/// What is wrong with the list or a module.
+pub fn load_for_networks(role: Role) -> io::Result<()> {
+    load_for(role, NET_MODULES)
+}
+
+fn load_for(role: Role, list: &str) -> io::Result<()> {
     if role != Role::Run {
         return Ok(());
     }
-    load_modules(Path::new(VFIO_MODULES)).map_err(io::Error::other)
+    load_modules(Path::new(list)).map_err(io::Error::other)
 }
 
 /// The detector of lockups wakes a thread on each CPU every four seconds that comes before

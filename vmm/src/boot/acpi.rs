@@ -21,15 +21,15 @@ use acpi_tables::rsdp::Rsdp;
 use acpi_tables::sdt::Sdt;
 use acpi_tables::xsdt::XSDT;
 use acpi_tables::{Aml, AmlSink, aml};
-use takt_devices::disk::registers;
 use takt_devices::pci::config_ports;
 use takt_devices::power::AcpiPower;
 use takt_devices::serial;
+use takt_devices::virtio::registers;
 use takt_devices::watchdog;
 use takt_plan::linux_map::{ACPI_TABLES, IO_APIC, LOCAL_APIC};
 use vm_memory::{Bytes, GuestAddress, GuestMemoryError, GuestMemoryMmap};
 
-use crate::disk;
+use crate::virtio::Slot;
 
 /// First port of the ACPI power registers.
 pub const POWER_PORT: u16 = 0x600;
@@ -59,8 +59,8 @@ mod absent {
 pub struct AcpiConfig {
     /// Where the memory of PCI functions may lie, if there is a PCI bus.
     pub pci: Option<RangeInclusive<u32>>,
-    /// How many disks there are.
-    pub disks: u32,
+    /// How many virtio devices there are.
+    pub virtio: u32,
     /// The longest time of the watchdog, in counts, if there is one.
     pub watchdog: Option<u32>,
 }
@@ -174,8 +174,8 @@ fn watchdog_table(counts: u32) -> Sdt {
 }
 
 /// The machine's description in ACPI's own byte code: how to switch off, the serial port, and the
-/// PCI bus and the disks, if there are any.
-fn dsdt(AcpiConfig { pci, disks, .. }: AcpiConfig) -> Sdt {
+/// PCI bus and the virtio devices, if there are any.
+fn dsdt(AcpiConfig { pci, virtio, .. }: AcpiConfig) -> Sdt {
     let mut body = Vec::new();
     let off = AcpiPower::SOFT_OFF;
     Name::new(Path::new("_S5_"), &Package::new(vec![&off, &aml::ZERO, &aml::ZERO, &aml::ZERO]))
@@ -188,12 +188,12 @@ fn dsdt(AcpiConfig { pci, disks, .. }: AcpiConfig) -> Sdt {
     let crs = Name::new(Path::new("_CRS"), &resources);
     let serial = Device::new(Path::new("COM1"), vec![&hid, &uid, &crs]);
     let bus = pci.map(PciBus);
-    let disks: Vec<Disk> = (0..disks).map(Disk).collect();
+    let virtio: Vec<Virtio> = (0..virtio).map(|slot| Virtio(Slot(slot))).collect();
     let mut devices: Vec<&dyn Aml> = vec![&serial];
     if let Some(bus) = &bus {
         devices.extend([&InterruptLink as &dyn Aml, bus]);
     }
-    devices.extend(disks.iter().map(|disk| disk as &dyn Aml));
+    devices.extend(virtio.iter().map(|device| device as &dyn Aml));
     Scope::new(Path::new("_SB_"), devices).to_aml_bytes(&mut body);
     let mut table = Sdt::new(*b"DSDT", 36, 2, OEM, MACHINE, REVISION);
     table.append_slice(&body);
@@ -248,34 +248,34 @@ impl Aml for PciBus {
     }
 }
 
-/// A disk, by its number: virtio's memory-mapped registers, for which ACPI has this name (kernel,
+/// A virtio device, whatever its kind: memory-mapped registers, for which ACPI has this name (kernel,
 /// `drivers/virtio/virtio_mmio.c`), and an interrupt. It is an edge for each time that something was
 /// added, as Linux takes it: its driver looks at all that is there.
-struct Disk(u32);
+struct Virtio(Slot);
 
-impl Aml for Disk {
+impl Aml for Virtio {
     fn to_aml_bytes(&self, sink: &mut dyn AmlSink) {
-        let Self(number) = *self;
+        let Self(slot @ Slot(number)) = *self;
         let hid = Name::new(Path::new("_HID"), &"LNRO0005");
         let uid = Name::new(Path::new("_UID"), &number);
-        let registers = Memory32Fixed::new(true, disk::registers(number), registers::BYTES as u32);
-        let interrupt = Interrupt::new(true, true, false, false, disk::gsi(number));
+        let registers = Memory32Fixed::new(true, slot.registers(), registers::BYTES as u32);
+        let interrupt = Interrupt::new(true, true, false, false, slot.gsi());
         let resources = ResourceTemplate::new(vec![&registers, &interrupt]);
         let crs = Name::new(Path::new("_CRS"), &resources);
-        let name = format!("DSK{number:X}");
+        let name = format!("VIO{number:X}");
         Device::new(Path::new(&name), vec![&hid, &uid, &crs]).to_aml_bytes(sink);
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use takt_plan::linux_map::{DISK_REGISTERS, PCI_WINDOW};
+    use takt_plan::linux_map::{PCI_WINDOW, VIRTIO_REGISTERS};
 
     use super::*;
 
-    fn dsdt_bytes(pci: Option<RangeInclusive<u32>>, disks: u32) -> Vec<u8> {
+    fn dsdt_bytes(pci: Option<RangeInclusive<u32>>, virtio: u32) -> Vec<u8> {
         let mut bytes = Vec::new();
-        dsdt(AcpiConfig { pci, disks, watchdog: None }).to_aml_bytes(&mut bytes);
+        dsdt(AcpiConfig { pci, virtio, watchdog: None }).to_aml_bytes(&mut bytes);
         bytes
     }
 
@@ -302,19 +302,19 @@ mod tests {
     }
 
     #[test]
-    fn each_disk_has_registers_and_an_interrupt_of_its_own() {
+    fn each_virtio_device_has_registers_and_an_interrupt_of_its_own() {
         let bytes = dsdt_bytes(None, 2);
         assert!(!contains(&dsdt_bytes(None, 0), b"LNRO0005"));
-        for (name, registers, gsi) in [(b"DSK0", 0, 17), (b"DSK1", 0x1000, 18)] {
+        for (name, registers, gsi) in [(b"VIO0", 0, 17), (b"VIO1", 0x1000, 18)] {
             assert!(contains(&bytes, name));
-            let address = DISK_REGISTERS + registers;
+            let address = VIRTIO_REGISTERS + registers;
             let mut memory = vec![0x86, 9, 0, 1];
             memory.extend([address.to_le_bytes(), 0x1000u32.to_le_bytes()].concat());
             // Extended interrupt: consumer, edge, active high, exclusive.
             memory.extend([0x89, 6, 0, 0b0011, 1, gsi, 0, 0, 0]);
             assert!(contains(&bytes, &memory));
         }
-        assert!(!contains(&bytes, b"DSK2"));
+        assert!(!contains(&bytes, b"VIO2"));
     }
 
     #[test]
@@ -334,7 +334,7 @@ mod tests {
     #[test]
     fn every_table_has_its_signature_and_a_good_checksum() {
         let memory = GuestMemoryMmap::from_ranges(&[(GuestAddress(0), 1 << 20)]).unwrap();
-        let fittings = AcpiConfig { pci: Some(PCI_WINDOW), disks: 4, watchdog: Some(500) };
+        let fittings = AcpiConfig { pci: Some(PCI_WINDOW), virtio: 4, watchdog: Some(500) };
         let rsdp = write(&memory, fittings).unwrap();
         let word = |at| memory.read_obj::<u32>(GuestAddress(at)).unwrap();
         let long = |at| memory.read_obj::<u64>(GuestAddress(at)).unwrap();

@@ -20,37 +20,25 @@ mod thread;
 
 use std::sync::Arc;
 
-use kvm_ioctls::{IoEventAddress, VmFd};
+use kvm_ioctls::VmFd;
 use takt_devices::disk::Shape;
+use takt_devices::disk::device::DiskDevice;
 use takt_devices::disk::handover::Handover;
-use takt_devices::disk::registers::{self, Registers};
 use takt_devices::disk::server::{Disk, DiskId, Server};
-use takt_plan::linux_map::DISK_REGISTERS;
+use takt_devices::virtio::registers::Registers;
 use vmm_sys_util::eventfd::{EFD_CLOEXEC, EventFd};
 
-use crate::boot::acpi::PCI_GSI;
 use crate::config;
 use crate::event::{self, eventfd};
 use crate::machine::MachineError;
 use crate::memory::GuestMemory;
 use crate::vcpu::thread::Place;
+use crate::virtio::Slot;
 use file::DiskFile;
 
 pub use error::DiskError;
 pub use file::DiskFileError;
 pub use thread::DiskThread;
-
-/// Where the registers of a disk lie, counted from 0.
-#[must_use]
-pub const fn registers(number: u32) -> u32 {
-    DISK_REGISTERS + number * registers::BYTES as u32
-}
-
-/// The interrupt of a disk: the pins behind that of the PCI function.
-#[must_use]
-pub const fn gsi(number: u32) -> u32 {
-    PCI_GSI + 1 + number
-}
 
 /// A disk, as the machines know it that its Linux has one after the other.
 pub struct Drive {
@@ -95,13 +83,10 @@ impl Drive {
     /// # Errors
     /// If KVM refuses.
     pub fn attach(&self, vm: &VmFd) -> Result<Registers, MachineError> {
-        let notify = u64::from(registers(self.number)) + registers::NOTIFY;
-        // The number of the only queue there is.
-        vm.register_ioevent(&self.bell, &IoEventAddress::Mmio(notify), 0u32)
-            .map_err(|source| MachineError::Call { what: "attach a disk's doorbell", source })?;
-        vm.register_irqfd(&self.interrupt, gsi(self.number))
-            .map_err(|source| MachineError::Call { what: "attach a disk's interrupt", source })?;
-        Ok(Registers::new(self.shape, self.shared.clone()))
+        // The slots of disks come first.
+        let slot = Slot(self.number);
+        slot.attach(vm, std::slice::from_ref(&self.bell), &self.interrupt)?;
+        Ok(Registers::new(DiskDevice::new(self.shape, self.shared.clone())))
     }
 
     /// Takes the disk away from a guest that does not run any more. Afterwards nothing is written to

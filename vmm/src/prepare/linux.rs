@@ -1,4 +1,5 @@
-//! A Linux's partition: memory, a board with its devices, and the threads of its disks.
+//! A Linux's partition: memory, a board with its devices, the threads of its disks, and the ends of its
+//! cables.
 
 use std::path::Path;
 
@@ -8,7 +9,7 @@ use takt_devices::serial::{IrqLine, SerialPort};
 use takt_scheduler::table::Role;
 
 use super::spawn::Processor;
-use super::{Preparation, Prepared};
+use super::{LinuxParts, Preparation, Prepared};
 use crate::boot::linux::Image;
 use crate::config::Partition;
 use crate::disk::Drive;
@@ -18,11 +19,13 @@ use crate::kernel_watch::KernelWatch;
 use crate::linux_machine::{self, LinuxMachine};
 use crate::machine;
 use crate::memory::GuestMemory;
+use crate::net::{self, Interface};
 use crate::pci::Pci;
 use crate::restart::{LinuxLoader, Restart};
 use crate::run_error::RunError;
 use crate::sandbox;
 use crate::vcpu::thread::Place;
+use crate::virtio::Slot;
 
 impl Preparation<'_> {
     pub(super) fn linux(
@@ -33,6 +36,7 @@ impl Preparation<'_> {
         cmdline: &str,
     ) -> Result<Prepared, RunError> {
         let unfit = |source| RunError::Linux { partition: partition.name().to_owned(), source };
+        let unplugged = |source| RunError::Net { partition: partition.name().to_owned(), source };
         let pci = Pci::new(self.channels.of(partition.id(), partition.kind()))?;
         let views = pci.as_ref().map(Pci::views).unwrap_or_default();
         let memory = self.clear(|| GuestMemory::for_linux(partition.memory_bytes(), &views))?;
@@ -58,6 +62,16 @@ impl Preparation<'_> {
             drives.push(drive);
             disks.push(thread);
         }
+        let (mut interfaces, mut cables) = (Vec::new(), Vec::new());
+        if !partition.nets().is_empty() {
+            net::load_modules(self.role).map_err(unplugged)?;
+        }
+        for (number, net) in (drives.len() as u32..).zip(partition.nets()) {
+            let (interface, cable) =
+                Interface::open(Slot(number), net, &memory, place.clone()).map_err(unplugged)?;
+            interfaces.push(interface);
+            cables.push(cable);
+        }
         let mut board = LinuxMachine {
             partition: partition.name().to_owned(),
             kvm: machine::open_kvm()?,
@@ -70,6 +84,7 @@ impl Preparation<'_> {
             card: pci.map(Pci::into_card),
             bell: event::clone(&self.doorbell)?,
             drives,
+            interfaces,
             frequency: self.frequency,
             watchdog: watchdog.clone(),
             deadlines: self.deadlines.clone(),
@@ -88,8 +103,8 @@ impl Preparation<'_> {
         prepared.account.deadlines.clone_from(&self.deadlines);
         prepared.account.watchdog = watchdog;
         prepared.account.kernel = Some(KernelWatch::new(panic));
-        prepared.init = Some(init);
         prepared.disks = disks;
+        prepared.linux = Some(LinuxParts { init, cables });
         Ok(prepared)
     }
     /// The serial port's way out. A Linux with windows is not made to wait: its thread would wake again

@@ -20,12 +20,14 @@ use takt_scheduler::time::{Timebase, TscFrequency};
 use vmm_sys_util::eventfd::EventFd;
 
 use crate::account::Account;
+use crate::appliance::Role;
 use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile};
 use crate::cpuset::Domains;
 use crate::disk::DiskThread;
 use crate::init_watch::{Console, InitSeen};
 use crate::interrupts::Interrupts;
+use crate::net::Cable;
 use crate::passthrough::Devices;
 use crate::run_error::RunError;
 use crate::sandbox::{self, Mode};
@@ -39,10 +41,18 @@ pub struct Prepared {
     pub account: Account,
     /// Its thread.
     pub thread: Ready<()>,
-    /// For Linux.
-    pub init: Option<InitSeen>,
+    /// What the report asks of a Linux.
+    pub linux: Option<LinuxParts>,
     /// Those that serve its disks.
     pub disks: Vec<DiskThread>,
+}
+
+/// What is kept of a Linux beside its account.
+pub struct LinuxParts {
+    /// When its first process was seen.
+    pub init: InitSeen,
+    /// The host's side of its network interfaces.
+    pub cables: Vec<Cable>,
 }
 
 /// A thread that ends windows, ready to run.
@@ -91,6 +101,8 @@ pub struct Preparation<'a> {
     pub enforcers: BTreeMap<Cpu, Arc<Control>>,
     /// What follows from a system call that a thread may not make.
     pub mode: Mode,
+    /// Whose modules are Takt's to load.
+    pub role: Role,
     /// What starts threads that have no part in the schedule.
     pub spawner: Spawn<'a>,
 }

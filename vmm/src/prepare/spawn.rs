@@ -164,7 +164,7 @@ impl Preparation<'_> {
             host_fault: None,
             lines: Lines::default(),
         };
-        Ok(Prepared { account, thread, init: None, disks: Vec::new() })
+        Ok(Prepared { account, thread, disks: Vec::new(), linux: None })
     }
 }
 

@@ -122,6 +122,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         deadlines: Preparation::deadlines(file, &board),
         enforcers: BTreeMap::new(),
         mode: options.seccomp,
+        role: options.role,
         spawner: &spawn,
     };
     let mut prepared = Vec::new();
@@ -257,7 +258,7 @@ struct Run<'a> {
 impl Run<'_> {
     /// Looks after the run until it is over.
     fn last(&mut self, started: Started) -> Result<Report, RunError> {
-        let Started { supervisor, running, disks, controls, bells, inits, epoch, starting } =
+        let Started { supervisor, running, disks, controls, bells, linux, epoch, starting } =
             started;
         let base = epoch.base;
         let start = footprint::now();
@@ -305,7 +306,7 @@ impl Run<'_> {
         }
         let host_ports = supervisor.host_ports.as_mut().map_or_else(Vec::new, HostPorts::accounts);
         self.settle();
-        Ok(self.report(&supervisor, &inits, &epoch, duration, host_ports, process))
+        Ok(self.report(&supervisor, &linux, &epoch, duration, host_ports, process))
     }
 
     /// Waits for who reads what Takt has to say, if anybody does.

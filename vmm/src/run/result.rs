@@ -12,8 +12,9 @@ use crate::account::Account;
 use crate::config::{Kind, Partition};
 use crate::health::Fault;
 use crate::host_ports;
-use crate::init_watch::InitSeen;
 use crate::kernel_watch::KernelWatch;
+use crate::net::Cable;
+use crate::prepare::LinuxParts;
 use crate::report::{self, Report};
 use crate::supervisor::Supervisor;
 use crate::vcpu::Control;
@@ -23,16 +24,16 @@ impl Run<'_> {
     pub(super) fn report(
         &self,
         supervisor: &Supervisor,
-        inits: &[Option<InitSeen>],
+        linux: &[Option<LinuxParts>],
         epoch: &Epoch,
         duration: Nanos,
         host_ports: Vec<host_ports::Account>,
         process: report::Process,
     ) -> Report {
         let base = epoch.base;
-        let partitions = supervisor.accounts.iter().zip(inits).zip(self.file.partitions());
-        let describe = |((account, init), partition): ((&Account, &Option<InitSeen>), _)| {
-            self.describe(account, partition, duration, &supervisor.accounts, init.as_ref(), base)
+        let partitions = supervisor.accounts.iter().zip(linux).zip(self.file.partitions());
+        let describe = |((account, linux), partition): ((&Account, &Option<LinuxParts>), _)| {
+            self.describe(account, partition, duration, &supervisor.accounts, linux.as_ref(), base)
         };
         let enforcer = |(cpu, control): &(Cpu, Arc<Control>)| report::WindowEnforcer {
             cpu: cpu.0,
@@ -73,7 +74,7 @@ impl Run<'_> {
         partition: &Partition,
         duration: Nanos,
         all: &[Account],
-        init: Option<&InitSeen>,
+        linux: Option<&LinuxParts>,
         base: Timebase,
     ) -> report::Partition {
         let finished = account.finished;
@@ -114,7 +115,8 @@ impl Run<'_> {
                 let Told { programmed, moved, put_back } = told;
                 report::Deadlines { programmed, moved, put_back }
             }),
-            boot_to_init_ns: init.map(|i| i.instant().map(|at| base.offset(at).0)),
+            nets: linux.map_or_else(Vec::new, |l| l.cables.iter().map(Cable::report).collect()),
+            boot_to_init_ns: linux.map(|l| l.init.instant().map(|at| base.offset(at).0)),
         }
     }
 }

@@ -15,10 +15,10 @@ use crate::config::{Partition, Trust};
 use crate::disk::DiskThread;
 use crate::host_clock::HostClock;
 use crate::host_watchdog::HostWatchdog;
-use crate::init_watch::{Console, InitSeen};
+use crate::init_watch::Console;
 use crate::outlet::Trace;
 use crate::outlet::{LaneWriter, Outlet};
-use crate::prepare::{Prepared, WindowEnforcer};
+use crate::prepare::{LinuxParts, Prepared, WindowEnforcer};
 use crate::report;
 use crate::run_error::RunError;
 use crate::sandbox;
@@ -52,7 +52,8 @@ pub(super) struct Started {
     pub controls: Vec<Arc<Control>>,
     /// To be rung for those that wait for one.
     pub bells: Vec<EventFd>,
-    pub inits: Vec<Option<InitSeen>>,
+    /// By partition.
+    pub linux: Vec<Option<LinuxParts>>,
     pub epoch: Epoch,
     pub starting: report::Starting,
 }
@@ -67,13 +68,13 @@ impl Run<'_> {
         mut screen: Screen,
         sources: Sources,
     ) -> Result<Started, RunError> {
-        let (mut accounts, mut inits, mut disks) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut accounts, mut linux, mut disks) = (Vec::new(), Vec::new(), Vec::new());
         let (mut windowed, mut others) = (Vec::new(), Vec::new());
-        for Prepared { account, thread, init, disks: own } in prepared {
+        for Prepared { account, thread, linux: parts, disks: own } in prepared {
             let kin = if account.records.is_some() { &mut windowed } else { &mut others };
             kin.push(thread);
             accounts.push(account);
-            inits.push(init);
+            linux.push(parts);
             disks.extend(own);
         }
         let watchdog = self.watchdog(&accounts, &kickers)?;
@@ -131,7 +132,7 @@ impl Run<'_> {
         supervisor.clock = Some(clock);
         supervisor.quiet = this_cpu().and_then(|cpu| schedules.quiet_on(cpu, None));
         self.tell(&mut supervisor.screen, starting);
-        Ok(Started { supervisor, running, disks, controls, bells, inits, epoch, starting })
+        Ok(Started { supervisor, running, disks, controls, bells, linux, epoch, starting })
     }
 
     /// Tells people what begins.

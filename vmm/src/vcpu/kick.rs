@@ -56,7 +56,7 @@ pub(super) fn send(thread: i32) {
 }
 
 /// The id under which [`send`] reaches the calling thread.
-pub(super) fn this_thread() -> i32 {
+pub(crate) fn this_thread() -> i32 {
     // Not `libc::gettid`: the standard library declares that weak, and a linker that has one reference
     // to it left takes none of the C library's (`docs/dependencies.md`).
     // SAFETY: gettid has no preconditions and no effect. Its result is a small number.

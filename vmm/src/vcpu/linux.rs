@@ -4,9 +4,9 @@
 //! what comes here is a write to one that is read-only, and any access to what is empty.
 
 use kvm_ioctls::VcpuExit;
-use takt_devices::disk::registers::{BYTES, Registers};
 use takt_devices::ports::PortBus;
 use takt_devices::power::{PowerLine, PowerRequest};
+use takt_devices::virtio::registers::{BYTES, Registers};
 use takt_devices::watchdog::Timer;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use takt_scheduler::timetable::{Release, Slot};
@@ -14,14 +14,15 @@ use takt_scheduler::timetable::{Release, Slot};
 use super::guest::{End, Guest, Step, handle_common};
 use super::guest_timer::GuestTimer;
 use super::record::Scan;
-use crate::disk;
 use crate::sandbox;
+use crate::virtio;
 
 /// A Linux guest.
 pub struct LinuxGuest {
     ports: PortBus,
     power: PowerLine,
-    disks: Vec<Registers>,
+    /// By their slots.
+    virtio: Vec<Registers>,
     stray_memory: u64,
     watchdog: Option<Timer>,
     timer: Option<GuestTimer>,
@@ -31,21 +32,21 @@ impl LinuxGuest {
     /// A guest with these devices; `power` is the line that some of them pull.
     #[must_use]
     pub fn new(ports: PortBus, power: PowerLine) -> Self {
-        Self { ports, power, disks: Vec::new(), stray_memory: 0, watchdog: None, timer: None }
+        Self { ports, power, virtio: Vec::new(), stray_memory: 0, watchdog: None, timer: None }
     }
 
-    /// The same guest with disks, by their numbers.
+    /// The same guest with virtio devices, by their slots.
     #[must_use]
-    pub fn with_disks(self, disks: Vec<Registers>) -> Self {
-        Self { disks, ..self }
+    pub fn with_virtio(self, virtio: Vec<Registers>) -> Self {
+        Self { virtio, ..self }
     }
 
-    /// The disk that an address belongs to, and where in its registers it lies. KVM splits what
+    /// The virtio device that an address belongs to, and where in its registers it lies. KVM splits what
     /// would leave a page.
-    fn disk(&mut self, address: u64) -> Option<(&mut Registers, u64)> {
-        let offset = address.checked_sub(disk::registers(0).into())?;
-        let disk = self.disks.get_mut(usize::try_from(offset / BYTES).ok()?)?;
-        Some((disk, offset % BYTES))
+    fn virtio(&mut self, address: u64) -> Option<(&mut Registers, u64)> {
+        let offset = address.checked_sub(virtio::Slot(0).registers().into())?;
+        let device = self.virtio.get_mut(usize::try_from(offset / BYTES).ok()?)?;
+        Some((device, offset % BYTES))
     }
 
     /// The same guest with a watchdog, whose registers are among the devices.
@@ -89,8 +90,8 @@ impl Guest for LinuxGuest {
                 Step::Resume
             }
             VcpuExit::MmioRead(address, data) => {
-                match self.disk(address) {
-                    Some((disk, offset)) => disk.read(offset, data),
+                match self.virtio(address) {
+                    Some((device, offset)) => device.read(offset, data),
                     None => {
                         data.fill(0xff);
                         self.stray_memory += 1;
@@ -99,8 +100,8 @@ impl Guest for LinuxGuest {
                 Step::Resume
             }
             VcpuExit::MmioWrite(address, data) => {
-                match self.disk(address) {
-                    Some((disk, offset)) => disk.write(offset, data),
+                match self.virtio(address) {
+                    Some((device, offset)) => device.write(offset, data),
                     None => self.stray_memory += 1,
                 }
                 Step::Resume
@@ -146,6 +147,7 @@ mod tests {
     use super::*;
     use std::sync::Arc;
     use takt_devices::disk::Shape;
+    use takt_devices::disk::device::DiskDevice;
     use takt_devices::power::AcpiPower;
     use takt_plan::linux_map::PCI_WINDOW;
 
@@ -172,10 +174,12 @@ mod tests {
 
     #[test]
     fn each_disk_answers_at_its_own_registers_and_none_behind_them() {
-        let registers =
-            |sectors| Registers::new(Shape { sectors, read_only: true }, Arc::default());
+        let registers = |sectors| {
+            let shape = Shape { sectors, read_only: true };
+            Registers::new(DiskDevice::new(shape, Arc::default()))
+        };
         let mut guest = LinuxGuest::new(PortBus::default(), PowerLine::default())
-            .with_disks(vec![registers(5), registers(6)]);
+            .with_virtio(vec![registers(5), registers(6)]);
         let mut read = |address| {
             let mut data = [0; 4];
             assert_eq!(guest.handle(VcpuExit::MmioRead(address, &mut data)), Step::Resume);

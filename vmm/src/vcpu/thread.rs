@@ -347,7 +347,8 @@ fn spawn<P, T: Send + 'static>(
     }
 }
 
-fn pin(name: &str, place: &Place) -> Result<(), ThreadError> {
+/// Moves the calling thread to its place.
+pub(crate) fn pin(name: &str, place: &Place) -> Result<(), ThreadError> {
     if let Some(domain) = &place.domain {
         domain.enter().map_err(|source| ThreadError::Enter {
             name: name.to_owned(),

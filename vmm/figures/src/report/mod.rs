@@ -2,6 +2,7 @@
 //!
 //! The types are those of whoever writes a report and of whoever reads one.
 
+mod net;
 mod partition;
 mod process;
 mod table;
@@ -10,6 +11,7 @@ mod wake_ups;
 
 use serde::{Deserialize, Serialize};
 
+pub use net::{Net, Traffic};
 pub use partition::{Deadlines, Donation, Event, Events, How, Partition, Releases, Stuck};
 pub use process::{Footprint, Process, Starting};
 pub use tick::{Clear, Tick};

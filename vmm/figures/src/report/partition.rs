@@ -6,7 +6,7 @@ use std::fmt;
 
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::{Summary, WakeUps};
+use super::{Net, Summary, WakeUps};
 use crate::worst::{LateStart, LongScan};
 
 /// One partition.
@@ -42,6 +42,9 @@ pub struct Partition {
     /// Only for a Linux beside windows on its CPU.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub deadlines: Option<Deadlines>,
+    /// The network interfaces of a Linux.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub nets: Vec<Net>,
     /// Only for Linux: from the start of its vCPU to its first process; `null` if it did not get
     /// there, or if its console does not show the kernel's messages.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "null_or")]

@@ -116,6 +116,9 @@ impl Partition {
                 d.programmed, d.moved, d.put_back
             );
         }
+        for net in &self.nets {
+            let _ = writeln!(text, "  network        {net}");
+        }
         if !self.events.totals.is_empty() {
             let totals = self.events.totals.iter();
             let totals: Vec<String> = totals.map(|(error, n)| format!("{error} {n}")).collect();

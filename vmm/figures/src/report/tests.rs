@@ -74,6 +74,7 @@ fn report() -> Report {
                 wake_ups: Some(WakeUps { early: 7, divided: 2, steered: 3 }),
                 donation: None,
                 deadlines: None,
+                nets: Vec::new(),
                 boot_to_init_ns: None,
                 stuck: None,
             },
@@ -95,6 +96,12 @@ fn report() -> Report {
                     minimum_share: 0.65,
                 }),
                 deadlines: Some(Deadlines { programmed: 900, moved: 30, put_back: 20 }),
+                nets: vec![Net {
+                    tap: "takt0".into(),
+                    to_guest: Traffic { packets: 5, bytes: 600, dropped: 1 },
+                    from_guest: Traffic { packets: 7, bytes: 800, dropped: 0 },
+                    refused_queues: 2,
+                }],
                 boot_to_init_ns: Some(None),
                 stuck: Some(Some(Stuck { how: How::Spinning, since_ns: 5_120_000_000 })),
             },
@@ -159,6 +166,10 @@ fn the_table_shows_every_partition_and_what_went_wrong() {
     let table = report().table();
     assert!(table.contains("demo: 10.000 s, lane lab, kernel 6.1.0-rt, PREEMPT_RT"));
     assert!(table.contains("\nemulated by QEMU 7.2.22\n"));
+    assert!(
+        table.contains("  network        takt0: to it 5 packets, 600 bytes, 1 dropped; from it 7 ")
+    );
+    assert!(table.contains("; 2 times its driver's queues could not be used\n"));
     assert!(table.contains("releases       10000   lost 0   late 0   overruns 0"));
     assert!(table.contains("release latency         0.000      0.002"), "{table}");
     assert!(table.contains("donation       9.000 s left by windows, 99.0 % of it used;"));

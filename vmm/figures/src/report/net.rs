@@ -1,0 +1,48 @@
+//! What a report tells of a network interface of a Linux.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// A network interface.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Net {
+    /// The tap device at the host's end.
+    pub tap: String,
+    /// What the host has sent to the guest.
+    pub to_guest: Traffic,
+    /// What the guest has sent.
+    pub from_guest: Traffic,
+    /// How often the guest's driver handed over queues that could not be used.
+    pub refused_queues: u64,
+}
+
+/// Packets in one direction, as the host's kernel has counted them since the tap device was made. A packet
+/// may be longer than the network's are: it is cut where it leaves the machine.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Traffic {
+    /// Packets that got through.
+    pub packets: u64,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Packets for which there was no room.
+    pub dropped: u64,
+}
+
+impl fmt::Display for Net {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { tap, to_guest, from_guest, refused_queues } = self;
+        write!(f, "{tap}: to it {to_guest}; from it {from_guest}")?;
+        match refused_queues {
+            0 => Ok(()),
+            count => write!(f, "; {count} times its driver's queues could not be used"),
+        }
+    }
+}
+
+impl fmt::Display for Traffic {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { packets, bytes, dropped } = self;
+        write!(f, "{packets} packets, {bytes} bytes, {dropped} dropped")
+    }
+}

@@ -1,0 +1,92 @@
+//! The kernel's thread that moves an interface's packets: where it runs, and so who pays for it.
+//!
+//! vhost-net starts it for the thread that becomes the owner of the device. Since Linux 6.4 it is a thread of
+//! the owner's process and inherits affinity, cgroup and class. Before, it is a thread of the kernel's and
+//! inherits the cgroup. So a thread of Takt's becomes the owner when it is where the worker is to be: in
+//! the scheduling domain of the guest's CPU, pinned to it, of the class SCHED_OTHER. Then the worker is
+//! looked for by its name, which has the owner's number, and pinned as well.
+//!
+//! On the guest's CPU it takes the time that windows leave, together with the guest, and comes before no deadline
+//! thread. A worker that could not be found might run on a CPU that belongs to others, so that is an error.
+
+use std::fs;
+use std::io;
+
+use takt_scheduler::enforce::pin_thread;
+use vhost::VhostBackend;
+
+use super::NetError;
+use super::vhost::Vhost;
+use crate::vcpu::kick;
+use crate::vcpu::thread::{self, Place, ThreadError};
+
+/// Longest name of a thread, in bytes: `TASK_COMM_LEN` of the kernel, less the NUL.
+const NAME_MAX: usize = 15;
+
+/// Makes the process the owner of a vhost-net, and puts the worker where the guest is.
+///
+/// # Errors
+/// See [`NetError`].
+pub(super) fn place(vhost: &Vhost, tap: &str, place: Place) -> Result<(), NetError> {
+    const OWNER: &str = "net-owner";
+    let own = || {
+        thread::pin(OWNER, &place)?;
+        vhost.set_owner().map_err(|source| NetError::Vhost { what: "start its thread", source })?;
+        let mut worker = format!("vhost-{}", kick::this_thread());
+        worker.truncate(NAME_MAX);
+        let found = find(&worker);
+        if found.is_empty() {
+            return Err(NetError::NoWorker { tap: tap.to_owned(), worker });
+        }
+        found
+            .into_iter()
+            .try_for_each(|thread| pin_thread(thread, place.cpu))
+            .map_err(|source| NetError::Pin { tap: tap.to_owned(), worker, source })
+    };
+    let died = || NetError::Thread(ThreadError::Died { name: OWNER.to_owned() });
+    std::thread::scope(|scope| {
+        let owner = std::thread::Builder::new().name(OWNER.to_owned()).stack_size(1 << 16);
+        let spawned = owner
+            .spawn_scoped(scope, own)
+            .map_err(|source| ThreadError::Spawn { name: OWNER.to_owned(), source })?;
+        spawned.join().unwrap_or_else(|_| Err(died()))
+    })
+}
+
+/// The threads of this name: those of this process, and what the kernel shows as processes.
+fn find(name: &str) -> Vec<i32> {
+    ["/proc/self/task", "/proc"].into_iter().flat_map(|folder| named(folder, name)).collect()
+}
+
+fn named(folder: &str, name: &str) -> Vec<i32> {
+    let Ok(entries) = fs::read_dir(folder) else { return Vec::new() };
+    let thread = |entry: io::Result<fs::DirEntry>| {
+        let path = entry.ok()?.path();
+        let number = path.file_name()?.to_str()?.parse().ok()?;
+        let found = fs::read_to_string(path.join("comm")).ok()?;
+        (found.trim_end() == name).then_some(number)
+    };
+    entries.filter_map(thread).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thread_of_this_process_is_found_by_its_name() {
+        let (tell, told) = std::sync::mpsc::channel();
+        let (end, ended) = std::sync::mpsc::channel::<()>();
+        let body = move || {
+            tell.send(kick::this_thread()).unwrap();
+            let _ = ended.recv();
+        };
+        let named = std::thread::Builder::new().name("vhost-like".to_owned());
+        let thread = named.spawn(body).unwrap();
+        let id = told.recv().unwrap();
+        assert_eq!(find("vhost-like"), [id]);
+        drop(end);
+        thread.join().unwrap();
+        assert!(find("vhost-like").is_empty());
+    }
+}
