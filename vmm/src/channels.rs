@@ -258,6 +258,7 @@ fn place<'a>(
 mod tests {
     use super::*;
     use crate::config::WhenFull;
+    use crate::memory::Pages;
     use std::path::PathBuf;
     use takt_channel::{Load, PeerPages, QueuingDestination, QueuingSource};
     use takt_scheduler::time::Nanos;
@@ -339,7 +340,7 @@ mod tests {
             [0x10_0000, 0x10_1000]
         );
         assert_eq!(ports.table.ports[1].own, PAGE, "the table's offsets stay");
-        let memory = GuestMemory::for_linux(1 << 20, &ports.views).unwrap();
+        let memory = GuestMemory::for_linux(1 << 20, Pages::Small, &ports.views).unwrap();
         ports.own.iter().for_each(|region| region.format(&memory).unwrap());
         let magic: u32 = memory.regions().read_obj(GuestAddress(0x10_0000)).unwrap();
         assert_eq!(magic.to_le_bytes(), *b"TKCH");
@@ -351,7 +352,7 @@ mod tests {
         let all = Channels::new(&channels).unwrap();
         let memory = [0, 1].map(|p| {
             let ports = all.of(PartitionId(p), &PLC);
-            let memory = GuestMemory::for_plc(RAM, &ports.views).unwrap();
+            let memory = GuestMemory::for_plc(RAM, Pages::Small, &ports.views).unwrap();
             ports.own.iter().for_each(|region| region.format(&memory).unwrap());
             memory
         });

@@ -19,6 +19,7 @@ pub mod health;
 pub mod host_clock;
 pub mod host_ports;
 pub mod host_watchdog;
+pub mod huge_pages;
 pub mod init_watch;
 pub mod interrupts;
 pub mod kernel_watch;

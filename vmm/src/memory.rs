@@ -21,9 +21,11 @@ use takt_abi::memory::{
     INFORMATION, IO_TABLE, IO_TABLE_PAGES, PAGE, PORT_TABLE, PROGRAM_TABLE, STATUS,
 };
 use takt_abi::program::ProgramTable;
+use takt_host::huge_pages;
+use takt_plan::HugePageSize;
 use takt_plan::linux_map::{HOLE_END, HOLE_START};
 use thiserror::Error;
-use vm_memory::mmap::MmapRegionBuilder;
+use vm_memory::mmap::{MmapRegionBuilder, MmapRegionError};
 use vm_memory::{
     FileOffset, GuestAddress, GuestMemoryBackend, GuestMemoryMmap, GuestMemoryRegion,
     GuestRegionMmap, MmapRegion,
@@ -48,6 +50,19 @@ pub enum MemoryError {
         /// What vm-memory said.
         reason: String,
     },
+    /// There are no huge pages for it any more.
+    #[error(
+        "cannot map {bytes} bytes of guest memory in huge pages of {size}: {source}; has another program taken some? {}/free_hugepages tells",
+        huge_pages::folder(size.bytes())
+    )]
+    HugePages {
+        /// Size of the region.
+        bytes: u64,
+        /// Size of the pages.
+        size: HugePageSize,
+        /// What the host said.
+        source: io::Error,
+    },
     /// KVM refused the memory slot.
     #[error("KVM refused the memory slot at {address:#x}: {source}")]
     Slot {
@@ -56,6 +71,16 @@ pub enum MemoryError {
         /// What KVM said.
         source: kvm_ioctls::Error,
     },
+}
+
+/// Of which pages of the host's a guest's RAM is made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Pages {
+    /// Of 4 KiB.
+    #[default]
+    Small,
+    /// Of huge pages, of which the RAM is a whole number.
+    Huge(HugePageSize),
 }
 
 /// Memory that several guests see.
@@ -86,7 +111,7 @@ impl SharedRegion {
     /// See [`MemoryError`].
     pub fn map(&self, writable: bool) -> Result<MmapRegion, MemoryError> {
         let write = if writable { libc::PROT_WRITE } else { 0 };
-        map(self.bytes, Some(self.file()?), libc::PROT_READ | write)
+        map(self.bytes, Source::File(self.file()?), libc::PROT_READ | write)
     }
 
     fn map_at(&self, start: u64) -> Result<GuestRegionMmap, MemoryError> {
@@ -116,6 +141,7 @@ pub struct GuestMemory {
     regions: Arc<GuestMemoryMmap>,
     /// Starts of the regions that the guest may only read.
     read_only: Arc<[u64]>,
+    pages: Pages,
 }
 
 impl GuestMemory {
@@ -123,13 +149,13 @@ impl GuestMemory {
     ///
     /// # Errors
     /// See [`MemoryError`].
-    pub fn for_linux(bytes: u64, channels: &[View<'_>]) -> Result<Self, MemoryError> {
+    pub fn for_linux(bytes: u64, pages: Pages, channels: &[View<'_>]) -> Result<Self, MemoryError> {
         let low = bytes.min(HOLE_START);
-        let mut regions = vec![region(0, low)?];
+        let mut regions = vec![region(0, low, pages)?];
         if bytes > low {
-            regions.push(region(HOLE_END, bytes - low)?);
+            regions.push(region(HOLE_END, bytes - low, pages)?);
         }
-        Self::from_regions(regions, &[], channels, bytes)
+        Self::from_regions(regions, &[], channels, (bytes, pages))
     }
 
     /// RAM of a PLC guest, the pages through which it is told its time and its ports and tells
@@ -137,8 +163,8 @@ impl GuestMemory {
     ///
     /// # Errors
     /// See [`MemoryError`].
-    pub fn for_plc(bytes: u64, channels: &[View<'_>]) -> Result<Self, MemoryError> {
-        Self::for_plc_with(bytes, &[(INFORMATION, 1), (PORT_TABLE, 1)], channels)
+    pub fn for_plc(bytes: u64, pages: Pages, channels: &[View<'_>]) -> Result<Self, MemoryError> {
+        Self::for_plc_with((bytes, pages), &[(INFORMATION, 1), (PORT_TABLE, 1)], channels)
     }
 
     /// As [`for_plc`](Self::for_plc), with the pages that tell the guest of its programs and of what is mapped to
@@ -146,23 +172,27 @@ impl GuestMemory {
     ///
     /// # Errors
     /// See [`MemoryError`].
-    pub fn for_plc_with_programs(bytes: u64, channels: &[View<'_>]) -> Result<Self, MemoryError> {
+    pub fn for_plc_with_programs(
+        bytes: u64,
+        pages: Pages,
+        channels: &[View<'_>],
+    ) -> Result<Self, MemoryError> {
         let read_only =
             [(INFORMATION, 1), (PORT_TABLE, 1), (PROGRAM_TABLE, 1), (IO_TABLE, IO_TABLE_PAGES)];
-        Self::for_plc_with(bytes, &read_only, channels)
+        Self::for_plc_with((bytes, pages), &read_only, channels)
     }
 
     fn for_plc_with(
-        bytes: u64,
+        (bytes, pages): (u64, Pages),
         read_only: &[(u64, u64)],
         channels: &[View<'_>],
     ) -> Result<Self, MemoryError> {
-        let mut regions = vec![region(0, bytes)?];
-        for (start, pages) in read_only.iter().chain([&(STATUS, 1)]) {
-            regions.push(region(*start, pages * PAGE)?);
+        let mut regions = vec![region(0, bytes, pages)?];
+        for (start, count) in read_only.iter().chain([&(STATUS, 1)]) {
+            regions.push(region(*start, count * PAGE, Pages::Small)?);
         }
         let starts: Vec<u64> = read_only.iter().map(|(start, _)| *start).collect();
-        Self::from_regions(regions, &starts, channels, bytes)
+        Self::from_regions(regions, &starts, channels, (bytes, pages))
     }
 
     /// Adds the channels to the guest's own regions, of which it may only read some.
@@ -170,7 +200,7 @@ impl GuestMemory {
         mut regions: Vec<GuestRegionMmap>,
         read_only: &[u64],
         channels: &[View<'_>],
-        bytes: u64,
+        (bytes, pages): (u64, Pages),
     ) -> Result<Self, MemoryError> {
         for view in channels {
             regions.push(view.region.map_at(view.start)?);
@@ -180,7 +210,7 @@ impl GuestMemory {
         regions.sort_by_key(|region| region.start_addr());
         let regions = GuestMemoryMmap::from_regions(regions)
             .map_err(|e| MemoryError::Map { bytes, reason: e.to_string() })?;
-        Ok(Self { regions: Arc::new(regions), read_only })
+        Ok(Self { regions: Arc::new(regions), read_only, pages })
     }
 
     /// Gives all regions to a virtual machine. What the guest may only read becomes a read-only
@@ -220,6 +250,12 @@ impl GuestMemory {
                 .map_err(|e| MemoryError::Map { bytes, reason: e.to_string() })?;
             Ok(rest)
         })
+    }
+
+    /// Of which pages its RAM is made.
+    #[must_use]
+    pub fn pages(&self) -> Pages {
+        self.pages
     }
 
     /// The regions, for loaders.
@@ -280,8 +316,9 @@ impl GuestMemory {
 }
 
 /// A zeroed, prefaulted mapping of `bytes` at guest-physical `start`, which no descriptor leads to.
-fn region(start: u64, bytes: u64) -> Result<GuestRegionMmap, MemoryError> {
-    at(start, bytes, map(bytes, None, libc::PROT_READ | libc::PROT_WRITE)?)
+fn region(start: u64, bytes: u64, pages: Pages) -> Result<GuestRegionMmap, MemoryError> {
+    let source = Source::Memory(pages);
+    at(start, bytes, map(bytes, source, libc::PROT_READ | libc::PROT_WRITE)?)
 }
 
 /// A sealed file in memory.
@@ -308,7 +345,8 @@ fn memfd(bytes: u64) -> Result<File, MemoryError> {
 
 /// Maps a file of `bytes` for the guest-physical address `start`, shared and prefaulted.
 fn map_at(start: u64, bytes: u64, file: File) -> Result<GuestRegionMmap, MemoryError> {
-    at(start, bytes, map(bytes, Some(file), libc::PROT_READ | libc::PROT_WRITE)?)
+    let source = Source::File(file);
+    at(start, bytes, map(bytes, source, libc::PROT_READ | libc::PROT_WRITE)?)
 }
 
 fn at(start: u64, bytes: u64, mapping: MmapRegion) -> Result<GuestRegionMmap, MemoryError> {
@@ -318,23 +356,60 @@ fn at(start: u64, bytes: u64, mapping: MmapRegion) -> Result<GuestRegionMmap, Me
     })
 }
 
-/// Maps a file of `bytes`, or memory without one, shared and prefaulted.
-fn map(bytes: u64, file: Option<File>, protection: libc::c_int) -> Result<MmapRegion, MemoryError> {
+/// What is mapped.
+enum Source {
+    File(File),
+    /// Memory that no file leads to.
+    Memory(Pages),
+}
+
+/// Maps `bytes`, shared and prefaulted.
+fn map(bytes: u64, source: Source, protection: libc::c_int) -> Result<MmapRegion, MemoryError> {
     let map = |reason: String| MemoryError::Map { bytes, reason };
     let size = usize::try_from(bytes).map_err(|e| map(e.to_string()))?;
     let builder = MmapRegionBuilder::new(size).with_mmap_prot(protection);
     let flags = libc::MAP_SHARED | libc::MAP_POPULATE;
-    let mapping = match file {
-        Some(file) => builder.with_file_offset(FileOffset::new(file, 0)).with_mmap_flags(flags),
-        None => builder.with_mmap_flags(flags | libc::MAP_ANONYMOUS),
+    let mapping = match source {
+        Source::File(file) => {
+            let whole = FileOffset::new(file, 0);
+            builder.with_file_offset(whole).with_mmap_flags(flags).build()
+        }
+        Source::Memory(Pages::Small) => {
+            builder.with_mmap_flags(flags | libc::MAP_ANONYMOUS).build()
+        }
+        Source::Memory(Pages::Huge(page)) => {
+            let huge = |source| MemoryError::HugePages { bytes, size: page, source };
+            let log = page.bytes().trailing_zeros().cast_signed() << libc::MAP_HUGE_SHIFT;
+            let flags = flags | libc::MAP_ANONYMOUS | libc::MAP_HUGETLB | log;
+            let mapping = match builder.with_mmap_flags(flags).build() {
+                Err(MmapRegionError::Mmap(source)) => return Err(huge(source)),
+                other => other.map_err(|e| map(e.to_string()))?,
+            };
+            populate(&mapping).map_err(huge)?;
+            Ok(mapping)
+        }
     };
-    let mapping = mapping.build().map_err(|e| map(e.to_string()))?;
+    let mapping = mapping.map_err(|e| map(e.to_string()))?;
     // SAFETY: concerns core dumps only, of exactly the mapping that was just made.
     let result = unsafe { libc::madvise(mapping.as_ptr().cast(), size, libc::MADV_DONTDUMP) };
     if result != 0 {
         return Err(map(io::Error::last_os_error().to_string()));
     }
     Ok(mapping)
+}
+
+/// Makes sure that each page is there. `MAP_POPULATE` keeps quiet of a huge page that cannot be had, for
+/// instance since a cpuset does not let this process have it, and the first access would end the process.
+fn populate(mapping: &MmapRegion) -> io::Result<()> {
+    // SAFETY: allocates the pages of exactly this mapping, whose content stays as it is.
+    let result = unsafe {
+        libc::madvise(mapping.as_ptr().cast(), mapping.size(), libc::MADV_POPULATE_WRITE)
+    };
+    match io::Error::last_os_error() {
+        // Kernels before Linux 5.14 do not know it.
+        error if result != 0 && error.raw_os_error() != Some(libc::EINVAL) => Err(error),
+        _ => Ok(()),
+    }
 }
 
 /// What may lie in a [`Page`]: plain integers, any bit pattern of which is a value.
@@ -395,7 +470,7 @@ mod tests {
         let shared = SharedRegion::new(PAGE).unwrap();
         let view = |start, writable| View { start, region: &shared, writable };
         let views = [view(HOLE_END - PAGE, true), view(HOLE_START, false)];
-        let memory = GuestMemory::for_linux(64 << 20, &views).unwrap();
+        let memory = GuestMemory::for_linux(64 << 20, Pages::Small, &views).unwrap();
         let ram = (0, 64 << 20);
         let all = [ram, (HOLE_START, PAGE), (HOLE_END - PAGE, PAGE)];
         assert_eq!(memory.ranges().collect::<Vec<_>>(), all);
@@ -407,7 +482,7 @@ mod tests {
 
     #[test]
     fn a_plc_has_its_pages_and_linux_has_none() {
-        let memory = GuestMemory::for_plc(2 << 20, &[]).unwrap();
+        let memory = GuestMemory::for_plc(2 << 20, Pages::Small, &[]).unwrap();
         let mut page = memory.information().unwrap();
         let mut information = page.read();
         assert_eq!(information.magic, 0);
@@ -415,19 +490,21 @@ mod tests {
         page.write(information);
         assert_eq!(memory.information().unwrap().read().release, 7);
         assert!(memory.status().is_some() && memory.program_table().is_none());
-        let with_programs = GuestMemory::for_plc_with_programs(2 << 20, &[]).unwrap();
+        let with_programs = GuestMemory::for_plc_with_programs(2 << 20, Pages::Small, &[]).unwrap();
         assert!(with_programs.program_table().is_some() && with_programs.io_table().is_some());
         assert!([PROGRAM_TABLE, IO_TABLE].iter().all(|p| with_programs.read_only.contains(p)));
-        assert!(GuestMemory::for_linux(1 << 20, &[]).unwrap().information().is_none());
+        let linux = GuestMemory::for_linux(1 << 20, Pages::Small, &[]).unwrap();
+        assert!(linux.information().is_none());
     }
 
     #[test]
     fn what_one_guest_writes_to_a_channel_the_other_sees() {
         let shared = SharedRegion::new(PAGE).unwrap();
         let view = |start, writable| View { start, region: &shared, writable };
-        let source = GuestMemory::for_plc(2 << 20, &[view(CHANNELS, true)]).unwrap();
+        let source = GuestMemory::for_plc(2 << 20, Pages::Small, &[view(CHANNELS, true)]).unwrap();
         let other = CHANNELS + PAGE;
-        let destination = GuestMemory::for_plc(2 << 20, &[view(other, false)]).unwrap();
+        let destination =
+            GuestMemory::for_plc(2 << 20, Pages::Small, &[view(other, false)]).unwrap();
         source.regions().write_obj(7u64, GuestAddress(CHANNELS)).unwrap();
         let seen: u64 = destination.regions().read_obj(GuestAddress(other)).unwrap();
         assert_eq!(seen, 7);
@@ -437,7 +514,7 @@ mod tests {
 
     #[test]
     fn memory_that_does_not_exist_is_an_error() {
-        assert!(GuestMemory::for_plc(u64::MAX, &[]).is_err());
-        assert!(GuestMemory::for_plc(1 << 50, &[]).is_err());
+        assert!(GuestMemory::for_plc(u64::MAX, Pages::Small, &[]).is_err());
+        assert!(GuestMemory::for_plc(1 << 50, Pages::Small, &[]).is_err());
     }
 }

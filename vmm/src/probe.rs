@@ -14,7 +14,7 @@ use vm_memory::{Bytes, GuestAddress};
 
 use crate::boot::long_mode::{self, Entry, StartError};
 use crate::machine::{self, MachineError, TimerOwner, msr};
-use crate::memory::{GuestMemory, MemoryError};
+use crate::memory::{GuestMemory, MemoryError, Pages};
 
 /// Rounds of the loop. At two instructions a round, hardware takes well under a millisecond, an
 /// emulator of a million instructions a second a fifth of a second.
@@ -77,7 +77,7 @@ pub enum ProbeError {
 /// # Errors
 /// See [`ProbeError`].
 fn hands_deadlines_over(kvm: &Kvm) -> Result<bool, ProbeError> {
-    let memory = GuestMemory::for_linux(MEMORY, &[])?;
+    let memory = GuestMemory::for_linux(MEMORY, Pages::Small, &[])?;
     let mut machine = machine::for_linux(kvm, &memory, TimerOwner::Takt)?;
     // mov ecx, TSC_DEADLINE; xor eax, eax; xor edx, edx; wrmsr; out 0x80, al
     let [a, b, c, d] = msr::TSC_DEADLINE.to_le_bytes();
@@ -112,10 +112,10 @@ pub fn examine() -> Examination {
 }
 
 fn machines(kvm: &Kvm) -> Machines {
-    let plc = GuestMemory::for_plc(MEMORY, &[])
+    let plc = GuestMemory::for_plc(MEMORY, Pages::Small, &[])
         .map_err(MachineError::from)
         .and_then(|memory| machine::for_plc(kvm, &memory, false));
-    let linux = GuestMemory::for_linux(MEMORY, &[])
+    let linux = GuestMemory::for_linux(MEMORY, Pages::Small, &[])
         .map_err(MachineError::from)
         .and_then(|memory| machine::for_linux(kvm, &memory, TimerOwner::Takt));
     Machines {
@@ -137,7 +137,7 @@ fn machines(kvm: &Kvm) -> Machines {
 /// See [`ProbeError`].
 pub fn probe() -> Result<Speed, ProbeError> {
     let kvm = machine::open_kvm()?;
-    let memory = GuestMemory::for_plc(MEMORY, &[])?;
+    let memory = GuestMemory::for_plc(MEMORY, Pages::Small, &[])?;
     let mut machine = machine::for_plc(&kvm, &memory, false)?;
     // mov ecx, ROUNDS; 1: dec ecx; jnz 1b; hlt
     let [a, b, c, d] = ROUNDS.to_le_bytes();

@@ -16,6 +16,7 @@ use crate::cpuset::CpusetError;
 use crate::disk::DiskError;
 use crate::event::EventError;
 use crate::host_ports::HostPortError;
+use crate::huge_pages::HugePageError;
 use crate::interrupts::InterruptError;
 use crate::live::LiveError;
 use crate::machine::MachineError;
@@ -36,6 +37,8 @@ pub enum RunError {
     Machine(#[from] MachineError),
     #[error(transparent)]
     Memory(#[from] MemoryError),
+    #[error(transparent)]
+    HugePages(#[from] HugePageError),
     #[error("partition {partition}: {source}")]
     Plc { partition: String, source: PlcImageError },
     #[error(transparent)]

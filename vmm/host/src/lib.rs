@@ -5,5 +5,6 @@
 //! form that [`kvm`] has.
 
 pub mod cpu_list;
+pub mod huge_pages;
 pub mod kvm;
 pub mod mounts;

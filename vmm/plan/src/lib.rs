@@ -6,7 +6,7 @@
 //! before:
 //!
 //! 1. bytes to text to the raw form, whose keys and types are right (`syntax`, `raw`, `units`);
-//! 2. the rules of each partition (`partition`, `tasks`), of the schedules (`schedules`,
+//! 2. the rules of each partition (`partition`, `hardware`, `tasks`), of the schedules (`schedules`,
 //!    `periods`, `explain`), of both together (`deadlines`), of the channels between partitions (`channels`,
 //!    `ports`, `host_ports`), of the health monitor's tables (`health`), of the host's devices
 //!    (`passthrough`), and of the files that are named (`images`, `programs`, `contents`, `placement`, `disks`, `nets`);
@@ -27,6 +27,7 @@ mod diagnostic;
 mod disks;
 pub mod elf;
 mod explain;
+mod hardware;
 pub mod health;
 mod host_ports;
 mod images;
@@ -70,6 +71,7 @@ pub use channels::{CHANNELS_MAX, Channel, ChannelKind, End, Owner, WhenFull};
 pub use connections::Connection;
 pub use deadlines::{Met, WAKE_UP_ALLOWANCE};
 pub use disks::{DISKS_MAX, Disk, SECTOR};
+pub use hardware::{Hardware, HugePageSize, HugePages};
 pub use host_ports::HostPort;
 pub use images::{SOCKET_PATH_MAX, Unreadable, open as open_file};
 pub use interrupts::{Allowance, INTERRUPT};
@@ -162,6 +164,7 @@ pub struct Partition {
     name: String,
     cpu: Cpu,
     memory: Bytes,
+    hardware: Hardware,
     kind: Kind,
     on_schedule_change: ScheduleChange,
     health: Table,
@@ -199,6 +202,12 @@ impl Partition {
     #[must_use]
     pub fn memory_bytes(&self) -> u64 {
         self.memory.0
+    }
+
+    /// What it takes of the hardware that all partitions share.
+    #[must_use]
+    pub fn hardware(&self) -> Hardware {
+        self.hardware
     }
 
     /// What runs in it.

@@ -9,6 +9,7 @@ use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
 use super::disks::{self, CheckedDisk};
+use super::hardware;
 use super::health;
 use super::images::{self, Image};
 use super::names::{HOST, check_name};
@@ -144,6 +145,7 @@ fn check(
         }
     };
     let memory = check_memory(&raw.memory, &kind)?;
+    let hardware = hardware::check(raw, &kind, memory)?;
     let on_schedule_change = check_change(raw.on_schedule_change.as_ref())?;
     let health = health::default_table(&kind, raw.restarts.as_ref())?;
     let watchdog = raw.watchdog.as_ref().map(check_watchdog).transpose()?;
@@ -162,6 +164,7 @@ fn check(
         name: name.to_owned(),
         cpu,
         memory,
+        hardware,
         kind,
         on_schedule_change,
         health,
@@ -211,8 +214,8 @@ fn check_plc(
     for (key, span) in of_linux {
         if let Some(span) = span {
             let found = misplaced(key, "linux", name, "plc");
-            let allowed = "for a \"plc\": name, kind, cpu, memory, release_guard, image, \
-                           on_schedule_change, restarts, [[partition.program]], [[partition.io]], \
+            let allowed = "for a \"plc\": name, kind, cpu, memory, huge_pages, release_guard, \
+                           image, on_schedule_change, restarts, [[partition.program]], [[partition.io]], \
                            [[partition.task]], \
                            [[partition.port_io]], [[partition.mmio]], \
                            [[partition.safe_value]] and [[partition.interrupt]]";
@@ -263,9 +266,9 @@ fn check_linux(
     for (key, span) in of_plc {
         if let Some(span) = span {
             let found = misplaced(key, "plc", name, "linux");
-            let allowed = "for a \"linux\": name, kind, cpu, memory, background, restarts, \
-                           kernel, initrd, cmdline, watchdog, [[partition.disk]] and \
-                           [[partition.net]]";
+            let allowed = "for a \"linux\": name, kind, cpu, memory, huge_pages, background, \
+                           restarts, kernel, initrd, cmdline, watchdog, [[partition.disk]] \
+                           and [[partition.net]]";
             return Err(Diagnostic::new(span, found, allowed));
         }
     }

@@ -53,6 +53,7 @@ pub struct Partition {
     pub kind: Spanned<String>,
     pub cpu: Spanned<i64>,
     pub memory: Spanned<Bytes>,
+    pub huge_pages: Option<Spanned<String>>,
     pub background: Option<Spanned<bool>>,
     pub release_guard: Option<Spanned<Duration>>,
     pub on_schedule_change: Option<Spanned<String>>,

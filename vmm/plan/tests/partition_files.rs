@@ -11,7 +11,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use fixtures::{Defect, FOLDER, defects, toml_files};
-use takt_plan::{self as config, Kind, ScheduleChange};
+use takt_plan::{self as config, HugePages, Kind, ScheduleChange};
 use takt_plan::{PartitionFile, check};
 use takt_scheduler::schedules::ScheduleId;
 
@@ -310,6 +310,25 @@ fast: no tasks given: not analysed
 slow: no tasks given: not analysed
 "#;
     assert_eq!(check::report(&file), expected);
+}
+
+#[test]
+fn the_report_shows_what_of_shared_hardware_the_host_must_have() {
+    let path = Path::new(FOLDER).join("good/hardware.toml");
+    let file = config::load(&path, HOST_CPUS).unwrap_or_else(|error| panic!("{error}"));
+    let expected = "
+shared hardware, without which the run does not start
+  plc
+    memory: 2 huge pages of 2MiB
+  linux
+    memory: 2 huge pages of 1GiB
+";
+    let report = check::report(&file);
+    assert!(report.ends_with(expected), "{report}");
+    // What is had if the host has it is nothing that a host must have.
+    let (_, usual) = example("plc-and-linux.toml");
+    assert_eq!(usual.partitions()[0].hardware().huge_pages, HugePages::None);
+    assert_eq!(usual.partitions()[1].hardware().huge_pages, HugePages::Auto);
 }
 
 #[test]

@@ -155,13 +155,14 @@ impl PlcImage {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::memory::Pages;
 
     const RAM: u64 = 4 << 20;
 
     #[test]
     fn the_built_in_guests_fit_a_small_partition() {
         for source in [Source::Demo, Source::Kernel] {
-            let memory = GuestMemory::for_plc(RAM, &[]).unwrap();
+            let memory = GuestMemory::for_plc(RAM, Pages::Small, &[]).unwrap();
             let entry = PlcImage::read(source, RAM).unwrap().load(&memory).unwrap();
             assert!(entry.rip >= IMAGE_BASE);
             let first: u64 = memory.regions().read_obj(GuestAddress(entry.rip)).unwrap();
@@ -185,7 +186,7 @@ mod tests {
 
     #[test]
     fn a_warm_start_keeps_what_is_retained_and_a_cold_one_nothing() {
-        let memory = GuestMemory::for_plc(RAM, &[]).unwrap();
+        let memory = GuestMemory::for_plc(RAM, Pages::Small, &[]).unwrap();
         let mut image = PlcImage::read(Source::Demo, RAM).unwrap();
         image.retained.push(0x18_0000..0x18_1000);
         let entry = image.load(&memory).unwrap();

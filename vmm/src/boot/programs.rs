@@ -62,6 +62,7 @@ mod tests {
     use crate::boot::StartMode;
     use crate::boot::plc::{PlcImage, Source};
     use crate::config;
+    use crate::memory::Pages;
     use takt_program::build::{Builder, Task};
     use takt_program::{CodeOffset, Nanoseconds};
 
@@ -89,7 +90,7 @@ mod tests {
         let partition = partition();
         let programs = Programs::of(&partition).unwrap();
         let (bytes, image) = (partition.memory_bytes(), programs.table().programs[0]);
-        let memory = GuestMemory::for_plc_with_programs(bytes, &[]).unwrap();
+        let memory = GuestMemory::for_plc_with_programs(bytes, Pages::Small, &[]).unwrap();
         let guest = PlcImage::read(Source::Kernel, bytes).unwrap();
         guest.load(&memory).unwrap();
         for mode in [StartMode::Cold, StartMode::Warm] {

@@ -39,7 +39,8 @@ impl Preparation<'_> {
         let unplugged = |source| RunError::Net { partition: partition.name().to_owned(), source };
         let pci = Pci::new(self.channels.of(partition.id(), partition.kind()))?;
         let views = pci.as_ref().map(Pci::views).unwrap_or_default();
-        let memory = self.clear(|| GuestMemory::for_linux(partition.memory_bytes(), &views))?;
+        let (bytes, pages) = (partition.memory_bytes(), self.pages_of(partition));
+        let memory = self.clear(|| GuestMemory::for_linux(bytes, pages, &views))?;
         let irq = event::eventfd()?;
         let watchdog = partition.watchdog().map(linux_machine::timer);
         let background =

@@ -27,6 +27,7 @@ use crate::cpuset::Domains;
 use crate::disk::DiskThread;
 use crate::init_watch::{Console, InitSeen};
 use crate::interrupts::Interrupts;
+use crate::memory::Pages;
 use crate::net::Cable;
 use crate::passthrough::Devices;
 use crate::run_error::RunError;
@@ -75,6 +76,8 @@ pub struct Preparation<'a> {
     pub channels: &'a Channels<'a>,
     /// What partitions get of the host's devices.
     pub devices: &'a Devices,
+    /// Of which pages the memory of each partition is, in their order.
+    pub pages: &'a [Pages],
     /// CPUs that got a scheduling domain of their own.
     pub domains: &'a Domains,
     /// What threads ring when they have told of their ends.
@@ -133,6 +136,11 @@ impl Preparation<'_> {
                 self.linux(partition, kernel, initrd.as_deref(), cmdline)
             }
         }
+    }
+
+    /// Of which pages a partition's memory is.
+    fn pages_of(&self, partition: &Partition) -> Pages {
+        self.pages.get(partition.id().0).copied().unwrap_or_default()
     }
 
     /// Makes a guest's memory, most of which is to clear it, and takes the time.

@@ -40,9 +40,10 @@ impl Preparation<'_> {
             (None, None) => Source::Demo,
         };
         let image = PlcImage::read(source, bytes).map_err(unfit)?;
+        let pages = self.pages_of(partition);
         let memory = self.clear(|| match &programs {
-            None => GuestMemory::for_plc(bytes, &ports.views),
-            Some(_) => GuestMemory::for_plc_with_programs(bytes, &ports.views),
+            None => GuestMemory::for_plc(bytes, pages, &ports.views),
+            Some(_) => GuestMemory::for_plc_with_programs(bytes, pages, &ports.views),
         })?;
         let devices = self.devices.of(partition.id()).cloned();
         let interrupts = devices.as_ref().is_some_and(Granted::interrupts);

@@ -39,9 +39,11 @@ use crate::cpuset::Domains;
 use crate::event::{self, eventfd};
 use crate::footprint;
 use crate::host_ports::HostPorts;
+use crate::huge_pages;
 use crate::interrupts::Interrupts;
 use crate::live::Live;
 use crate::machine::{self, MachineError};
+use crate::memory::Pages;
 use crate::outlet::Trace;
 use crate::outlet::{Outlet, StandardOutput};
 use crate::passthrough::{Devices, emergency_stop};
@@ -98,6 +100,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     // Dropped after all threads have been let go.
     let domains = Domains::set_up(file.schedules())?;
     steps.pass()?;
+    let pages = huge_pages::choose(file.partitions(), options.role)?;
     let bell = eventfd()?;
     let schedules = file.schedules();
     let spawn = |name: &str, kind, work: Box<dyn FnOnce() + Send>| {
@@ -109,6 +112,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         kvm: machine::open_kvm()?,
         channels: &channels,
         devices: &devices,
+        pages: &pages,
         domains: &domains,
         bell: event::clone(&bell)?,
         closing: Arc::default(),
@@ -176,6 +180,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         console_outlet: console_outlet.clone(),
         patience: Patience::LONG,
         given_back,
+        pages,
         host,
         enforcers: Vec::new(),
         steps,
@@ -248,6 +253,8 @@ struct Run<'a> {
     patience: Patience,
     /// What of the file system is needed to the end.
     given_back: Vec<Allowed>,
+    /// Of which pages the memory of each partition is, in their order.
+    pages: Vec<Pages>,
     /// The machine, for the report.
     host: Host,
     /// What ends windows, once it does.

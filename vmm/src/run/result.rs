@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use takt_abi::memory::PAGE;
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::table::{Cpu, Role};
 use takt_scheduler::time::{Nanos, Timebase};
@@ -13,6 +14,7 @@ use crate::config::{Kind, Partition};
 use crate::health::Fault;
 use crate::host_ports;
 use crate::kernel_watch::KernelWatch;
+use crate::memory::Pages;
 use crate::net::Cable;
 use crate::prepare::LinuxParts;
 use crate::report::{self, Report};
@@ -101,6 +103,10 @@ impl Run<'_> {
                 Kind::Linux { .. } => "linux".into(),
             },
             end: account.end().unwrap_or("its thread died".to_owned()),
+            memory_page_bytes: match self.pages.get(partition.id().0) {
+                Some(Pages::Huge(size)) => size.bytes(),
+                _ => PAGE,
+            },
             failed: account.ended_run || finished.is_none_or(|f| f.end.is_failure()),
             restarts: account.restarts,
             cpu_share: cpu_time.0 as f64 / duration.0.max(1) as f64,

@@ -15,6 +15,7 @@ use crate::config::{Partition, Trust};
 use crate::disk::DiskThread;
 use crate::host_clock::HostClock;
 use crate::host_watchdog::HostWatchdog;
+use crate::huge_pages;
 use crate::init_watch::Console;
 use crate::outlet::Trace;
 use crate::outlet::{LaneWriter, Outlet};
@@ -141,7 +142,10 @@ impl Run<'_> {
         let (file, names) = (self.file.name(), names.join(", "));
         screen.line("takt", &format!("{file}: starting {names}; Ctrl-] q ends the run"));
         screen.line("takt", &starting.to_string());
-        for partition in self.file.partitions() {
+        for (partition, pages) in self.file.partitions().iter().zip(&self.pages) {
+            if let Some(text) = huge_pages::told(partition, *pages) {
+                screen.line("takt", &text);
+            }
             let unsigned = partition.programs().iter().filter(|p| p.trust == Trust::Unsigned);
             let unsigned: Vec<&str> = unsigned.map(|program| program.name.as_str()).collect();
             if !unsigned.is_empty() {

@@ -232,6 +232,7 @@ impl Guest for PlcGuest {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::memory::Pages;
     use crate::passthrough::ports::{PortMap, PortRange};
     use crate::passthrough::real_ports::RealPorts;
     use crate::passthrough::safe_values::SafeValues;
@@ -242,7 +243,7 @@ mod tests {
     use takt_scheduler::timetable::Idle;
 
     fn guest() -> (PlcGuest, GuestMemory, output::OutputEnd) {
-        let memory = GuestMemory::for_plc(2 << 20, &[]).unwrap();
+        let memory = GuestMemory::for_plc(2 << 20, Pages::Small, &[]).unwrap();
         let (console, end) = output::dropping();
         let guest =
             PlcGuest::new(&memory, 2 << 20, 1_000_000, Nanos::from_millis(1), console).unwrap();

@@ -7,7 +7,7 @@ use std::thread_local;
 use takt::boot::acpi::AcpiConfig;
 use takt::boot::plc::{PlcImage, Source};
 use takt::boot::{StartMode, linux};
-use takt::memory::GuestMemory;
+use takt::memory::{GuestMemory, Pages};
 
 use super::scratch;
 
@@ -17,9 +17,9 @@ const LINUX_RAM: u64 = 16 << 20;
 thread_local! {
     // One for all cases: what the last one left there is as good as anything.
     static PLC: LazyCell<GuestMemory> =
-        LazyCell::new(|| GuestMemory::for_plc(PLC_RAM, &[]).expect("memory"));
+        LazyCell::new(|| GuestMemory::for_plc(PLC_RAM, Pages::Small, &[]).expect("memory"));
     static LINUX: LazyCell<GuestMemory> =
-        LazyCell::new(|| GuestMemory::for_linux(LINUX_RAM, &[]).expect("memory"));
+        LazyCell::new(|| GuestMemory::for_linux(LINUX_RAM, Pages::Small, &[]).expect("memory"));
 }
 
 /// Loads the image of a PLC, and loads it again as a warm start does.

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::thread_local;
 
 use kvm_ioctls::VcpuExit;
-use takt::memory::GuestMemory;
+use takt::memory::{GuestMemory, Pages};
 use takt::vcpu::guest::Guest;
 use takt::vcpu::plc::PlcGuest;
 use takt_abi::memory::STATUS;
@@ -28,7 +28,7 @@ thread_local! {
 }
 
 fn subject() -> Subject {
-    let memory = GuestMemory::for_plc(RAM, &[]).expect("memory");
+    let memory = GuestMemory::for_plc(RAM, Pages::Small, &[]).expect("memory");
     let (text, console) = output::dropping();
     let guest = PlcGuest::new(&memory, RAM, 1_000_000, Nanos(1_000_000), text);
     Subject { guest: guest.expect("memory of a PLC"), memory, console }

@@ -20,6 +20,9 @@ pub struct Partition {
     pub end: String,
     /// True if it ended by a failure of its own.
     pub failed: bool,
+    /// Size of the host's pages of which its memory is made, in bytes.
+    #[serde(default)]
+    pub memory_page_bytes: u64,
     /// How often its guest was started anew.
     pub restarts: u64,
     /// CPU time of its thread, as a part of the run's duration.

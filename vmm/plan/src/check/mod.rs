@@ -10,6 +10,7 @@
 //! Both are pure functions of the validated file.
 
 mod channels;
+mod hardware;
 mod health;
 mod passthrough;
 mod programs;
@@ -21,7 +22,7 @@ use takt_scheduler::schedules::ScheduleId;
 use crate::{Kind, Partition, PartitionFile};
 
 /// Each schedule drawn per CPU, what each partition gets in it and how its tasks fare; then what
-/// holds under all of them, the programs, the channels, the host's devices, and the health monitor's own rows. Ends with a newline.
+/// holds under all of them, the programs, the channels, the host's devices, shared hardware, and the health monitor's own rows. Ends with a newline.
 #[must_use]
 pub fn report(file: &PartitionFile) -> String {
     let mut out = format!("{}: major frame {}\n", file.name(), file.schedules().frame());
@@ -44,6 +45,7 @@ pub fn report(file: &PartitionFile) -> String {
     programs::list(&mut out, file);
     channels::list(&mut out, file);
     passthrough::list(&mut out, file);
+    hardware::list(&mut out, file);
     health::list(&mut out, file);
     if let Some(time) = file.watchdog() {
         line(

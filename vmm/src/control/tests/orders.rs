@@ -10,7 +10,7 @@ use crate::boot::StartMode;
 use crate::boot::plc::{PlcImage, Source};
 use crate::handoff::handoff;
 use crate::health::{Table, Watch};
-use crate::memory::GuestMemory;
+use crate::memory::{GuestMemory, Pages};
 use crate::restart::{PlcLoader, Restart, Revivals};
 use crate::terminal::Lines;
 use crate::vcpu::first_state::FirstState;
@@ -21,7 +21,7 @@ use takt_record::WindowAssembler;
 const RAM: u64 = 4 << 20;
 
 fn account() -> (Account, Revivals<PlcGuest>) {
-    let memory = GuestMemory::for_plc(RAM, &[]).unwrap();
+    let memory = GuestMemory::for_plc(RAM, Pages::Small, &[]).unwrap();
     let image = PlcImage::read(Source::Demo, RAM).unwrap();
     let processor = FirstState::none();
     let loader =

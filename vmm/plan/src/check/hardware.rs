@@ -1,0 +1,34 @@
+//! What partitions ask of the hardware that all share. It is the same under every schedule, and so is
+//! shown once.
+
+use super::line;
+use crate::{HugePages, Partition, PartitionFile};
+
+/// What each partition asks for and cannot do without, in the order of the file; nothing if there is
+/// none.
+pub fn list(out: &mut String, file: &PartitionFile) {
+    let mut begun = false;
+    for partition in file.partitions() {
+        let wanted = wanted(partition);
+        if wanted.is_empty() {
+            continue;
+        }
+        if !begun {
+            out.push_str("\nshared hardware, without which the run does not start\n");
+            begun = true;
+        }
+        line(out, &format!("  {}", partition.name()));
+        for what in wanted {
+            line(out, &format!("    {what}"));
+        }
+    }
+}
+
+fn wanted(partition: &Partition) -> Vec<String> {
+    let mut wanted = Vec::new();
+    if let HugePages::Of(size) = partition.hardware().huge_pages {
+        let count = partition.memory_bytes() / size.bytes();
+        wanted.push(format!("memory: {count} huge pages of {size}"));
+    }
+    wanted
+}

@@ -1,0 +1,101 @@
+//! What a partition takes of the hardware that all partitions share.
+//!
+//! A schedule divides the time of a CPU, and nothing of what lies around it: tables that translate
+//! addresses, caches, the way to memory. What the processor can divide of those is asked for here. Whether
+//! the host has it is seen when the file is run.
+
+use std::fmt;
+
+use toml::Spanned;
+
+use super::Kind;
+use super::diagnostic::{Diagnostic, quote};
+use super::raw;
+use super::units::Bytes;
+
+/// What a partition takes of the hardware that all share.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Hardware {
+    /// Of which pages its memory is made.
+    pub huge_pages: HugePages,
+}
+
+/// Of which pages a partition's memory is made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HugePages {
+    /// Of pages of 4 KiB.
+    None,
+    /// Of huge pages of 2 MiB if the host has enough of them set aside, else of 4 KiB.
+    Auto,
+    /// Of huge pages of this size, or the run does not start.
+    Of(HugePageSize),
+}
+
+/// The sizes of huge pages that the processor has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum HugePageSize {
+    /// 2 MiB.
+    TwoMiB,
+    /// 1 GiB.
+    OneGiB,
+}
+
+impl HugePageSize {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::TwoMiB, Self::OneGiB];
+
+    /// In bytes.
+    #[must_use]
+    pub const fn bytes(self) -> u64 {
+        match self {
+            Self::TwoMiB => 2 << 20,
+            Self::OneGiB => 1 << 30,
+        }
+    }
+}
+
+/// Prints as it is written in the file.
+impl fmt::Display for HugePageSize {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        Bytes(self.bytes()).fmt(f)
+    }
+}
+
+/// Checks what a partition of this kind and size asks for.
+pub fn check(raw: &raw::Partition, kind: &Kind, memory: Bytes) -> Result<Hardware, Diagnostic> {
+    let huge_pages = match &raw.huge_pages {
+        Some(value) => check_huge_pages(value, memory, &raw.memory)?,
+        // A Linux has memory to win by it, and no windows that a fault of its tables could be in.
+        None => match kind {
+            Kind::Plc { .. } => HugePages::None,
+            Kind::Linux { .. } => HugePages::Auto,
+        },
+    };
+    Ok(Hardware { huge_pages })
+}
+
+fn check_huge_pages(
+    value: &Spanned<String>,
+    memory: Bytes,
+    written: &Spanned<Bytes>,
+) -> Result<HugePages, Diagnostic> {
+    let size = match value.get_ref().as_str() {
+        "none" => return Ok(HugePages::None),
+        "auto" => return Ok(HugePages::Auto),
+        "2MiB" => HugePageSize::TwoMiB,
+        "1GiB" => HugePageSize::OneGiB,
+        other => {
+            let found = format!("there are no huge pages {}", quote(other));
+            let allowed = "\"none\", \"auto\", \"2MiB\" or \"1GiB\"";
+            return Err(Diagnostic::new(value.span(), found, allowed));
+        }
+    };
+    if !memory.0.is_multiple_of(size.bytes()) {
+        let found = format!("the memory of {memory} is not a whole number of pages of {size}");
+        let next = Bytes(memory.0.next_multiple_of(size.bytes()));
+        let allowed = format!("a multiple of {size}, such as \"{next}\", or smaller pages");
+        return Err(Diagnostic::new(written.span(), found, allowed)
+            .and(value.span(), format!("pages of {size} are asked for")));
+    }
+    Ok(HugePages::Of(size))
+}
