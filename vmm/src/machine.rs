@@ -22,6 +22,7 @@ use vmm_sys_util::ioctl::ioctl_with_ref;
 
 use crate::cpuid;
 use crate::event::EventError;
+use crate::health::bus_locks;
 use crate::memory::{GuestMemory, MemoryError};
 
 /// `KVM_CAP_HALT_POLL` of `include/uapi/linux/kvm.h`; kvm-ioctls has no name for it.
@@ -236,6 +237,9 @@ fn create(kvm: &Kvm, memory: &GuestMemory) -> Result<VmFd, MachineError> {
     vm.set_tss_address(TASK_STATE_SEGMENT as usize)
         .map_err(cannot("place its task state segment"))?;
     memory.map_into(&vm)?;
+    if bus_locks::are_told(kvm) {
+        bus_locks::tell(&vm).map_err(cannot("have bus locks told"))?;
+    }
     Ok(vm)
 }
 

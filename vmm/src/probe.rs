@@ -13,6 +13,7 @@ use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress};
 
 use crate::boot::long_mode::{self, Entry, StartError};
+use crate::health::bus_locks;
 use crate::machine::{self, MachineError, TimerOwner, msr};
 use crate::memory::{GuestMemory, MemoryError, Pages};
 
@@ -127,6 +128,7 @@ fn machines(kvm: &Kvm) -> Machines {
             Ok(speed) => kvm::Speed::Emulated { text: speed.to_string() },
             Err(error) => kvm::Speed::Failed { error: error.to_string() },
         },
+        tells_bus_locks: bus_locks::are_told(kvm),
         hands_deadlines_over: hands_deadlines_over(kvm).ok(),
     }
 }

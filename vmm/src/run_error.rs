@@ -81,6 +81,10 @@ pub enum RunError {
         "cannot serve the host's watchdog, /dev/watchdog: {0}; is its driver loaded, and does nobody else serve it?"
     )]
     Watchdog(std::io::Error),
+    #[error(
+        "partition {partition}: this host's KVM does not tell of bus locks (KVM_CAP_X86_BUS_LOCK_EXIT); take a processor that does, such as Intel's since Sapphire Rapids, or leave `bus_locks` out"
+    )]
+    BusLocks { partition: String },
     #[error("control: {0}")]
     Control(#[from] SocketError),
     #[error("control: {0}")]

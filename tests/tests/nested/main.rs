@@ -9,6 +9,7 @@ mod disk;
 mod doctor;
 mod evidence;
 mod functional;
+mod hardware;
 mod health;
 mod health_table;
 mod hostile;

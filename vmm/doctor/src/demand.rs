@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use takt_plan::{Kind, MemorySource, PartitionFile};
+use takt_plan::{HugePages, Kind, MemorySource, PartitionFile};
 use takt_scheduler::reservation::{CpuReservations, Reservation};
 use takt_scheduler::schedules::Schedules;
 use takt_scheduler::table::{Cpu, PartitionId, Placement, Role, Window};
@@ -51,6 +51,8 @@ pub struct Demand {
     pub others: Vec<Cpu>,
     /// Memory of all guests, in bytes.
     pub memory: u64,
+    /// Of which pages the memory of each partition is to be, and its bytes.
+    pub pages: Vec<(HugePages, u64)>,
     /// PCI functions that a PLC gets with `trusted_dma`.
     pub trusted_dma: Vec<String>,
     /// Whether there is a Linux.
@@ -76,6 +78,11 @@ impl Demand {
             windowed,
             others,
             memory: file.partitions().iter().map(|p| p.memory_bytes()).sum(),
+            pages: file
+                .partitions()
+                .iter()
+                .map(|p| (p.hardware().huge_pages, p.memory_bytes()))
+                .collect(),
             trusted_dma: trusted(file),
             linux: file.partitions().iter().any(|p| matches!(p.kind(), Kind::Linux { .. })),
         }
@@ -103,7 +110,15 @@ impl Demand {
             .map(|it| WindowedCpu { guard: Some(GUARD), shared: online.len() == 1, ..it })
             .collect();
         let others = online.into_iter().filter(|other| *other != cpu).take(1).collect();
-        Self { file: None, windowed, others, memory: 0, trusted_dma: Vec::new(), linux: true }
+        Self {
+            file: None,
+            windowed,
+            others,
+            memory: 0,
+            pages: Vec::new(),
+            trusted_dma: Vec::new(),
+            linux: true,
+        }
     }
 
     /// CPUs with windows.

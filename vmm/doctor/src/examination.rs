@@ -60,14 +60,14 @@ mod tests {
 
     #[test]
     fn an_answer_of_this_version_is_taken() {
-        let closed = r#"{"schema_version":1,"kvm":{"state":"closed","errno":13}}"#;
+        let closed = r#"{"schema_version":2,"kvm":{"state":"closed","errno":13}}"#;
         assert_eq!(says(closed).unwrap(), Found::Closed { errno: 13 });
     }
 
     #[test]
     fn anything_else_is_told() {
         for text in
-            ["", "{}", "takt 0.1.0", r#"{"schema_version":2,"kvm":{"state":"closed","errno":13}}"#]
+            ["", "{}", "takt 0.1.0", r#"{"schema_version":3,"kvm":{"state":"closed","errno":13}}"#]
         {
             let error = says(text).unwrap_err().to_string();
             assert!(error.contains("another version"), "{error}");

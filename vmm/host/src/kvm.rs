@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Version of the form; grows with every change that a reader could stumble over.
-pub const SCHEMA_VERSION: u32 = 1;
+pub const SCHEMA_VERSION: u32 = 2;
 
 /// An examination of KVM.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -44,6 +44,8 @@ pub struct Machines {
     /// Whether KVM leaves it to Takt where the deadlines of a Linux's timer go; `null` if that could
     /// not be found out.
     pub hands_deadlines_over: Option<bool>,
+    /// Whether KVM tells of a guest's bus locks.
+    pub tells_bus_locks: bool,
     /// Frequency of the time-stamp counter as KVM has it, in kHz; `null` if it does not tell.
     pub tsc_khz: Option<u32>,
 }

@@ -6,11 +6,12 @@
 
 use std::fmt;
 
+use takt_scheduler::time::Nanos;
 use toml::Spanned;
 
 use super::Kind;
 use super::diagnostic::{Diagnostic, quote};
-use super::raw;
+use super::raw::{self, Keys};
 use super::units::Bytes;
 
 /// What a partition takes of the hardware that all share.
@@ -18,7 +19,23 @@ use super::units::Bytes;
 pub struct Hardware {
     /// Of which pages its memory is made.
     pub huge_pages: HugePages,
+    /// How many bus locks are no error; `None` if each is one, where KVM tells of them.
+    pub bus_locks: Option<BusLockLimit>,
 }
+
+/// How often a guest may lock the memory bus. With it, the host's KVM must tell of bus locks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BusLockLimit {
+    /// This many times,
+    pub at_most: u32,
+    /// within a span of this length.
+    pub within: Nanos,
+}
+
+/// Most bus locks of a limit. Each keeps all processors from memory for about a microsecond.
+const BUS_LOCKS_MAX: i64 = 100_000;
+/// Longest span of a limit, a day.
+const WITHIN_MAX: Nanos = Nanos::from_millis(86_400_000);
 
 /// Of which pages a partition's memory is made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,7 +88,8 @@ pub fn check(raw: &raw::Partition, kind: &Kind, memory: Bytes) -> Result<Hardwar
             Kind::Linux { .. } => HugePages::Auto,
         },
     };
-    Ok(Hardware { huge_pages })
+    let bus_locks = raw.bus_locks.as_ref().map(check_bus_locks).transpose()?;
+    Ok(Hardware { huge_pages, bus_locks })
 }
 
 fn check_huge_pages(
@@ -98,4 +116,21 @@ fn check_huge_pages(
             .and(value.span(), format!("pages of {size} are asked for")));
     }
     Ok(HugePages::Of(size))
+}
+
+fn check_bus_locks(limit: &Spanned<Keys<raw::BusLocks>>) -> Result<BusLockLimit, Diagnostic> {
+    let Keys(raw) = limit.get_ref();
+    let number = *raw.at_most.get_ref();
+    let at_most =
+        u32::try_from(number).ok().filter(|_| number <= BUS_LOCKS_MAX).ok_or_else(|| {
+            let allowed = format!("0 to {BUS_LOCKS_MAX}; 0 if each is an error");
+            Diagnostic::new(raw.at_most.span(), format!("{number} bus locks"), allowed)
+        })?;
+    let within = raw.within.get_ref().0;
+    if within == Nanos::ZERO || within > WITHIN_MAX {
+        let found = format!("a span of {within} for bus locks");
+        let allowed = format!("more than nothing, and at most {WITHIN_MAX}");
+        return Err(Diagnostic::new(raw.within.span(), found, allowed));
+    }
+    Ok(BusLockLimit { at_most, within })
 }

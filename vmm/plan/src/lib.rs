@@ -71,7 +71,7 @@ pub use channels::{CHANNELS_MAX, Channel, ChannelKind, End, Owner, WhenFull};
 pub use connections::Connection;
 pub use deadlines::{Met, WAKE_UP_ALLOWANCE};
 pub use disks::{DISKS_MAX, Disk, SECTOR};
-pub use hardware::{Hardware, HugePageSize, HugePages};
+pub use hardware::{BusLockLimit, Hardware, HugePageSize, HugePages};
 pub use host_ports::HostPort;
 pub use images::{SOCKET_PATH_MAX, Unreadable, open as open_file};
 pub use interrupts::{Allowance, INTERRUPT};

@@ -54,6 +54,7 @@ pub struct Partition {
     pub cpu: Spanned<i64>,
     pub memory: Spanned<Bytes>,
     pub huge_pages: Option<Spanned<String>>,
+    pub bus_locks: Option<Spanned<Keys<BusLocks>>>,
     pub background: Option<Spanned<bool>>,
     pub release_guard: Option<Spanned<Duration>>,
     pub on_schedule_change: Option<Spanned<String>>,
@@ -237,6 +238,13 @@ pub struct Channel {
 #[derive(Debug, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Restarts {
+    pub at_most: Spanned<i64>,
+    pub within: Spanned<Duration>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BusLocks {
     pub at_most: Spanned<i64>,
     pub within: Spanned<Duration>,
 }

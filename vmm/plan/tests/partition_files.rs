@@ -322,6 +322,7 @@ shared hardware, without which the run does not start
     memory: 2 huge pages of 2MiB
   linux
     memory: 2 huge pages of 1GiB
+    bus locks: at most 10 times within 1s
 ";
     let report = check::report(&file);
     assert!(report.ends_with(expected), "{report}");

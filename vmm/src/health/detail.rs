@@ -23,6 +23,9 @@ pub enum Detail {
     Application(u32, Text),
     /// The host's time-stamp counter has turned bad.
     Clock(ClockFault),
+    /// The bus was locked once too often, by this instruction or the one before it. `None` if KVM does
+    /// not tell.
+    BusLock(Option<u64>),
 }
 
 /// How the host's time-stamp counter has turned bad.
@@ -60,6 +63,7 @@ impl Detail {
             Detail::Overrun(_) | Detail::Lost(..) => Fault::DeadlineMissed,
             Detail::Application(..) => Fault::ApplicationError,
             Detail::Clock(_) => Fault::ClockFault,
+            Detail::BusLock(_) => Fault::BusLock,
         }
     }
 }
@@ -77,6 +81,10 @@ impl fmt::Display for Detail {
             }
             Detail::Application(code, text) => write!(f, "code {code}: {text}"),
             Detail::Clock(fault) => fault.fmt(f),
+            Detail::BusLock(None) => f.write_str("all processors were kept from memory"),
+            Detail::BusLock(Some(rip)) => {
+                write!(f, "all processors were kept from memory, rip {rip:#x}")
+            }
         }
     }
 }

@@ -16,6 +16,7 @@
 //! and nothing is printed there. Whether a partition is started again is decided where there is
 //! time for it, and only there: [`Monitor`] knows how often that has happened already.
 
+pub mod bus_locks;
 mod detail;
 mod mapping;
 mod monitor;

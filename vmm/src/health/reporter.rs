@@ -8,11 +8,13 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
 
 use kvm_ioctls::{VcpuExit, VcpuFd};
 use rtrb::{Consumer, Producer, RingBuffer};
 use takt_scheduler::time::Tsc;
 
+use super::bus_locks::{self, BusLocks};
 use super::detail::{Access, Detail};
 use super::{Action, Table};
 use super::{FAULTS, Fault};
@@ -84,6 +86,7 @@ pub struct Reporter {
     counts: Arc<Counts>,
     notes: Producer<Occurrence>,
     sequence: u64,
+    bus_locks: BusLocks,
 }
 
 impl Reporter {
@@ -92,20 +95,33 @@ impl Reporter {
     pub fn new(table: Table) -> (Reporter, Arc<Counts>, Consumer<Occurrence>) {
         let (notes, consumer) = RingBuffer::new(NOTES);
         let counts: Arc<Counts> = Arc::default();
-        (Reporter { table, counts: counts.clone(), notes, sequence: 0 }, counts, consumer)
+        let (own, bus_locks) = (counts.clone(), BusLocks::default());
+        (Reporter { table, counts: own, notes, sequence: 0, bus_locks }, counts, consumer)
     }
 
-    /// Reports what is wrong with an answer. Returns what to do with the guest; `vcpu` is asked
-    /// for the place of an illegal access.
-    pub fn conclude(&mut self, answer: Answer, vcpu: &VcpuFd) -> Step {
+    /// With a limit for bus locks.
+    #[must_use]
+    pub fn with_bus_locks(self, bus_locks: BusLocks) -> Self {
+        Self { bus_locks, ..self }
+    }
+
+    /// Reports what is wrong with an answer, and a bus lock that came with its exit. Returns what to do
+    /// with the guest; `vcpu` is asked for the place of the error.
+    pub fn conclude(&mut self, answer: Answer, vcpu: &mut VcpuFd) -> Step {
+        let step = self.answered(answer, vcpu);
+        if !bus_locks::happened(vcpu) || !self.bus_locks.count(Instant::now()) {
+            return step;
+        }
+        let rip = self.place(Fault::BusLock, vcpu);
+        self.bus_locked(step, rip)
+    }
+
+    fn answered(&mut self, answer: Answer, vcpu: &VcpuFd) -> Step {
         let raised = match (answer.step, answer.illegal) {
             (Step::Raised(detail), _) => self.raise(detail, 1),
             (step @ Step::Ended(_), _) | (step, None) => return step,
             (_, Some((access, count))) => {
-                let told = self.table.action(Fault::IllegalRequest) != Action::Ignore;
-                let waiting = NOTES - self.notes.slots();
-                let asked = (told && waiting < WITH_ADDRESS).then(|| vcpu.get_regs().ok());
-                let rip = asked.flatten().map(|registers| registers.rip);
+                let rip = self.place(Fault::IllegalRequest, vcpu);
                 self.raise(Detail::Access(Access { rip, ..access }), count)
             }
         };
@@ -114,6 +130,22 @@ impl Reporter {
             (None, Step::Raised(_)) => Step::Resume,
             (None, step) => step,
         }
+    }
+
+    /// A bus lock too many, beside what else follows from the exit.
+    fn bus_locked(&mut self, step: Step, rip: Option<u64>) -> Step {
+        match (step, self.raise(Detail::BusLock(rip), 1)) {
+            (Step::Ended(_), _) | (_, None) => step,
+            (_, Some(end)) => Step::Ended(end),
+        }
+    }
+
+    /// Where the guest is, if the error is told and few wait to be.
+    fn place(&self, fault: Fault, vcpu: &VcpuFd) -> Option<u64> {
+        let told = self.table.action(fault) != Action::Ignore;
+        let waiting = NOTES - self.notes.slots();
+        let asked = (told && waiting < WITH_ADDRESS).then(|| vcpu.get_regs().ok());
+        asked.flatten().map(|registers| registers.rip)
     }
 
     /// Reports an error that the guest survives, `times` times at once. Returns its end if the
@@ -161,6 +193,23 @@ mod tests {
     use super::*;
 
     const LOST: Detail = Detail::Lost(1, 7);
+
+    #[test]
+    fn a_bus_lock_is_an_error_of_its_own_beside_what_else_an_exit_is() {
+        for action in ACTIONS {
+            let table = Table::LINUX.with(Fault::BusLock, action);
+            let (mut reporter, counts, _notes) = Reporter::new(table);
+            let end = Step::Ended(End::Raised(Detail::BusLock(Some(7))));
+            let goes_on = |step| if action.goes_on() { step } else { end };
+            for step in [Step::Resume, Step::Done] {
+                assert_eq!(reporter.bus_locked(step, Some(7)), goes_on(step), "{action}");
+            }
+            // An end stays the end that it is.
+            let ended = Step::Ended(End::TripleFault);
+            assert_eq!(reporter.bus_locked(ended, None), ended, "{action}");
+            assert_eq!(counts.of(Fault::BusLock), 3);
+        }
+    }
 
     #[test]
     fn what_the_table_does_not_let_go_on_ends_at_once() {

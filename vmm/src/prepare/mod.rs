@@ -25,6 +25,7 @@ use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile};
 use crate::cpuset::Domains;
 use crate::disk::DiskThread;
+use crate::health::bus_locks;
 use crate::init_watch::{Console, InitSeen};
 use crate::interrupts::Interrupts;
 use crate::memory::Pages;
@@ -130,6 +131,9 @@ impl Preparation<'_> {
     /// # Errors
     /// See [`RunError`].
     pub fn partition(&mut self, partition: &Partition) -> Result<Prepared, RunError> {
+        if partition.hardware().bus_locks.is_some() && !bus_locks::are_told(&self.kvm) {
+            return Err(RunError::BusLocks { partition: partition.name().to_owned() });
+        }
         match partition.kind() {
             Kind::Plc { image } => self.plc(partition, image.as_deref()),
             Kind::Linux { kernel, initrd, cmdline } => {

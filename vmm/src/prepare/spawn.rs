@@ -19,6 +19,7 @@ use crate::config::{Kind, Partition, ScheduleChange};
 use crate::control::Orders;
 use crate::event;
 use crate::handoff::{Giver, Gone, handoff};
+use crate::health::bus_locks::BusLocks;
 use crate::health::{Reporter, Watch};
 use crate::memory::GuestMemory;
 use crate::restart::{Revival, Revivals};
@@ -89,6 +90,7 @@ impl Preparation<'_> {
         let (giver, ends) = handoff(ENDS);
         let control: Arc<Control> = Arc::default();
         let (health, reporter) = Watch::new(partition.health());
+        let reporter = reporter.with_bus_locks(BusLocks::new(partition.hardware().bus_locks));
         let body = Body {
             _memory: memory,
             own: control.clone(),

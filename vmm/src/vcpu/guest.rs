@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use kvm_bindings::KVM_EXIT_X86_BUS_LOCK;
 use kvm_ioctls::VcpuExit;
 use takt_abi::{Exception, exception_name};
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
@@ -175,6 +176,8 @@ pub trait Guest {
 /// The exits that mean the same for every guest.
 pub(super) fn handle_common(exit: &VcpuExit<'_>) -> Step {
     Step::Ended(match exit {
+        // The health monitor looks for bus locks at every exit, whatever it is.
+        VcpuExit::Unsupported(KVM_EXIT_X86_BUS_LOCK) => return Step::Resume,
         VcpuExit::Hlt => End::Halted,
         VcpuExit::Shutdown => End::TripleFault,
         VcpuExit::FailEntry(reason, _) => End::Kvm(KvmFailure::Entry(*reason)),
@@ -195,6 +198,14 @@ mod tests {
         for bad in [End::Exited(1), End::Reset, End::TripleFault, End::Halted] {
             assert!(bad.is_failure());
         }
+    }
+
+    #[test]
+    fn an_exit_for_a_bus_lock_goes_on_and_an_unknown_one_does_not() {
+        let exit = VcpuExit::Unsupported(KVM_EXIT_X86_BUS_LOCK);
+        assert_eq!(handle_common(&exit), Step::Resume);
+        let end = Step::Ended(End::Kvm(KvmFailure::UnexpectedExit));
+        assert_eq!(handle_common(&VcpuExit::Unsupported(0)), end);
     }
 
     #[test]

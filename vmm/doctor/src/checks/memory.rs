@@ -1,5 +1,6 @@
 //! Memory for the guests, all of which is taken and locked at the start.
 
+use super::pages;
 use crate::demand::Demand;
 use crate::finding::Finding;
 use crate::host::{Capability, Host};
@@ -23,8 +24,14 @@ pub fn available(host: &Host, demand: &Demand) -> Finding {
             remedy,
         );
     };
-    let found = format!("{} available, {} for the guests", mib(kib << 10), mib(demand.memory));
-    if demand.memory + OWN <= kib << 10 {
+    // What is set aside is not among what is available.
+    let set_aside = pages::from_set_aside(host, demand);
+    let needed = demand.memory - set_aside.min(demand.memory);
+    let mut found = format!("{} available, {} for the guests", mib(kib << 10), mib(needed));
+    if set_aside > 0 {
+        found += &format!(" and {} of theirs in huge pages that are set aside", mib(set_aside));
+    }
+    if needed + OWN <= kib << 10 {
         return Finding::good(CHECK, found);
     }
     Finding::cannot(

@@ -44,6 +44,7 @@ pub fn all(host: &Host, demand: &Demand) -> Vec<Finding> {
         memory::locking(host, demand),
         pages::moved(host),
         pages::huge(host),
+        pages::set_aside(host, demand),
     ]
 }
 

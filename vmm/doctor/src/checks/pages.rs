@@ -1,9 +1,13 @@
-//! What moves or joins pages of memory behind a guest's back.
+//! What moves or joins pages of memory behind a guest's back, and the huge pages that are set aside for guests.
 //!
 //! Locked memory stays in memory, but not in its place: when the kernel moves a page or makes a
 //! large one of many, KVM has to forget it, and the guest's next access is an exit of some
 //! microseconds inside the kernel, in a window.
 
+use takt_host::huge_pages;
+use takt_plan::{HugePageSize, HugePages};
+
+use crate::demand::Demand;
 use crate::finding::Finding;
 use crate::host::Host;
 
@@ -33,7 +37,7 @@ pub fn moved(host: &Host) -> Finding {
 }
 
 /// Whether pages are joined to large ones while guests run. Takt's own memory is anonymous, that of
-/// the guests is shared. How many large pages are set aside does not matter to Takt: it uses none.
+/// the guests is shared.
 pub fn huge(host: &Host) -> Finding {
     const CHECK: &str = "huge-pages";
     const FOLDER: &str = "sys/kernel/mm/transparent_hugepage";
@@ -50,14 +54,7 @@ pub fn huge(host: &Host) -> Finding {
         remedies.push(format!("echo never > /{FOLDER}/shmem_enabled"));
     }
     if found.is_empty() {
-        let set_aside = host.number("sys/kernel/mm/hugepages/hugepages-2048kB/nr_hugepages");
-        let found = match set_aside {
-            Some(n @ 1..) => format!(
-                "no pages are joined; {n} of 2 MiB are set aside, and takt uses none of them"
-            ),
-            _ => "no pages are joined".into(),
-        };
-        return Finding::good(CHECK, found);
+        return Finding::good(CHECK, "no pages are joined");
     }
     Finding::warning(
         CHECK,
@@ -65,4 +62,69 @@ pub fn huge(host: &Host) -> Finding {
         "when khugepaged joins pages, an access in a scan waits for it",
         remedies.join("; "),
     )
+}
+
+/// Whether the host has the huge pages set aside that partitions insist on. One that would only like to have
+/// some does without, and no release is late for it.
+pub fn set_aside(host: &Host, demand: &Demand) -> Finding {
+    const CHECK: &str = "huge-pages-set-aside";
+    let mut found = Vec::new();
+    for size in HugePageSize::ALL {
+        let (wanted, liked) = asked(demand, size);
+        let pool = huge_pages::pool_below(host.root(), size.bytes());
+        let (total, free) = pool.map_or((0, 0), |pool| (pool.total, pool.free));
+        if wanted > free {
+            let needed = total + (wanted - free);
+            let folder = huge_pages::folder(size.bytes());
+            let remedy = match pool {
+                Some(_) => format!("echo {needed} > {folder}/nr_hugepages"),
+                None => "a size of huge pages that the processor has, in the partition file".into(),
+            };
+            return Finding::cannot(
+                CHECK,
+                format!("{free} of {size} are free, of {total}; partitions insist on {wanted}"),
+                "takt run does not start",
+                remedy,
+            );
+        }
+        let likes = match liked {
+            0 => String::new(),
+            _ if wanted + liked <= free => format!(", {liked} of them for a Linux"),
+            _ => format!(", too few for the {liked} of a Linux, which does without"),
+        };
+        if total > 0 || liked > 0 {
+            found.push(format!("{free} of {size} are free{likes}"));
+        }
+    }
+    if found.is_empty() {
+        found.push("none are set aside, and none are asked for".into());
+    }
+    Finding::good(CHECK, found.join("; "))
+}
+
+/// How many bytes of the guests' memory come out of what is set aside.
+pub fn from_set_aside(host: &Host, demand: &Demand) -> u64 {
+    let of = |size: &HugePageSize| {
+        let (wanted, liked) = asked(demand, *size);
+        let free = huge_pages::pool_below(host.root(), size.bytes()).map_or(0, |pool| pool.free);
+        let taken = if wanted + liked <= free { wanted + liked } else { wanted.min(free) };
+        taken * size.bytes()
+    };
+    HugePageSize::ALL.iter().map(of).sum()
+}
+
+/// How many huge pages of this size partitions insist on, and how many more they would like to have.
+fn asked(demand: &Demand, size: HugePageSize) -> (u64, u64) {
+    let mut sums = (0, 0);
+    for &(pages, memory) in &demand.pages {
+        let count = memory / size.bytes();
+        match pages {
+            HugePages::Of(of) if of == size => sums.0 += count,
+            HugePages::Auto if size == HugePageSize::TwoMiB && memory % size.bytes() == 0 => {
+                sums.1 += count;
+            }
+            _ => {}
+        }
+    }
+    sums
 }

@@ -267,10 +267,55 @@ fn a_host_that_talks_nonsense_is_survived() {
         for content in odd {
             let before = tree.change(&path, content);
             let found = all(&tree.host, &Demand::usual(&tree.host));
-            assert_eq!(found.len(), 23, "{path}: {content:?}");
+            assert_eq!(found.len(), 24, "{path}: {content:?}");
             tree.change(&path, &before);
         }
     }
     let nothing = Host::recorded(std::path::Path::new("/no/such/folder"), String::new());
-    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 23);
+    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 24);
+}
+
+#[test]
+fn huge_pages_that_are_insisted_on_must_be_set_aside() {
+    use takt_plan::{HugePageSize, HugePages};
+    const FOLDER: &str = "sys/kernel/mm/hugepages/hugepages-2048kB";
+    let host = |total: &str, free: &str| {
+        Recorded::named("appliance-rt")
+            .with(&format!("{FOLDER}/nr_hugepages"), total)
+            .with(&format!("{FOLDER}/free_hugepages"), free)
+            .with("proc/meminfo", "MemAvailable:     300000 kB")
+            .unpack()
+    };
+    let mut demand = Demand::usual(&host("0", "0").host);
+    demand.memory = 264 << 20;
+    demand.pages =
+        vec![(HugePages::Of(HugePageSize::TwoMiB), 8 << 20), (HugePages::Auto, 256 << 20)];
+    let finding = |total: &str, free: &str, check| {
+        let all = all(&host(total, free).host, &demand);
+        all.into_iter().find(|finding| finding.check == check).unwrap()
+    };
+    let few = finding("10", "3", "huge-pages-set-aside");
+    assert_eq!(
+        (few.severity, few.found.as_str()),
+        (Cannot, "3 of 2MiB are free, of 10; partitions insist on 4")
+    );
+    assert_eq!(few.remedy.unwrap(), format!("echo 11 > /{FOLDER}/nr_hugepages"));
+    let some = finding("10", "10", "huge-pages-set-aside");
+    assert_eq!(some.severity, Good);
+    assert_eq!(
+        some.found,
+        "10 of 2MiB are free, too few for the 128 of a Linux, which does without"
+    );
+    assert_eq!(finding("10", "10", "memory").severity, Cannot);
+    let all = finding("132", "132", "huge-pages-set-aside").found;
+    assert_eq!(all, "132 of 2MiB are free, 128 of them for a Linux");
+    let memory = finding("132", "132", "memory");
+    assert_eq!(memory.severity, Good);
+    assert!(
+        memory.found.ends_with(
+            "0 MiB for the guests and 264 MiB of theirs in huge pages that are set aside"
+        ),
+        "{}",
+        memory.found
+    );
 }

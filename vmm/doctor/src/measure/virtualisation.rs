@@ -46,7 +46,11 @@ fn of_machines(host: &Host, linux: bool, machines: &Machines) -> Vec<Finding> {
             "start a newer kernel on the host; under a hypervisor, look for its KVM",
         )];
     }
-    let mut findings = vec![Finding::good(CHECK, "has what takt needs"), speed(&machines.speed)];
+    let mut findings = vec![
+        Finding::good(CHECK, "has what takt needs"),
+        speed(&machines.speed),
+        bus_locks(host, machines.tells_bus_locks),
+    ];
     if linux {
         findings.push(deadlines(host, machines.hands_deadlines_over));
     }
@@ -89,6 +93,26 @@ fn deadlines(host: &Host, handed_over: Option<bool>) -> Finding {
         },
         interrupt_cost(host),
         remedy,
+    )
+}
+
+/// Whether a guest that keeps the other processors from memory is noticed.
+fn bus_locks(host: &Host, told: bool) -> Finding {
+    const CHECK: &str = "bus-locks";
+    if told {
+        return Finding::good(CHECK, "KVM tells of each, and `bus_locks` limits them");
+    }
+    if host.online().len() == 1 {
+        return Finding::good(
+            CHECK,
+            "KVM does not tell, and there is no other CPU to be kept waiting",
+        );
+    }
+    Finding::warning(
+        CHECK,
+        "KVM does not tell of a guest's bus locks (KVM_CAP_X86_BUS_LOCK_EXIT)",
+        "a program in a Linux on another CPU can keep a PLC from memory for about a microsecond, again and again, and nothing shows it",
+        "a processor that tells, such as Intel's since Sapphire Rapids, and Linux 5.12 or newer; or partitions of one CPU",
     )
 }
 
@@ -135,6 +159,7 @@ mod tests {
             linux_error: None,
             speed: Speed::Hardware { text: "fast".into() },
             hands_deadlines_over: Some(true),
+            tells_bus_locks: true,
             tsc_khz: Some(1_000_000),
         }
     }
@@ -163,6 +188,14 @@ mod tests {
         let path = std::path::PathBuf::from("/no/takt");
         let unknown = Err(ExaminationError::Answer { path });
         assert_eq!(findings(&host.host, false, &unknown)[0].severity, Severity::Unseen);
+    }
+
+    #[test]
+    fn bus_locks_that_nobody_tells_of_are_told_where_there_is_another_cpu() {
+        let of = |host: &str, told| bus_locks(&Recorded::named(host).unpack().host, told).severity;
+        assert_eq!(of("workstation", true), Severity::Good);
+        assert_eq!(of("workstation", false), Severity::Warning);
+        assert_eq!(of("appliance-rt", false), Severity::Good);
     }
 
     #[test]

@@ -40,6 +40,7 @@ fn report() -> Report {
         },
         partitions: vec![
             Partition {
+                memory_page_bytes: 4096,
                 name: "plc".into(),
                 kind: "plc".into(),
                 end: "stopped by takt".into(),
@@ -79,6 +80,7 @@ fn report() -> Report {
                 stuck: None,
             },
             Partition {
+                memory_page_bytes: 4096,
                 name: "linux".into(),
                 kind: "linux".into(),
                 end: "stopped by takt".into(),

@@ -2,7 +2,7 @@
 //! shown once.
 
 use super::line;
-use crate::{HugePages, Partition, PartitionFile};
+use crate::{BusLockLimit, HugePages, Partition, PartitionFile};
 
 /// What each partition asks for and cannot do without, in the order of the file; nothing if there is
 /// none.
@@ -29,6 +29,10 @@ fn wanted(partition: &Partition) -> Vec<String> {
     if let HugePages::Of(size) = partition.hardware().huge_pages {
         let count = partition.memory_bytes() / size.bytes();
         wanted.push(format!("memory: {count} huge pages of {size}"));
+    }
+    if let Some(BusLockLimit { at_most, within }) = partition.hardware().bus_locks {
+        let s = if at_most == 1 { "" } else { "s" };
+        wanted.push(format!("bus locks: at most {at_most} time{s} within {within}"));
     }
     wanted
 }

@@ -6,7 +6,8 @@ use std::fmt;
 /// does; in Rust that word is taken.
 ///
 /// The first seven are those of ARINC 653 Part 1, without the power failure, of which Takt learns
-/// nothing. The next four are ends that a machine has and a process does not. The last is the host's.
+/// nothing. The next four are ends that a machine has and a process does not. Then the host's, and what
+/// hardware tells of that all partitions suffer from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// A window ended before the guest was done, or a release passed without a scan.
@@ -33,10 +34,12 @@ pub enum Fault {
     PartitionEnded,
     /// The host's time-stamp counter has turned bad, on which all time of the guest lies.
     ClockFault,
+    /// The guest has locked the memory bus for all processors, more often than it may.
+    BusLock,
 }
 
 /// All errors, in the order of their declaration.
-pub const FAULTS: [Fault; 12] = [
+pub const FAULTS: [Fault; 13] = [
     Fault::DeadlineMissed,
     Fault::ApplicationError,
     Fault::NumericError,
@@ -49,6 +52,7 @@ pub const FAULTS: [Fault; 12] = [
     Fault::PartitionSilent,
     Fault::PartitionEnded,
     Fault::ClockFault,
+    Fault::BusLock,
 ];
 
 impl Fault {
@@ -68,6 +72,7 @@ impl Fault {
             Fault::PartitionSilent => "partition-silent",
             Fault::PartitionEnded => "partition-ended",
             Fault::ClockFault => "clock-fault",
+            Fault::BusLock => "bus-lock",
         }
     }
 
@@ -90,6 +95,7 @@ impl Fault {
                 | Fault::PartitionSilent
                 | Fault::PartitionEnded
                 | Fault::ClockFault
+                | Fault::BusLock
         )
     }
 

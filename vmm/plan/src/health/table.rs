@@ -105,6 +105,7 @@ impl Table {
             Action::Idle,
             Action::Idle,
             Action::Log,
+            Action::Log,
         ],
         limit: Limit::DEFAULT,
     };
@@ -169,10 +170,12 @@ mod tests {
             Fault::ApplicationError,
             Fault::IllegalRequest,
             Fault::ClockFault,
+            Fault::BusLock,
         ] {
             assert_eq!(Table::PLC.action(survived), Action::Log);
         }
         assert_eq!(Table::LINUX.action(Fault::IllegalRequest), Action::Ignore);
+        assert_eq!(Table::LINUX.action(Fault::BusLock), Action::Log);
     }
 
     #[test]

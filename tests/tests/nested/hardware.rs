@@ -1,0 +1,76 @@
+//! Shared hardware: memory in huge pages, what it wins, that restarts find it cleared; and what is refused
+//! since the host has it not.
+
+use takt_tests::{File, Outcome, plc_image};
+
+/// A PLC that lives for a fifth of a second and starts warm, a good one, and a Linux.
+fn run(pages: &str) -> Outcome {
+    let pages_line = format!("huge_pages = {pages:?}");
+    File::new("2ms")
+        .plc("good", None, &pages_line)
+        .plc("warm", Some(plc_image("failing-starts")), &pages_line)
+        .linux("poweroff -f")
+        .lines(&pages_line)
+        .health("warm", "numeric-error", "warm-start")
+        .schedule("normal")
+        .window("good", 0, 200)
+        .window("warm", 500, 200)
+        .run(&format!("huge-pages-{pages}"))
+        .lasting("3s")
+        .run()
+}
+
+#[test]
+fn memory_in_huge_pages_is_ready_sooner_and_is_cleared_at_each_start() {
+    let [small, huge] = ["none", "2MiB"].map(run);
+    for (outcome, page) in [(&small, 4 << 10), (&huge, 2 << 20)] {
+        outcome.assert_kept_its_time("good", 1_400);
+        outcome.assert_punctual("good");
+        for name in ["good", "warm", "linux"] {
+            assert_eq!(outcome.number(name, "memory_page_bytes"), page, "{}", outcome.output);
+        }
+        // Three starts are allowed, and each finds what is retained and nothing else.
+        assert_eq!(outcome.number("warm", "restarts"), 3, "{}", outcome.output);
+        for retained in 0..=3 {
+            outcome.assert_shows(&format!(", retained {retained}"));
+        }
+        assert_eq!(outcome.partition("linux")["end"], "powered off", "{}", outcome.output);
+    }
+    huge.assert_shows("[takt] linux: 128MiB in 64 huge pages of 2MiB");
+    let of = |outcome: &Outcome| {
+        let clearing = outcome.report["process"]["starting"]["clearing_ns"].as_u64();
+        (clearing.expect("a report"), outcome.number("linux", "boot_to_init_ns"))
+    };
+    let (small, huge) = (of(&small), of(&huge));
+    println!("clearing and boot to init: small {small:?}, huge {huge:?} ns");
+    assert!(huge.0 < small.0 && huge.1 < small.1, "{huge:?}, {small:?}");
+}
+
+/// A machine of less than 2 GiB has no two pages of 1 GiB, if its processor has them at all.
+#[test]
+fn huge_pages_that_the_host_does_not_have_are_refused_with_what_to_do() {
+    let outcome = File::new("1ms")
+        .plc_with("plc", "memory = \"1GiB\"\nhuge_pages = \"1GiB\"")
+        .schedule("normal")
+        .window("plc", 0, 200)
+        .run("huge-pages-refused")
+        .lasting("1s")
+        .run();
+    assert_eq!(outcome.status, 3, "{}", outcome.output);
+    outcome.assert_shows("huge pages of 1GiB");
+    outcome.assert_shows("huge_pages = \"none\"");
+}
+
+/// The lab's processors do not tell of bus locks.
+#[test]
+fn a_limit_on_bus_locks_that_the_host_cannot_keep_is_refused() {
+    let outcome = File::new("1ms")
+        .plc("plc", None, "bus_locks = { at_most = 1, within = \"1s\" }")
+        .schedule("normal")
+        .window("plc", 0, 200)
+        .run("bus-locks-refused")
+        .lasting("1s")
+        .run();
+    assert_eq!(outcome.status, 3, "{}", outcome.output);
+    outcome.assert_shows("partition plc: this host's KVM does not tell of bus locks");
+}
