@@ -33,6 +33,7 @@ pub mod passthrough;
 pub mod pci;
 pub mod prepare;
 pub mod probe;
+pub mod resctrl;
 pub mod restart;
 pub mod run;
 pub mod run_error;

@@ -24,6 +24,7 @@ use crate::memory::MemoryError;
 use crate::net::NetError;
 use crate::passthrough::error::DeviceError;
 use crate::pci::PciError;
+use crate::resctrl::GroupError;
 use crate::sandbox::SandboxError;
 use crate::supervisor::error::SupervisorError;
 use crate::unix_socket::SocketError;
@@ -67,6 +68,8 @@ pub enum RunError {
     Start(#[from] StartError),
     #[error(transparent)]
     Cpuset(#[from] CpusetError),
+    #[error(transparent)]
+    Group(#[from] GroupError),
     #[error(transparent)]
     Thread(#[from] ThreadError),
     #[error(transparent)]

@@ -74,3 +74,18 @@ fn a_limit_on_bus_locks_that_the_host_cannot_keep_is_refused() {
     assert_eq!(outcome.status, 3, "{}", outcome.output);
     outcome.assert_shows("partition plc: this host's KVM does not tell of bus locks");
 }
+
+/// The lab's processors divide nothing.
+#[test]
+fn a_share_of_the_cache_that_the_host_cannot_divide_is_refused() {
+    let outcome = File::new("1ms")
+        .plc("plc", None, "cache = 2")
+        .schedule("normal")
+        .window("plc", 0, 200)
+        .run("cache-refused")
+        .lasting("1s")
+        .run();
+    assert_eq!(outcome.status, 3, "{}", outcome.output);
+    outcome.assert_shows("this host cannot divide its cache");
+    outcome.assert_shows("leave `cache` and `memory_bandwidth` out of the partition file");
+}

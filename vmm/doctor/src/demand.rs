@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use takt_plan::{HugePages, Kind, MemorySource, PartitionFile};
+use takt_host::resctrl::Asked;
+use takt_plan::{HugePages, Kind, MemorySource, Partition, PartitionFile};
 use takt_scheduler::reservation::{CpuReservations, Reservation};
 use takt_scheduler::schedules::Schedules;
 use takt_scheduler::table::{Cpu, PartitionId, Placement, Role, Window};
@@ -53,6 +54,8 @@ pub struct Demand {
     pub memory: u64,
     /// Of which pages the memory of each partition is to be, and its bytes.
     pub pages: Vec<(HugePages, u64)>,
+    /// Shares of cache and memory bandwidth that partitions ask for; of which cache is the host's to say.
+    pub shares: Vec<Asked>,
     /// PCI functions that a PLC gets with `trusted_dma`.
     pub trusted_dma: Vec<String>,
     /// Whether there is a Linux.
@@ -83,6 +86,7 @@ impl Demand {
                 .iter()
                 .map(|p| (p.hardware().huge_pages, p.memory_bytes()))
                 .collect(),
+            shares: file.partitions().iter().filter_map(share).collect(),
             trusted_dma: trusted(file),
             linux: file.partitions().iter().any(|p| matches!(p.kind(), Kind::Linux { .. })),
         }
@@ -116,6 +120,7 @@ impl Demand {
             others,
             memory: 0,
             pages: Vec::new(),
+            shares: Vec::new(),
             trusted_dma: Vec::new(),
             linux: true,
         }
@@ -157,6 +162,20 @@ fn guard(schedules: &Schedules, cpu: Cpu, plc: impl Fn(&PartitionId) -> bool) ->
         Role::Background => None,
     });
     guards.min()
+}
+
+/// What a partition asks for; `None` if it asks for nothing.
+fn share(partition: &Partition) -> Option<Asked> {
+    let hardware = partition.hardware();
+    let (ways, percent) = (hardware.cache, hardware.memory_bandwidth);
+    let (cpu, domain) = (partition.cpu(), None);
+    (ways.is_some() || percent.is_some()).then(|| Asked {
+        partition: partition.name().to_owned(),
+        cpu,
+        domain,
+        ways,
+        percent,
+    })
 }
 
 /// PCI functions that may master the bus.

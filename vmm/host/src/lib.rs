@@ -8,3 +8,4 @@ pub mod cpu_list;
 pub mod huge_pages;
 pub mod kvm;
 pub mod mounts;
+pub mod resctrl;

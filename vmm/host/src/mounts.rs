@@ -118,6 +118,13 @@ fn cgroup2(text: &str) -> Option<PathBuf> {
     mounts(text).find(|m| m.kind == "cgroup2" && m.root == "/").map(|m| unescape(m.point))
 }
 
+/// Where the resctrl file system is mounted, and its own options.
+pub(crate) fn resctrl(text: &str) -> Option<(PathBuf, String)> {
+    mounts(text)
+        .find(|m| m.kind == "resctrl" && m.root == "/")
+        .map(|m| (unescape(m.point), m.options.to_owned()))
+}
+
 fn has_version_1_cpuset(text: &str) -> bool {
     mounts(text).any(|m| m.kind == "cgroup" && m.options.split(',').any(|o| o == "cpuset"))
 }

@@ -21,6 +21,10 @@ pub struct Hardware {
     pub huge_pages: HugePages,
     /// How many bus locks are no error; `None` if each is one, where KVM tells of them.
     pub bus_locks: Option<BusLockLimit>,
+    /// How many ways of its CPU's L3 cache it has for itself.
+    pub cache: Option<u32>,
+    /// How much of the memory bandwidth it gets, in per cent.
+    pub memory_bandwidth: Option<u32>,
 }
 
 /// How often a guest may lock the memory bus. With it, the host's KVM must tell of bus locks.
@@ -32,6 +36,8 @@ pub struct BusLockLimit {
     pub within: Nanos,
 }
 
+/// Most ways of a cache: the processor has a mask of 32 bits for them.
+const WAYS_MAX: u32 = 32;
 /// Most bus locks of a limit. Each keeps all processors from memory for about a microsecond.
 const BUS_LOCKS_MAX: i64 = 100_000;
 /// Longest span of a limit, a day.
@@ -89,7 +95,12 @@ pub fn check(raw: &raw::Partition, kind: &Kind, memory: Bytes) -> Result<Hardwar
         },
     };
     let bus_locks = raw.bus_locks.as_ref().map(check_bus_locks).transpose()?;
-    Ok(Hardware { huge_pages, bus_locks })
+    let cache =
+        raw.cache.as_ref().map(|ways| number(ways, "ways of cache", WAYS_MAX)).transpose()?;
+    let percent = raw.memory_bandwidth.as_ref();
+    let memory_bandwidth =
+        percent.map(|it| number(it, "per cent of the memory bandwidth", 100)).transpose()?;
+    Ok(Hardware { huge_pages, bus_locks, cache, memory_bandwidth })
 }
 
 fn check_huge_pages(
@@ -133,4 +144,13 @@ fn check_bus_locks(limit: &Spanned<Keys<raw::BusLocks>>) -> Result<BusLockLimit,
         return Err(Diagnostic::new(raw.within.span(), found, allowed));
     }
     Ok(BusLockLimit { at_most, within })
+}
+
+/// A number of something, from 1 on.
+fn number(value: &Spanned<i64>, what: &str, most: u32) -> Result<u32, Diagnostic> {
+    let number = *value.get_ref();
+    u32::try_from(number).ok().filter(|number| (1..=most).contains(number)).ok_or_else(|| {
+        let allowed = format!("1 to {most}, as far as the host's processor can");
+        Diagnostic::new(value.span(), format!("{number} {what}"), allowed)
+    })
 }

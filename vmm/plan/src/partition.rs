@@ -215,7 +215,7 @@ fn check_plc(
         if let Some(span) = span {
             let found = misplaced(key, "linux", name, "plc");
             let allowed = "for a \"plc\": name, kind, cpu, memory, huge_pages, bus_locks, \
-                           release_guard, image, on_schedule_change, restarts, [[partition.program]], [[partition.io]], \
+                           cache, memory_bandwidth, release_guard, image, on_schedule_change, restarts, [[partition.program]], [[partition.io]], \
                            [[partition.task]], \
                            [[partition.port_io]], [[partition.mmio]], \
                            [[partition.safe_value]] and [[partition.interrupt]]";
@@ -267,7 +267,7 @@ fn check_linux(
         if let Some(span) = span {
             let found = misplaced(key, "plc", name, "linux");
             let allowed = "for a \"linux\": name, kind, cpu, memory, huge_pages, bus_locks, \
-                           background, restarts, kernel, initrd, cmdline, watchdog, [[partition.disk]] \
+                           cache, memory_bandwidth, background, restarts, kernel, initrd, cmdline, watchdog, [[partition.disk]] \
                            and [[partition.net]]";
             return Err(Diagnostic::new(span, found, allowed));
         }

@@ -55,6 +55,8 @@ pub struct Partition {
     pub memory: Spanned<Bytes>,
     pub huge_pages: Option<Spanned<String>>,
     pub bus_locks: Option<Spanned<Keys<BusLocks>>>,
+    pub cache: Option<Spanned<i64>>,
+    pub memory_bandwidth: Option<Spanned<i64>>,
     pub background: Option<Spanned<bool>>,
     pub release_guard: Option<Spanned<Duration>>,
     pub on_schedule_change: Option<Spanned<String>>,

@@ -320,8 +320,10 @@ fn the_report_shows_what_of_shared_hardware_the_host_must_have() {
 shared hardware, without which the run does not start
   plc
     memory: 2 huge pages of 2MiB
+    cache: 4 ways of the L3 cache of CPU 0 for itself
   linux
     memory: 2 huge pages of 1GiB
+    memory bandwidth: 30 % at most
     bus locks: at most 10 times within 1s
 ";
     let report = check::report(&file);

@@ -53,6 +53,7 @@ impl Preparation<'_> {
         let place = Place {
             cpu: partition.cpu(),
             domain: self.domains.entry(partition.cpu()),
+            group: self.groups.entry(partition),
             reservation: None,
             ports: Vec::new(),
             doors: (sandbox::Kind::Disk, self.mode),

@@ -31,6 +31,7 @@ use crate::interrupts::Interrupts;
 use crate::memory::Pages;
 use crate::net::Cable;
 use crate::passthrough::Devices;
+use crate::resctrl::Groups;
 use crate::run_error::RunError;
 use crate::sandbox::{self, Mode};
 use crate::vcpu::guest_timer::Deadlines;
@@ -79,6 +80,8 @@ pub struct Preparation<'a> {
     pub devices: &'a Devices,
     /// Of which pages the memory of each partition is, in their order.
     pub pages: &'a [Pages],
+    /// Shares of the cache and of the way to memory.
+    pub groups: &'a Groups,
     /// CPUs that got a scheduling domain of their own.
     pub domains: &'a Domains,
     /// What threads ring when they have told of their ends.
@@ -205,7 +208,7 @@ impl Preparation<'_> {
             let reservation = CpuReservations::of(schedules, cpu).kicker;
             let domain = self.domains.entry(cpu);
             let doors = (sandbox::Kind::WindowEnforcer, self.mode);
-            let place = Place { cpu, domain, reservation, ports: Vec::new(), doors };
+            let place = Place { cpu, domain, group: None, reservation, ports: Vec::new(), doors };
             let body = move |base: Timebase| window_enforcer::run(&windows, &base, &own);
             let Cpu(number) = cpu;
             let thread = thread::plain(&format!("kicker-{number}"), place, control.clone(), body)?;

@@ -122,7 +122,9 @@ impl Preparation<'_> {
         let reservation = reservation.map(|(_, r)| r);
         let ports = guest.io_ranges();
         let domain = self.domains.entry(cpu);
-        let place = Place { cpu, domain, reservation, ports, doors: (G::THREAD, self.mode) };
+        let group = self.groups.entry(partition);
+        let doors = (G::THREAD, self.mode);
+        let place = Place { cpu, domain, group, reservation, ports, doors };
         let (thread, records): (_, Option<Consumer<Record>>) = match plan {
             Some(plan) => {
                 let (producer, consumer) = RingBuffer::new(RECORDS);

@@ -49,6 +49,7 @@ use crate::outlet::{Outlet, StandardOutput};
 use crate::passthrough::{Devices, emergency_stop};
 use crate::prepare::{Finish, Preparation};
 use crate::report::{self, Host, Report};
+use crate::resctrl::Groups;
 use crate::run_error::RunError;
 use crate::samples::{self, Samples};
 use crate::sandbox::{self, Allowed};
@@ -100,6 +101,9 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     // Dropped after all threads have been let go.
     let domains = Domains::set_up(file.schedules())?;
     steps.pass()?;
+    // Dropped after all threads have been let go.
+    let groups = Groups::set_up(file.partitions())?;
+    steps.pass()?;
     let pages = huge_pages::choose(file.partitions(), options.role)?;
     let bell = eventfd()?;
     let schedules = file.schedules();
@@ -114,6 +118,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         devices: &devices,
         pages: &pages,
         domains: &domains,
+        groups: &groups,
         bell: event::clone(&bell)?,
         closing: Arc::default(),
         board: board.clone(),
@@ -162,7 +167,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let raw = terminal::make_raw()
         .map_err(|source| RunError::Host { what: "put the terminal into raw mode", source })?;
     let Finish { closing, board, console, interrupts, clearing } = preparation.finish();
-    let given_back = given_back(file, options, &devices, &domains);
+    let given_back = given_back(file, options, &devices, &domains, &groups);
     let host = this_host::look(frequency.khz());
     let mut run = Run {
         file,
@@ -367,6 +372,7 @@ fn given_back(
     options: &Options,
     devices: &Devices,
     domains: &Domains,
+    groups: &Groups,
 ) -> Vec<Allowed> {
     let figures = Allowed::Read("/proc/self".into());
     let control = options.control.as_deref().or(file.control());
@@ -379,7 +385,8 @@ fn given_back(
         _ => Allowed::RemoveFiles(".".into()),
     };
     let sockets = control.into_iter().chain(ends).map(folder);
-    let cgroups = domains.root().map(Allowed::WriteAndRemoveFolders);
+    let cgroups = domains.root().into_iter().chain(groups.root());
+    let cgroups = cgroups.map(Allowed::WriteAndRemoveFolders);
     let devices = devices.folders().into_iter().map(Allowed::GiveBack);
     [figures].into_iter().chain(sockets).chain(cgroups).chain(devices).collect()
 }

@@ -27,6 +27,7 @@ use super::kick::{self, Kickable};
 use crate::boot::touch::TouchError;
 use crate::cpuset::Entry;
 use crate::passthrough::real_ports::grant;
+use crate::resctrl;
 use crate::sandbox::{self, Kind, Mode, SandboxError};
 
 /// All memory is locked, so a stack costs what it may grow to; these threads need little.
@@ -51,6 +52,8 @@ pub struct Place {
     pub cpu: Cpu,
     /// The scheduling domain of that CPU, if it has one of its own.
     pub domain: Option<Entry>,
+    /// Its share of the cache and of the way to memory, if it has one of its own.
+    pub group: Option<resctrl::Entry>,
     /// Its SCHED_DEADLINE reservation; `None` for the ordinary class.
     pub reservation: Option<Reservation>,
     /// Ranges of the host's I/O ports that it may use, both ends included.
@@ -77,6 +80,16 @@ pub enum ThreadError {
         name: String,
         /// The CPU.
         cpu: Cpu,
+        /// What the host said.
+        source: io::Error,
+    },
+    /// The thread could not enter its group.
+    #[error(
+        "thread {name} cannot enter its group of the resctrl file system: {source}; has somebody changed Takt's groups?"
+    )]
+    Group {
+        /// The thread.
+        name: String,
         /// What the host said.
         source: io::Error,
     },
@@ -355,6 +368,10 @@ pub(crate) fn pin(name: &str, place: &Place) -> Result<(), ThreadError> {
             cpu: place.cpu,
             source,
         })?;
+    }
+    if let Some(group) = &place.group {
+        let failed = |source| ThreadError::Group { name: name.to_owned(), source };
+        group.enter().map_err(failed)?;
     }
     pin_to(place.cpu).map_err(|source| ThreadError::Pin {
         name: name.to_owned(),

@@ -9,6 +9,7 @@ mod memory;
 mod pages;
 mod platform;
 mod power;
+mod shares;
 mod watchdogs;
 
 use crate::demand::Demand;
@@ -45,6 +46,7 @@ pub fn all(host: &Host, demand: &Demand) -> Vec<Finding> {
         pages::moved(host),
         pages::huge(host),
         pages::set_aside(host, demand),
+        shares::shares(host, demand),
     ]
 }
 

@@ -267,12 +267,12 @@ fn a_host_that_talks_nonsense_is_survived() {
         for content in odd {
             let before = tree.change(&path, content);
             let found = all(&tree.host, &Demand::usual(&tree.host));
-            assert_eq!(found.len(), 24, "{path}: {content:?}");
+            assert_eq!(found.len(), 25, "{path}: {content:?}");
             tree.change(&path, &before);
         }
     }
     let nothing = Host::recorded(std::path::Path::new("/no/such/folder"), String::new());
-    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 24);
+    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 25);
 }
 
 #[test]
@@ -318,4 +318,37 @@ fn huge_pages_that_are_insisted_on_must_be_set_aside() {
         "{}",
         memory.found
     );
+}
+
+#[test]
+fn shares_of_the_cache_are_planned_as_the_run_would() {
+    use takt_host::resctrl::Asked;
+    let record = include_str!("../../../host/tests/hosts/resctrl-xeon.host");
+    let mut host = Recorded::named("workstation");
+    for (path, text) in record.split("== ").filter_map(|part| part.split_once('\n')) {
+        host = host.with(path, text);
+    }
+    let mut demand = Demand::usual(&host.unpack().host);
+    let with = |host: &Recorded, ways, demand: &mut Demand| {
+        let (partition, cpu) = ("plc".to_owned(), Cpu(3));
+        demand.shares = vec![Asked { partition, cpu, domain: None, ways, percent: Some(50) }];
+        let all = all(&host.unpack().host, demand);
+        all.into_iter().find(|finding| finding.check == "shares").unwrap()
+    };
+    let good = with(&host, Some(4), &mut demand);
+    assert_eq!((good.severity, good.found.as_str()), (Good, "plc: L3:0=f, MB:0=50"));
+    let many = with(&host, Some(12), &mut demand);
+    assert_eq!(many.severity, Cannot);
+    assert_eq!(many.remedy.unwrap(), "at most 10 ways for all partitions together");
+    // What a killed Takt has left is in nobody's way.
+    let left = host
+        .clone()
+        .with("sys/fs/resctrl/schemata", "L3:0=7f0;1=7ff")
+        .with("sys/fs/resctrl/takt-old/schemata", "L3:0=f;1=7ff");
+    assert_eq!(with(&left, Some(4), &mut demand).severity, Good);
+    let other = host.clone().with("sys/fs/resctrl/db/schemata", "L3:0=3;1=7ff");
+    assert!(with(&other, Some(4), &mut demand).remedy.unwrap().contains("rmdir the group db"));
+    let gone = Recorded::named("workstation").with("proc/filesystems", "nodev\tresctrl");
+    let gone = with(&gone, Some(4), &mut demand);
+    assert_eq!(gone.remedy.unwrap(), "mount -t resctrl resctrl /sys/fs/resctrl");
 }

@@ -30,6 +30,16 @@ fn wanted(partition: &Partition) -> Vec<String> {
         let count = partition.memory_bytes() / size.bytes();
         wanted.push(format!("memory: {count} huge pages of {size}"));
     }
+    if let Some(ways) = partition.hardware().cache {
+        let s = if ways == 1 { "" } else { "s" };
+        wanted.push(format!(
+            "cache: {ways} way{s} of the L3 cache of CPU {} for itself",
+            partition.cpu().0
+        ));
+    }
+    if let Some(percent) = partition.hardware().memory_bandwidth {
+        wanted.push(format!("memory bandwidth: {percent} % at most"));
+    }
     if let Some(BusLockLimit { at_most, within }) = partition.hardware().bus_locks {
         let s = if at_most == 1 { "" } else { "s" };
         wanted.push(format!("bus locks: at most {at_most} time{s} within {within}"));
