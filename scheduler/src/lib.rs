@@ -2,8 +2,8 @@
 //!
 //! The crate has two halves with a hard line between them:
 //!
-//! * [`time`], [`table`], [`schedules`], [`timetable`], [`switch`], [`quiet`], [`reservation`] and
-//!   [`analysis`] are arithmetic over values: no clock is read, no call is made, so every rule can be tested
+//! * [`time`], [`table`], [`schedules`], [`timetable`], [`switch`], [`quiet`], [`guard`],
+//!   [`reservation`] and [`analysis`] are arithmetic over values: no clock is read, no call is made, so every rule can be tested
 //!   exhaustively and the same code answers `takt check` and drives the running system. "Now" is
 //!   always an argument.
 //! * [`enforce`], [`moment`] and [`sleep`] (with [`rest`]) are the thin layer that turns it into kernel calls:
@@ -11,6 +11,7 @@
 
 pub mod analysis;
 pub mod enforce;
+pub mod guard;
 pub mod moment;
 pub mod quiet;
 pub mod reservation;

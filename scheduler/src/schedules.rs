@@ -8,7 +8,7 @@ use thiserror::Error;
 
 use crate::quiet::QuietTimes;
 use crate::table::{
-    Cpu, PartitionId, Placement, Role, Table, TableError, Window, guard_of, room_before,
+    Cpu, KICK_TIME, PartitionId, Placement, Role, Table, TableError, Window, guard_of, room_before,
 };
 pub use crate::table::{SCHEDULES_MAX, ScheduleId};
 use crate::time::Nanos;
@@ -133,6 +133,28 @@ impl Schedules {
         Ok(())
     }
 
+    /// The longest guard for which the gaps before the windows of a partition leave room, under every
+    /// schedule and at every switch; `None` without windows.
+    #[must_use]
+    pub fn room_for_guard(&self, partition: PartitionId) -> Option<Nanos> {
+        let cpu = self.placements().get(partition.0)?.cpu;
+        let own = |(window, _, _): &(&Window, &Window, Nanos)| window.partition == partition;
+        let room = |(_, before, gap): (&Window, &Window, Nanos)| {
+            gap.less(if before.partition == partition { Nanos::ZERO } else { KICK_TIME })
+        };
+        let gaps = self.tables.iter().flat_map(|table| gaps_in(table, cpu));
+        gaps.chain(self.gaps_at_switches(cpu)).filter(own).map(room).min()
+    }
+
+    /// The first window of each schedule, the last one of each, and the time between them.
+    fn gaps_at_switches(&self, cpu: Cpu) -> impl Iterator<Item = (&Window, &Window, Nanos)> {
+        let firsts = self.tables.iter().filter_map(move |table| table.windows_on(cpu).next());
+        firsts.flat_map(move |first| {
+            let lasts = self.tables.iter().filter_map(move |table| table.windows_on(cpu).last());
+            lasts.map(move |last| (first, last, self.frame().plus(first.offset).less(last.end())))
+        })
+    }
+
     /// The tables, by [`ScheduleId`]; never empty.
     #[must_use]
     pub fn tables(&self) -> &[Table] {
@@ -197,6 +219,21 @@ impl Schedules {
     pub fn guaranteed(&self, partition: PartitionId) -> Nanos {
         self.tables.iter().map(|t| t.guaranteed(partition)).min().unwrap_or(Nanos::ZERO)
     }
+}
+
+/// Each window of a CPU, the one before it in the circle of the frame, and the time between them.
+fn gaps_in(table: &Table, cpu: Cpu) -> Vec<(&Window, &Window, Nanos)> {
+    let windows: Vec<&Window> = table.windows_on(cpu).collect();
+    let Some(&last) = windows.last() else { return Vec::new() };
+    let mut before = last;
+    // The one before the first is the last one of the frame before.
+    let mut start = table.frame();
+    let mut gaps = Vec::with_capacity(windows.len());
+    for window in windows {
+        gaps.push((window, before, start.plus(window.offset).less(before.end())));
+        (before, start) = (window, Nanos::ZERO);
+    }
+    gaps
 }
 
 #[cfg(test)]
@@ -269,6 +306,34 @@ mod tests {
             })
         );
         assert!(new(1, &[&early, &[window(0, 680, 300)]]).is_ok());
+    }
+
+    #[test]
+    fn the_room_for_a_guard_is_where_the_next_longer_one_is_refused() {
+        let with = |guard: u64, schedules: &[&[Window]]| {
+            let role = Role::Windowed { guard: us(guard) };
+            let other = |cpu| Placement { cpu: Cpu(cpu), role: Role::Windowed { guard: us(0) } };
+            let placements = [Placement { role, ..plc() }, other(0), other(1)];
+            Schedules::new(us(1000), &placements, schedules)
+        };
+        let others = [window(1, 400, 100), window(2, 0, 900)];
+        let first = |own: &[Window]| [own, &others].concat();
+        for (schedules, room) in [
+            (vec![first(&[window(0, 550, 100)])], 20),
+            (vec![first(&[window(0, 0, 300)])], 470),
+            (vec![first(&[window(0, 50, 100), window(0, 200, 100)])], 50),
+            (vec![first(&[window(0, 0, 300)]), vec![window(0, 600, 350)]], 50),
+            (vec![vec![window(1, 990, 10), window(2, 0, 10)], first(&[window(0, 60, 300)])], 30),
+        ] {
+            let windows: Vec<&[Window]> = schedules.iter().map(Vec::as_slice).collect();
+            let found = with(1, &windows).unwrap().room_for_guard(PartitionId(0));
+            assert_eq!(found, Some(us(room)), "{windows:?}");
+            assert!(with(room, &windows).is_ok(), "{windows:?}");
+            assert!(with(room + 1, &windows).is_err(), "{windows:?}");
+        }
+        let background = Placement { cpu: Cpu(0), role: Role::Background };
+        let none = Schedules::new(us(1000), &[background], &[&[]]).unwrap();
+        assert_eq!(none.room_for_guard(PartitionId(0)), None);
     }
 
     #[test]

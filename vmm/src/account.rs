@@ -5,6 +5,7 @@ use std::sync::Arc;
 use rtrb::Consumer;
 use takt_devices::output::{Allowance, OutputEnd};
 use takt_devices::watchdog::Timer;
+use takt_scheduler::guard::GuardChange;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 
@@ -197,14 +198,19 @@ impl Account {
         self.kernel.as_mut()?.look(base, now, control)
     }
 
-    /// Takes everything out of the ring of records, and shows each window with its detours.
+    /// Takes everything out of the ring of records, and shows each window with its detours. Returns the
+    /// changes of the release guard that are to be told, the latest last.
     pub fn take_records(
         &mut self,
         frequency: TscFrequency,
         mut show: impl FnMut(&str, &WindowRecord, &[Detour]),
-    ) {
-        let Some(records) = &mut self.records else { return };
+    ) -> Vec<GuardChange> {
+        let mut changes = Vec::new();
+        let Some(records) = &mut self.records else { return changes };
         while let Ok(record) = records.pop() {
+            if let Record::Guard(change) = record {
+                changes.push(change);
+            }
             let Some((window, detours)) = self.assembler.add(&record) else { continue };
             self.occupied = self.occupied.plus(frequency.nanos(window.left.since(window.due)));
             show(&self.name, &window, detours);
@@ -215,5 +221,6 @@ impl Account {
                 samples.add(&window);
             }
         }
+        changes
     }
 }

@@ -80,6 +80,33 @@ fn a_guarded_release_has_no_jitter_and_linux_gets_what_the_plc_leaves() {
 }
 
 #[test]
+fn a_guard_that_follows_its_host_narrows_and_one_late_wake_up_widens_it_at_once() {
+    let run = |at| {
+        let run = tenth("auto", at).run("auto-guard").lasting("8s");
+        run.with("--late-wake-up").with("6000").run()
+    };
+    let outcome = apart_from_ticks_but_one(run);
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    let of = |key: &str| outcome.number("plc", key);
+    // The late one is the test's, and no other is.
+    assert_eq!((of("lost"), of("late_releases")), (0, 1), "{}", outcome.output);
+    assert!(of("release_latency_ns.p999") <= 10, "{}", outcome.output);
+    // As wide as may be at first and after the mistake; between them a quarter more than wake-ups take.
+    assert_eq!(of("release_guard_ns.max"), 40_000, "{}", outcome.output);
+    assert!((8_000..=12_500).contains(&of("release_guard_ns.min")), "{}", outcome.output);
+    outcome.assert_shows("[takt] plc: release guard too short, widened from ");
+    let mistakes = outcome.output.matches("release guard too short").count();
+    assert_eq!(mistakes, 1, "{}", outcome.output);
+}
+
+/// As [`apart_from_ticks`], for a run in which a test makes one release late.
+fn apart_from_ticks_but_one(run: impl Fn(u64) -> Outcome) -> Outcome {
+    let [first, second] = PLACES;
+    let outcome = run(first);
+    if outcome.number("plc", "release_latency_ns.p999") > 10 { run(second) } else { outcome }
+}
+
+#[test]
 fn linux_gets_all_of_the_windows_of_a_plc_that_has_ended() {
     let file = File::new("1ms").plc("plc", Some(plc_image("fault")), "").linux(BUSY);
     let outcome = file.schedule("normal").window("plc", 0, 600).run("ended").lasting("2s").run();

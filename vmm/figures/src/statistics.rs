@@ -103,6 +103,8 @@ pub struct Releases {
     execution: Distribution,
     /// From the instant at which the thread was to wake up to when it did.
     wake_up: Distribution,
+    /// From the instant at which the thread was to wake up to the release.
+    guard: Distribution,
     /// From the thread's wake-up to its last look at the clock before the guest.
     entry: Distribution,
     /// From the guest's end of its scan to the thread's being out of the guest.
@@ -132,6 +134,7 @@ impl Releases {
             latency: Distribution::new()?,
             execution: Distribution::new()?,
             wake_up: Distribution::new()?,
+            guard: Distribution::new()?,
             entry: Distribution::new()?,
             exit: Distribution::new()?,
             last_stamp: Distribution::new()?,
@@ -177,6 +180,7 @@ impl Releases {
             return;
         }
         self.wake_up.record(nanos(record.woken.since(record.due)));
+        self.guard.record(nanos(record.release.since(record.due)));
         self.entry.record(nanos(record.entered.since(record.woken)));
         self.starting = false;
         self.lost += record.skipped;
@@ -224,6 +228,7 @@ impl Releases {
             release_latency_ns: self.latency.summary(),
             execution_ns: self.execution.summary(),
             wake_up_latency_ns: self.wake_up.summary(),
+            release_guard_ns: self.guard.summary(),
             entry_ns: self.entry.summary(),
             exit_ns: self.exit.summary(),
             overrun_ns: self.last_stamp.summary(),
@@ -280,6 +285,7 @@ mod tests {
         let max = |summary: Option<Summary>| summary.map(|s| s.max);
         assert_eq!((max(r.release_latency_ns), max(r.execution_ns)), (Some(4), Some(100)));
         assert_eq!((max(r.wake_up_latency_ns), max(r.entry_ns)), (Some(5), Some(5)));
+        assert_eq!(max(r.release_guard_ns), Some(20));
         assert_eq!(max(r.vm_exits), Some(1));
         assert_eq!((max(r.exit_ns), max(r.kick_ns)), (Some(196), None));
         assert!(r.late_starts.is_empty());

@@ -11,6 +11,7 @@ use takt_scheduler::analysis::{
     Analysis, Load, Method, Miss, Rule, Supply, SupplyError, Task, TaskSet, Verdict, analyse,
     analyse_with,
 };
+use takt_scheduler::guard::AUTO_LEAST;
 use takt_scheduler::schedules::{ScheduleId, Schedules};
 use takt_scheduler::table::{PartitionId, Role};
 use takt_scheduler::time::Nanos;
@@ -56,6 +57,8 @@ pub fn check(
         return Ok(met);
     }
     let wake_up = match schedules.placements()[partition.0].role {
+        // A guard that follows the host may be at its shortest when a wake-up is late.
+        Role::Windowed { .. } if owner.partition.auto_guard => WAKE_UP_ALLOWANCE.less(AUTO_LEAST),
         Role::Windowed { guard } => WAKE_UP_ALLOWANCE.less(guard),
         Role::Background => WAKE_UP_ALLOWANCE,
     };

@@ -177,6 +177,7 @@ pub struct Partition {
     programs: Vec<Program>,
     program_tasks: Vec<ProgramTask>,
     connections: Vec<Connection>,
+    auto_guard: bool,
 }
 
 impl Partition {
@@ -283,6 +284,12 @@ impl Partition {
     #[must_use]
     pub fn io_table(&self) -> takt_abi::io::IoTable {
         connections::table(&self.connections)
+    }
+
+    /// True if its release guard follows the host. Then the guard of its placement is the upper bound.
+    #[must_use]
+    pub fn has_auto_guard(&self) -> bool {
+        self.auto_guard
     }
 
     /// What the analysis found for a schedule; `None` without tasks, or without a window in it.

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use takt_abi::memory::{IMAGE_BASE, PAGE, RAM_MAX};
+use takt_scheduler::guard::AUTO_LEAST;
 use takt_scheduler::table::{Cpu, GUARD_MAX, PartitionId, Role};
 use takt_scheduler::time::Nanos;
 use toml::Spanned;
@@ -20,7 +21,7 @@ use super::program_tasks;
 use super::programs::{self, CheckedProgram};
 use super::raw::{self, Keys};
 use super::tasks::{self, CheckedTasks};
-use super::units::{Bytes, Duration};
+use super::units::{Bytes, Duration, Guard};
 use super::{Kind, Partition, ScheduleChange};
 
 /// Most partitions of one file.
@@ -177,6 +178,7 @@ fn check(
         programs: Vec::new(),
         program_tasks,
         connections: Vec::new(),
+        auto_guard: matches!(raw.release_guard.as_ref().map(Spanned::get_ref), Some(Guard::Auto)),
     };
     Ok(Checked {
         partition,
@@ -224,16 +226,11 @@ fn check_plc(
     }
     let guard = match &raw.release_guard {
         None => GUARD_DEFAULT,
-        Some(guard) => {
-            let length = guard.get_ref().0;
-            let longest = GUARD_MAX.min(around.frame.get_ref().0.less(Nanos(1)));
-            if length > longest {
-                let found = format!("the release guard of {length} is too long");
-                let allowed = format!("\"0us\" to {GUARD_MAX}, and less than the major frame");
-                return Err(Diagnostic::new(guard.span(), found, allowed));
-            }
-            length
-        }
+        Some(guard) => match *guard.get_ref() {
+            Guard::Fixed(length) => check_guard(length, &guard.span(), around.frame)?,
+            // The schedules decide how much longer it may become.
+            Guard::Auto => AUTO_LEAST,
+        },
     };
     let image = raw.image.as_ref().map(|path| images::resolve(around.folder, path)).transpose()?;
     if let (Some(task), Some(program)) = (raw.task.0.first(), raw.program.0.first()) {
@@ -243,6 +240,16 @@ fn check_plc(
     }
     let kind = Kind::Plc { image: image.as_ref().map(|image| image.path.clone()) };
     Ok((kind, Role::Windowed { guard }, image.into_iter().collect()))
+}
+
+fn check_guard(length: Nanos, span: &Span, frame: &Spanned<Duration>) -> Result<Nanos, Diagnostic> {
+    let longest = GUARD_MAX.min(frame.get_ref().0.less(Nanos(1)));
+    if length > longest {
+        let found = format!("the release guard of {length} is too long");
+        let allowed = format!("\"auto\", or \"0us\" to {GUARD_MAX}, and less than the major frame");
+        return Err(Diagnostic::new(span.clone(), found, allowed));
+    }
+    Ok(length)
 }
 
 fn check_linux(

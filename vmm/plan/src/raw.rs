@@ -12,7 +12,7 @@ use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use toml::Spanned;
 
-use super::units::{Bytes, Duration};
+use super::units::{Bytes, Duration, Guard};
 
 /// The one thing that is read of a file whose version is not known yet.
 #[derive(Debug, serde::Deserialize)]
@@ -58,7 +58,7 @@ pub struct Partition {
     pub cache: Option<Spanned<i64>>,
     pub memory_bandwidth: Option<Spanned<i64>>,
     pub background: Option<Spanned<bool>>,
-    pub release_guard: Option<Spanned<Duration>>,
+    pub release_guard: Option<Spanned<Guard>>,
     pub on_schedule_change: Option<Spanned<String>>,
     pub restarts: Option<Spanned<Keys<Restarts>>>,
     pub image: Option<Spanned<String>>,

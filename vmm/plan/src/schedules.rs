@@ -5,9 +5,10 @@
 //! window 3 and partition 0; a [`Draft`] knows the lines those came from, and [`super::explain`]
 //! brings both together.
 
+use takt_scheduler::guard::{AUTO_LEAST, AUTO_MOST};
 use takt_scheduler::reservation::{CEILING_PERMILLE, CpuReservations, KICK_MARGIN};
 use takt_scheduler::schedules::{ScheduleId, Schedules};
-use takt_scheduler::table::{Cpu, FRAME_MAX, FRAME_MIN, PartitionId, Placement, Window};
+use takt_scheduler::table::{Cpu, FRAME_MAX, FRAME_MIN, PartitionId, Placement, Role, Window};
 use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
@@ -97,14 +98,26 @@ impl<'a> Draft<'a> {
 
     /// Applies the scheduler's rules, and that of the kernel's deadline scheduler.
     pub fn check(&self) -> Result<Schedules, Diagnostic> {
-        let placements: Vec<Placement> = self
+        let mut placements: Vec<Placement> = self
             .partitions
             .iter()
             .map(|p| Placement { cpu: p.partition.cpu, role: p.role })
             .collect();
         let windows: Vec<&[Window]> = self.schedules.iter().map(|s| &*s.windows).collect();
-        let schedules = Schedules::new(self.frame.get_ref().0, &placements, &windows)
-            .map_err(|error| self.explain(error))?;
+        let frame = self.frame.get_ref().0;
+        let make = |placements: &[Placement]| {
+            Schedules::new(frame, placements, &windows).map_err(|error| self.explain(error))
+        };
+        let mut schedules = make(&placements)?;
+        if self.partitions.iter().any(|p| p.partition.auto_guard) {
+            for (placement, checked) in placements.iter_mut().zip(self.partitions) {
+                let room = schedules.room_for_guard(checked.partition.id);
+                if let (true, Some(room)) = (checked.partition.auto_guard, room) {
+                    placement.role = Role::Windowed { guard: room.clamp(AUTO_LEAST, AUTO_MOST) };
+                }
+            }
+            schedules = make(&placements)?;
+        }
         for cpu in schedules.cpus() {
             periods::check(self, &schedules, cpu)?;
             self.check_bandwidth(&schedules, cpu)?;

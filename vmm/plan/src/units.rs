@@ -15,6 +15,8 @@ use super::diagnostic::quote;
 
 const DURATION: &str =
     "a duration in quotes: a whole number and ns, us, ms or s, such as \"300us\"";
+const GUARD: &str =
+    "\"auto\", or a duration in quotes: a whole number and ns, us, ms or s, such as \"20us\"";
 const SIZE: &str =
     "a size in quotes: a whole number and KiB, MiB or GiB (of 1024 bytes), such as \"64MiB\"";
 
@@ -26,6 +28,15 @@ const SIZE_UNITS: Units = &[("KiB", 1 << 10), ("MiB", 1 << 20), ("GiB", 1 << 30)
 /// A duration of the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Duration(pub Nanos);
+
+/// A release guard as it is written: of a length, or one that follows the host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Guard {
+    /// Always this long.
+    Fixed(Nanos),
+    /// `"auto"`.
+    Auto,
+}
 
 /// A size of the file, in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -108,6 +119,30 @@ impl<'de> Deserialize<'de> for Duration {
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Duration, D::Error> {
         let quantity = Quantity { units: DURATION_UNITS, form: DURATION };
         from.deserialize_str(quantity).map(|n| Duration(Nanos(n)))
+    }
+}
+
+struct GuardVisitor;
+
+impl Visitor<'_> for GuardVisitor {
+    type Value = Guard;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(GUARD)
+    }
+
+    fn visit_str<E: Error>(self, text: &str) -> Result<Guard, E> {
+        if text == "auto" {
+            return Ok(Guard::Auto);
+        }
+        let length = Quantity { units: DURATION_UNITS, form: GUARD }.visit_str(text)?;
+        Ok(Guard::Fixed(Nanos(length)))
+    }
+}
+
+impl<'de> Deserialize<'de> for Guard {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Guard, D::Error> {
+        from.deserialize_str(GuardVisitor)
     }
 }
 

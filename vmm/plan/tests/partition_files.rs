@@ -274,6 +274,21 @@ CPU 0: 42.9 % reserved, of at most 90.0 %; 20us every 340us to end windows
 }
 
 #[test]
+fn a_guard_that_follows_the_host_is_as_wide_as_the_gaps_allow_and_loses_what_its_shortest_does() {
+    let path = Path::new(FOLDER).join("good/auto-guard.toml");
+    let file = config::load(&path, HOST_CPUS).unwrap_or_else(|error| panic!("{error}"));
+    let report = check::report(&file);
+    let guards = [
+        "narrow     plc   0    4MiB    auto, 15us  ",
+        "wide       plc   0    4MiB    auto, 40us  ",
+    ];
+    for line in guards {
+        assert!(report.contains(line), "{report}");
+    }
+    assert!(report.contains("  12us of each window are kept for a wake-up"), "{report}");
+}
+
+#[test]
 fn the_report_shows_every_cpu_and_windows_shorter_than_a_column() {
     let path = Path::new(FOLDER).join("good/two-cpus.toml");
     let file = config::load(&path, HOST_CPUS).unwrap_or_else(|error| panic!("{error}"));

@@ -155,4 +155,6 @@ pub enum EventKind {
     Restarted,
     /// The health monitor has taken note of an error.
     Health,
+    /// The release guard of a partition has another length.
+    Guard,
 }

@@ -8,6 +8,7 @@
 mod window_assembler;
 mod wire;
 
+use takt_scheduler::guard::GuardChange;
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::time::Tsc;
 
@@ -24,6 +25,8 @@ pub enum Record {
     Detour(Detour),
     /// A window is over.
     Window(WindowRecord),
+    /// From the next window on the release guard has another length.
+    Guard(GuardChange),
 }
 
 /// An exit from the guest after which it was entered again in the same window.

@@ -38,6 +38,7 @@ impl WindowAssembler {
                 self.detours.push(*detour);
                 None
             }
+            Record::Guard(_) => None,
             Record::Window(window) => {
                 let mut earliest = window.entered;
                 self.detours.retain(|d| {

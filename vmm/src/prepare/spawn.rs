@@ -6,6 +6,7 @@ use std::time::Duration;
 use kvm_ioctls::VcpuFd;
 use rtrb::{Consumer, RingBuffer};
 use takt_devices::output;
+use takt_scheduler::guard::{AutoGuard, ReleaseGuard};
 use takt_scheduler::reservation::CpuReservations;
 use takt_scheduler::table::Role;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
@@ -104,7 +105,11 @@ impl Preparation<'_> {
             (Role::Windowed { guard }, Some(timetable)) => Some(Plan {
                 timetable,
                 board: self.board.clone(),
-                guard,
+                guard: if partition.has_auto_guard() {
+                    ReleaseGuard::Auto(AutoGuard::new(guard))
+                } else {
+                    ReleaseGuard::Fixed(guard)
+                },
                 quiet: schedules.quiet_on(cpu, None),
                 enforcer,
                 late_wake_up: self.late_wake_up,

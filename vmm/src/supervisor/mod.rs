@@ -20,6 +20,7 @@ mod typing;
 use std::io::{self, IsTerminal};
 
 use event_manager::{EventManager, SubscriberOps};
+use takt_scheduler::guard::Why;
 use takt_scheduler::quiet::QuietTimes;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
@@ -172,7 +173,7 @@ impl Supervisor {
             }
             let base = self.desk.base();
             let (trace, operators) = (&mut self.trace, &mut self.operators);
-            account.take_records(base.frequency, |name, window, detours| {
+            let changes = account.take_records(base.frequency, |name, window, detours| {
                 if let Some(trace) = trace {
                     trace.add(PartitionId(id), window, detours);
                 }
@@ -182,6 +183,14 @@ impl Supervisor {
             });
             let Account { name, health, .. } = account;
             let now = base.offset(Tsc::now());
+            for change in changes {
+                let text = change.to_string();
+                // What a good host does is of interest to those who ask.
+                if change.why == Why::TooShort {
+                    self.screen.line("takt", &format!("{name}: {text}"));
+                }
+                tell(&mut self.operators, now, EventKind::Guard, Some(name), &text);
+            }
             health.take(base, now, |line| {
                 self.screen.line("takt", &format!("{name}: {line}"));
                 tell(&mut self.operators, now, EventKind::Health, Some(name), line);

@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use kvm_ioctls::VcpuExit;
 use rtrb::Producer;
+use takt_scheduler::guard::ReleaseGuard;
 use takt_scheduler::quiet::QuietTimes;
 use takt_scheduler::rest::Rest;
 use takt_scheduler::sleep::{Sleeper, Woken};
@@ -37,7 +38,7 @@ pub struct Plan {
     /// Which schedule holds.
     pub board: Arc<ScheduleState>,
     /// How long before a window the thread wakes.
-    pub guard: Nanos,
+    pub guard: ReleaseGuard,
     /// The quiet times of its CPU, in which it does not wake between the pieces of a sleep.
     pub quiet: Option<QuietTimes>,
     /// Who ends the windows of its CPU, to be told of a steered clock.
@@ -63,6 +64,8 @@ pub struct Windowed {
     log: Log,
     /// True until the guest's first scan since its start.
     starting: bool,
+    /// True until the first window since the guest was started anew.
+    rejoins: bool,
     tick: Tick,
 }
 
@@ -121,6 +124,7 @@ impl Windowed {
             acted,
             log,
             starting: true,
+            rejoins: false,
             tick: Tick::default(),
         }
     }
@@ -167,7 +171,7 @@ impl Windowed {
             }
             let start = self.base.instant(release.start);
             let end = self.base.instant(release.end);
-            let due = start.before(self.base.frequency.ticks(self.plan.guard));
+            let due = start.before(self.base.frequency.ticks(self.plan.guard.length()));
             let late =
                 if self.plan.late_wake_up == Some(release.sequence) { LATE } else { Nanos::ZERO };
             if !self.sleep(due.after(self.base.frequency.ticks(late)), control) {
@@ -175,6 +179,7 @@ impl Windowed {
             }
             let woken = Tsc::now();
             if woken >= end {
+                self.arrived(due, woken);
                 self.catch_up();
                 skipped += self.slot.sequence().saturating_sub(release.sequence);
                 continue;
@@ -223,6 +228,7 @@ impl Windowed {
             });
             record.ended = ended.is_some();
             self.log.push(Record::Window(record));
+            self.arrived(due, ran.entered);
             // After all that is the partition's own: this one is for Linux.
             if let (Some(deadlines), Outcome::Done) = (&self.plan.deadlines, ran.outcome) {
                 deadlines.window_given_back(end);
@@ -233,6 +239,18 @@ impl Windowed {
             kernel_exits = counted;
             skipped = 0;
             (self.slot, self.switch) = (next, switch);
+        }
+    }
+
+    /// Lets the guard follow the host: the thread was at its last look at the clock, or should have been,
+    /// that much after it was due. One that was started anew in the middle of a window did not sleep.
+    fn arrived(&mut self, due: Tsc, at: Tsc) {
+        if std::mem::take(&mut self.rejoins) {
+            return;
+        }
+        let arrival = self.base.frequency.nanos(at.since(due));
+        if let Some(change) = self.plan.guard.arrived(arrival) {
+            self.log.push(Record::Guard(change));
         }
     }
 
@@ -300,6 +318,7 @@ impl Windowed {
     /// first scan.
     pub fn restarted(&mut self) {
         self.starting = true;
+        self.rejoins = true;
         self.tick.restarted();
         self.catch_up();
     }

@@ -88,6 +88,9 @@ pub struct Releases {
     pub execution_ns: Option<Summary>,
     /// From when the thread was to wake up to when it did.
     pub wake_up_latency_ns: Option<Summary>,
+    /// The release guard: how long before each release the thread was to wake up.
+    #[serde(default)]
+    pub release_guard_ns: Option<Summary>,
     /// From the wake-up to the last look at the clock before the guest.
     pub entry_ns: Option<Summary>,
     /// From the end of the scan to the thread's being out of the guest; not for a guest with tasks that

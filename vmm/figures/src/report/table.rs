@@ -79,6 +79,10 @@ impl Partition {
             describe_summary(text, "release latency", r.release_latency_ns);
             describe_summary(text, "execution", r.execution_ns);
             describe_summary(text, "wake-up latency", r.wake_up_latency_ns);
+            let changed = r.release_guard_ns.filter(|guard| guard.min < guard.max);
+            if changed.is_some() {
+                describe_summary(text, "release guard", changed);
+            }
             describe_summary(text, "entry", r.entry_ns);
             describe_summary(text, "exit", r.exit_ns);
             if r.overruns + r.unfinished_windows > 0 {

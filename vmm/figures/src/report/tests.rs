@@ -64,6 +64,7 @@ fn report() -> Report {
                     release_latency_ns: Some(summary),
                     execution_ns: None,
                     wake_up_latency_ns: Some(summary),
+                    release_guard_ns: None,
                     entry_ns: None,
                     exit_ns: None,
                     overrun_ns: None,

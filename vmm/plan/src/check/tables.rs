@@ -97,6 +97,7 @@ pub fn partitions(out: &mut String, file: &PartitionFile) {
         let least = schedules.guaranteed(id);
         let guard = match schedules.placements()[id.0].role {
             Role::Background => "-".to_owned(),
+            Role::Windowed { guard } if partition.has_auto_guard() => format!("auto, {guard}"),
             Role::Windowed { guard } => guard.to_string(),
         };
         let (kind, change) = match partition.kind() {
