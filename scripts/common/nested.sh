@@ -27,6 +27,9 @@ run_appliance() {
     # disk; tmpfs takes twice as long for each page, for it keeps in mind which to swap out.
     words="console=ttyS0 loglevel=3 panic=-1 nokaslr cryptomgr.notests"
     words+=" rootfstype=ramfs initcall_blacklist=init_kprobe_trace,cubictcp_register"
+    # Nothing here reads how long tasks wait for what (PSI), of which the kernel takes note at each change of
+    # threads; and the security modules that no policy is loaded for are asked at each KVM_RUN.
+    words+=" psi=0 lsm=landlock,lockdown,yama"
     # What the lab's clock is needs no measuring, which would be off by some millionths.
     case $lane in lab | vmx | svm) words+=" tsc_early_khz=1000000" ;; esac
     words+=" --"
