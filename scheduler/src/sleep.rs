@@ -22,6 +22,10 @@
 //! piece while the clock is trusted, and it is told by others when the clock is found steered
 //! ([`Rest::on_steered`]).
 //!
+//! Where nobody can steer the clock ([`Steering::Impossible`]) none of that is needed: its rate differs from the
+//! counter's by what the two were measured wrong, a millionth. A sleep of up to [`WHOLE`] is one piece then, and
+//! if the clock is found steered all the same, sleeps are divided as on any other host.
+//!
 //! To convert by the measured rate instead would save wake-ups under a steered clock, and would be no
 //! guard at all against a rate that changes during the sleep.
 
@@ -42,6 +46,18 @@ pub const SHORTER: Nanos = Nanos::from_micros(64);
 /// The longest sleep of a lazy sleeper that is not divided while the clock is trusted. NTP's 500 ppm make it
 /// 1 us longer.
 pub const LAZY: Nanos = Nanos::from_millis(2);
+
+/// The longest sleep that is not divided where nobody can steer the clock: 0.1 us of error at a millionth.
+pub const WHOLE: Nanos = Nanos::from_millis(100);
+
+/// Whether the rate of the clock by which the kernel sleeps may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Steering {
+    /// Some process may change it at any time.
+    Possible,
+    /// No process has the privilege, and none can get it.
+    Impossible,
+}
 
 /// For so many sleeps a clock that was found steered is not trusted: whoever has changed its rate changes it
 /// back.
@@ -140,6 +156,7 @@ pub struct Sleeper {
     /// Where wake-ups between pieces are wanted.
     rest: Option<Rest>,
     lazy: bool,
+    steering: Steering,
     /// The moment at which the last sleep or piece began.
     last: Option<Moment>,
     /// Sleeps for which the clock is not trusted.
@@ -150,7 +167,8 @@ impl Sleeper {
     /// Of a thread that has not slept yet. It trusts the clock from its second sleep on.
     #[must_use]
     pub fn new(frequency: TscFrequency) -> Sleeper {
-        Sleeper { frequency, rest: None, lazy: false, last: None, distrust: 1 }
+        let steering = Steering::Possible;
+        Sleeper { frequency, rest: None, lazy: false, steering, last: None, distrust: 1 }
     }
 
     /// One whose wake-ups between pieces come where `rest` wants them.
@@ -163,6 +181,12 @@ impl Sleeper {
     #[must_use]
     pub fn lazy(self) -> Sleeper {
         Sleeper { lazy: true, ..self }
+    }
+
+    /// One by a clock of which that is known.
+    #[must_use]
+    pub fn by_a_clock_whose_steering_is(self, steering: Steering) -> Sleeper {
+        Sleeper { steering, ..self }
     }
 
     /// Sleeps until the TSC reaches `instant`, never shorter, or until a signal comes.
@@ -198,7 +222,12 @@ impl Sleeper {
     fn piece(&self, now: Tsc, remaining: Nanos) -> Option<Nanos> {
         let trusted = self.distrust == 0;
         let short = if trusted || self.lazy { SHORT } else { SHORTER };
-        if remaining <= (if trusted && self.lazy { LAZY } else { short }) {
+        let whole = match (trusted, self.steering) {
+            (true, Steering::Impossible) => WHOLE,
+            (true, Steering::Possible) if self.lazy => LAZY,
+            _ => short,
+        };
+        if remaining <= whole {
             return None;
         }
         // What is left must be worth a piece of its own.

@@ -147,6 +147,25 @@ fn a_millisecond_under_a_clock_as_it_should_be_is_two_pieces_and_for_the_lazy_on
     }
 }
 
+#[test]
+fn where_nobody_can_steer_the_clock_a_sleep_is_one_piece_until_it_is_found_steered() {
+    let unsteered = || Sleeper::new(FREQUENCY).by_a_clock_whose_steering_is(Steering::Impossible);
+    let (own, wake_ups) = pieces(unsteered(), 0);
+    assert!(own.iter().all(|pieces| *pieces == 1), "{own:?}");
+    assert_eq!((wake_ups.early(), wake_ups.divided() <= 2, wake_ups.steered()), (0, true, 0));
+    // If that was a mistake, it is one once.
+    let late = lateness(unsteered());
+    let is_felt = |ns: &u64| *ns > SHORT.0 / 9 + 100;
+    assert_eq!(late.iter().copied().filter(is_felt).count(), 1, "{late:?}");
+    let mut machine = Steered::new(&[(0, 1)]);
+    let mut sleeper = unsteered();
+    for length in SLEEPS {
+        let instant = Tsc(machine.tsc + length);
+        sleeper.sleep(&mut machine, instant, &WakeUps::default());
+        assert!(machine.tsc - instant.0 <= 150, "{length} ns end {} late", machine.tsc - instant.0);
+    }
+}
+
 /// How late each of 400 sleeps until the next millisecond ends, while the rate changes every ten by a tenth.
 fn lateness(mut sleeper: Sleeper) -> Vec<u64> {
     let rates: Vec<_> = (1..40).map(|i| (i * 10_500_000, -100_000 * (i as i64 % 2))).collect();

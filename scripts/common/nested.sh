@@ -9,6 +9,7 @@
 #   qemu       the command that starts QEMU, as an array: see qemu_command
 #   healer     what to preload into QEMU, or nothing: see heal_qemu
 #   work       an empty folder for temporary files
+#   clock      "steered" if somebody there is to steer the kernel's clock, or unset
 #   overlay    a folder to lie over the appliance's root, or empty
 #   devices    what else the machine is to have, as an array: see device_options
 # shellcheck shell=bash
@@ -32,6 +33,8 @@ run_appliance() {
     words+=" psi=0 lsm=landlock,lockdown,yama"
     # What the lab's clock is needs no measuring, which would be off by some millionths.
     case $lane in lab | vmx | svm) words+=" tsc_early_khz=1000000" ;; esac
+    # Process 1 finds this in its environment.
+    [[ ${clock-} != steered ]] || words+=" TAKT_STEERED=1"
     words+=" --"
     for word in "${command[@]}"; do
         words+=" $(kernel_word "$word")"

@@ -40,6 +40,7 @@ pub mod run_error;
 pub mod sandbox;
 pub mod schedule_requests;
 pub mod screen;
+pub mod steering;
 pub mod supervisor;
 pub mod terminal;
 pub mod unix_socket;

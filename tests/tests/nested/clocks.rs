@@ -27,7 +27,7 @@ const KICK_NS: u64 = 40_000;
 /// A machine with what a Linux needs.
 fn machine() -> Host {
     let files = ["guest/vmlinuz", "guest/initrd.img"].map(target);
-    let host = Host::new().with("--memory", "768");
+    let host = Host::new().with("--memory", "768").with("--clock", "steered");
     files.iter().fold(host, |host, file| host.with_file(file))
 }
 

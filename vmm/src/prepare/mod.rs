@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 
 use kvm_ioctls::Kvm;
 use takt_scheduler::reservation::CpuReservations;
+use takt_scheduler::sleep::Steering;
 use takt_scheduler::switch::ScheduleState;
 use takt_scheduler::table::{Cpu, PartitionId};
 use takt_scheduler::time::{Timebase, TscFrequency};
@@ -100,6 +101,8 @@ pub struct Preparation<'a> {
     pub doorbell: EventFd,
     /// What may interrupt PLC guests.
     pub interrupts: Interrupts,
+    /// Whether the clock by which threads sleep may be steered.
+    pub steering: Steering,
     /// For tests: the release whose wake-ups come late.
     pub late_wake_up: Option<u64>,
     /// The deadlines of the Linux guest's timer, if there are windows of others on its CPU.
@@ -201,6 +204,7 @@ impl Preparation<'_> {
                 owners,
                 board: self.board.clone(),
                 quiet: schedules.quiet_on(cpu, None),
+                steering: self.steering,
                 deadlines: self.deadlines.clone(),
             };
             let control = self.enforcer(cpu);

@@ -111,6 +111,7 @@ impl Preparation<'_> {
                     ReleaseGuard::Fixed(guard)
                 },
                 quiet: schedules.quiet_on(cpu, None),
+                steering: self.steering,
                 enforcer,
                 late_wake_up: self.late_wake_up,
                 deadlines: self.waiting_for(partition),

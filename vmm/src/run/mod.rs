@@ -54,6 +54,7 @@ use crate::run_error::RunError;
 use crate::samples::{self, Samples};
 use crate::sandbox::{self, Allowed};
 use crate::screen::{self, Screen};
+use crate::steering;
 use crate::supervisor::{Sources, Supervisor, take_signals};
 use crate::terminal;
 use crate::unix_socket::{Listener, SocketKind};
@@ -127,6 +128,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         console: None,
         doorbell: eventfd()?,
         interrupts: Interrupts::new()?,
+        steering: steering::look(),
         late_wake_up: options.late_wake_up,
         deadlines: Preparation::deadlines(file, &board),
         enforcers: BTreeMap::new(),

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use takt_scheduler::quiet::QuietTimes;
 use takt_scheduler::rest::Rest;
-use takt_scheduler::sleep::{Sleeper, Woken};
+use takt_scheduler::sleep::{Sleeper, Steering, Woken};
 use takt_scheduler::switch::ScheduleState;
 use takt_scheduler::time::{Timebase, Tsc};
 use takt_scheduler::timetable::{Slot, Timetable};
@@ -30,17 +30,20 @@ pub struct Windows {
     pub board: Arc<ScheduleState>,
     /// In which it does not wake between the pieces of a sleep.
     pub quiet: Option<QuietTimes>,
+    /// Whether the clock of its sleeps may be steered.
+    pub steering: Steering,
     /// Of a Linux, which go by the schedule.
     pub deadlines: Option<Arc<Deadlines>>,
 }
 
 /// Kicks until it is told to stop.
 pub fn run(windows: &Windows, base: &Timebase, own: &Control) {
-    let Windows { timetable, owners, board, quiet, deadlines } = windows;
+    let Windows { timetable, owners, board, quiet, steering, deadlines } = windows;
     let mut slot = timetable.first(board.switch());
     // Most of its wake-ups find nobody, so it saves those between: of a clock that is steered it is told by
     // a kick, and looks at it again.
-    let mut sleeper = Sleeper::new(base.frequency).lazy();
+    let sleeper = Sleeper::new(base.frequency).lazy();
+    let mut sleeper = sleeper.by_a_clock_whose_steering_is(*steering);
     if let Some(quiet) = quiet {
         sleeper = sleeper.resting(Rest::new(quiet.clone(), board.clone(), *base));
     }

@@ -12,7 +12,7 @@ use rtrb::Producer;
 use takt_scheduler::guard::ReleaseGuard;
 use takt_scheduler::quiet::QuietTimes;
 use takt_scheduler::rest::Rest;
-use takt_scheduler::sleep::{Sleeper, Woken};
+use takt_scheduler::sleep::{Sleeper, Steering, Woken};
 use takt_scheduler::switch::{ScheduleState, Switch};
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use takt_scheduler::timetable::{Slot, Timetable};
@@ -41,6 +41,8 @@ pub struct Plan {
     pub guard: ReleaseGuard,
     /// The quiet times of its CPU, in which it does not wake between the pieces of a sleep.
     pub quiet: Option<QuietTimes>,
+    /// Whether the clock of its sleeps may be steered.
+    pub steering: Steering,
     /// Who ends the windows of its CPU, to be told of a steered clock.
     pub enforcer: Arc<Control>,
     /// For tests: the wake-up for the release of this number comes late.
@@ -111,9 +113,10 @@ impl Windowed {
             let rest = Rest::new(quiet, plan.board.clone(), base);
             rest.on_steered(Box::new(move || enforcer.kick()))
         });
+        let sleeper = Sleeper::new(base.frequency).by_a_clock_whose_steering_is(plan.steering);
         let sleeper = match rest {
-            Some(rest) => Sleeper::new(base.frequency).resting(rest),
-            None => Sleeper::new(base.frequency),
+            Some(rest) => sleeper.resting(rest),
+            None => sleeper,
         };
         Self {
             plan,
