@@ -143,7 +143,7 @@ fn the_images_beside_the_fixtures_are_those_of_the_tests() {
 }
 
 /// An example, with dummies where it expects the images that `scripts/guest-image` makes, and
-/// those of the PLC guests, and a disk of one sector for that of `scripts/load-image`.
+/// those of the PLC guests, programs with the points of the examples', and a disk of one sector for that of `scripts/load-image`.
 fn example(name: &str) -> (PathBuf, PartitionFile) {
     let folder = scratch(&format!("example-{name}"));
     let images = folder.join("target/guest");
@@ -156,6 +156,10 @@ fn example(name: &str) -> (PathBuf, PartitionFile) {
     fs::write(images.join("load.img"), [0; 512]).unwrap();
     fs::write(plc_images.join("can"), guest_images::plc()).unwrap();
     fs::write(plc_images.join("outputs"), guest_images::plc()).unwrap();
+    let examples = folder.join("target/examples");
+    fs::create_dir_all(&examples).unwrap();
+    fs::write(examples.join("tank.plc"), guest_images::tank()).unwrap();
+    fs::write(examples.join("plant.plc"), guest_images::plant()).unwrap();
     let path = folder.join("configs").join(name);
     fs::copy(Path::new("../../configs").join(name), &path).unwrap();
     let file = config::load(&path, None).unwrap_or_else(|error| panic!("{error}"));

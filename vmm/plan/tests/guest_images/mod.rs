@@ -1,4 +1,7 @@
 //! The smallest files that pass for the images of guests. Nothing in them could run.
+#![allow(dead_code, reason = "not every test needs all of them")]
+
+use takt_program::Elementary;
 
 /// Little-endian fields at their offsets, in a file of so many bytes.
 fn file(bytes: usize, fields: &[(usize, &[u8])]) -> Vec<u8> {
@@ -52,7 +55,7 @@ pub fn kernel() -> Vec<u8> {
 /// A program with two tasks, inputs and outputs of some types, and these ports.
 pub fn program(ports: &[&str]) -> Vec<u8> {
     use takt_program::build::{Builder, Kind, Port, Task, Type, Variable};
-    use takt_program::{Area, CodeOffset, Direction, Elementary, Nanoseconds, TaskId};
+    use takt_program::{Area, CodeOffset, Direction, Nanoseconds, TaskId};
 
     let mut program = Builder::new("tank");
     program.code = vec![0xc3];
@@ -92,4 +95,39 @@ pub fn program(ports: &[&str]) -> Vec<u8> {
     program.variable(Variable::new("block", block, Area::Input, 16));
     program.variable(Variable::new("inner", bytes, Area::State, 0));
     program.build().unwrap()
+}
+
+/// A program with one task and these points.
+fn example(name: &str, inputs: &[Point], outputs: &[Point]) -> Vec<u8> {
+    use takt_program::build::{Builder, Task, Variable};
+    use takt_program::{Area, CodeOffset, Nanoseconds};
+
+    let mut program = Builder::new(name);
+    program.code = vec![0xc3];
+    (program.input_bytes, program.output_bytes) = (16, 16);
+    let task = Task::cyclic("main", Nanoseconds(10_000_000), CodeOffset(0));
+    program.task(Task { budget: Some(Nanoseconds(10_000)), ..task });
+    for (area, points) in [(Area::Input, inputs), (Area::Output, outputs)] {
+        for (name, ty, offset, bit) in points {
+            let ty = program.elementary(*ty);
+            program.variable(Variable { bit: *bit, ..Variable::new(name, ty, area, *offset) });
+        }
+    }
+    program.build().unwrap()
+}
+
+/// Name, type, byte, and bit.
+type Point = (&'static str, Elementary, u32, Option<u8>);
+
+/// The points of the example `tank`.
+pub fn tank() -> Vec<u8> {
+    let real = |name, offset| (name, Elementary::Real, offset, None);
+    let inputs = [real("level", 0), real("setpoint", 4), ("fresh", Elementary::Bool, 8, Some(0))];
+    example("tank", &inputs, &[real("valve", 0), ("alarm", Elementary::Bool, 4, Some(0))])
+}
+
+/// The points of the example `plant`.
+pub fn plant() -> Vec<u8> {
+    let real = |name| (name, Elementary::Real, 0, None);
+    example("plant", &[real("valve")], &[real("level")])
 }

@@ -8,7 +8,6 @@ mod shown;
 mod tasks;
 
 #[path = "../guest_images/mod.rs"]
-#[expect(dead_code, reason = "of the images for all tests, these need that of a PLC")]
 mod guest_images;
 
 use std::fs;
