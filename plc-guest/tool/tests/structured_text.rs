@@ -125,6 +125,12 @@ fn stages_of_the_compiler_are_shown() {
     folder.write("main.st", &project("level : INT;", "level := level + 3;"));
     folder.takt_plc(&["build", "main.st", "--emit", "types"]).expect(0, "this.level + INT#3");
     folder.takt_plc(&["build", "main.st", "--emit", "ir"]).expect(0, "iadd");
+    let words = folder.takt_plc(&["build", "main.st", "--emit", "tokens"]);
+    words.expect(0, "3:1 Identifier level\n").expect(0, "5:7 Sign(Assign) :=");
+    folder.takt_plc(&["build", "main.st", "--emit", "ast"]).expect(0, "kind: Program");
+    folder.takt_plc(&["build", "main.st", "--emit", "asm"]).expect(0, "pushq %rbp");
+    folder.write("wrong.st", "PROGRAM Main\nx := ;\nEND_PROGRAM\n");
+    folder.takt_plc(&["build", "wrong.st", "--emit", "ast"]).expect(2, "wrong.st:2:6");
     assert!(!folder.path().join("main.plc").exists());
 }
 

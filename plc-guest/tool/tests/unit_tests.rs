@@ -168,3 +168,29 @@ fn log_lines_are_shown_with_task_and_time() {
     folder.write("t.csv", "level,pump\n1,0\n2,1\n");
     folder.takt_plc(&["test", "main.plc", "t.csv"]).expect(0, "[0 ns often] level is one\n");
 }
+
+#[test]
+fn a_body_that_declares_eno_decides_what_it_is() {
+    let folder = folder(
+        "FUNCTION divided : REAL
+VAR_INPUT a, b : REAL; END_VAR
+VAR_OUTPUT ENO : BOOL := TRUE; END_VAR
+IF ABS(b) < 1.0E-6 THEN ENO := FALSE; RETURN; END_IF;
+divided := a / b;
+END_FUNCTION
+TEST 'eno'
+VAR good : BOOL; r : REAL; END_VAR
+r := divided(a := 1.0, b := 2.0, ENO => good);
+ASSERT(good);
+r := divided(a := 1.0, b := 0.0, ENO => good);
+ASSERT(NOT good);
+r := divided(EN := TRUE, a := 1.0, b := 2.0, ENO => good);
+ASSERT(good);
+r := divided(EN := FALSE, a := 3.0, b := 2.0, ENO => good);
+ASSERT(NOT good);
+ASSERT_NEAR(r, 0.5, 0.0);
+END_TEST
+",
+    );
+    folder.takt_plc(&["test", "main.st", "t.st"]).expect(0, "1 tests, all as expected");
+}

@@ -60,12 +60,39 @@ impl<'a> Checker<'a> {
                 }
             }
             self.resource(resource);
+            self.warn_of_shared_outputs(resource);
         }
         if self.program.tasks.len() > TASKS {
             let span = configuration.name.span;
             let found = format!("{} tasks", self.program.tasks.len());
             let one = Diagnostic::new(Code::InvalidTask, span, found);
             self.tell(one.allowed(format!("at most {TASKS}")));
+        }
+    }
+
+    /// A variable with an address lies in one place, so of two instances that write an output the last one counts.
+    fn warn_of_shared_outputs(&mut self, resource: &'a Resource) {
+        let mut first: HashMap<&str, Span> = HashMap::new();
+        for instance in &resource.programs {
+            let Some(other) = first.insert(&instance.program.key, instance.name.span) else {
+                continue;
+            };
+            let Some(Entry::Units(units)) = self.names.get(&instance.program.key) else { continue };
+            let output = self.units[units[0]].variables.iter().find(|variable| {
+                variable.written
+                    && matches!(variable.storage, Storage::Global(id)
+                        if self.program.global(id).storage.area == crate::hir::Area::Output)
+            });
+            let Some(output) = output else { continue };
+            let (program, output) = (&instance.program.text, &output.name.text);
+            let found =
+                format!("another instance of `{program}`, which writes the output `{output}` too");
+            self.tell(
+                Diagnostic::new(Code::SharedOutput, instance.name.span, found)
+                    .allowed("one instance of a program with an output at an address")
+                    .hint("make it a VAR_OUTPUT, and connect it for each instance: `x => %QX0.0`")
+                    .related(other, "the other instance is here"),
+            );
         }
     }
 

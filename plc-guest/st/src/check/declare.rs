@@ -47,12 +47,23 @@ impl<'a> Body<'_, 'a> {
                 self.check_variable_type(section, variables, resolved.ty);
             }
             for name in &variables.names {
-                if self.checker.refuse_reserved(name) {
+                // Its body decides then what ENO is; else the call does.
+                let eno = &*name.key == "ENO" && section.kind == SectionKind::Output;
+                if eno && resolved.as_ref().is_some_and(|resolved| !self.is_bool(resolved.ty)) {
+                    let found = "an ENO that is no BOOL";
+                    self.error(Code::TypeMismatch, name.span, found);
+                    continue;
+                }
+                if !eno && self.checker.refuse_reserved(name) {
                     continue;
                 }
                 self.one_variable(section, variables, name, resolved.clone(), structure);
             }
         }
+    }
+
+    fn is_bool(&self, ty: TypeId) -> bool {
+        self.plain(ty) == Some(Elementary::Bool)
     }
 
     fn check_qualifiers(&mut self, section: &ast::Section, structure: Option<TypeId>) {

@@ -226,6 +226,8 @@ impl<'a> Checker<'a> {
         let mut block = body.edges(ast.span);
         block.extend(body.block(&ast.body));
         body.warn_of_variables(ast);
+        let checked = std::mem::take(&mut body.variables);
+        body.checker.units[index].variables = checked;
         let locals = std::mem::take(&mut body.locals);
         let routine = &mut self.program.routines[routine.0 as usize];
         routine.locals = locals;

@@ -77,6 +77,7 @@ codes! {
     InvalidTask Error "invalid-task" "A task or program instance that cannot run as configured.";
     AddressConflict Error "address-conflict" "Two variables at one output address.";
     ProjectFile Error "project-file" "A mistake in the project file.";
+    SharedOutput Warning "shared-output" "Instances of a program that write one output.";
     // Expressions and statements.
     TypeMismatch Error "type-mismatch" "A value of another type than what is needed there.";
     LosesValue Error "loses-value" "An implicit conversion that can lose a part of the value.";

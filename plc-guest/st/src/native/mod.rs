@@ -17,6 +17,7 @@ mod link;
 mod loops;
 mod lower;
 mod memory;
+mod parallel;
 mod place;
 mod runtime;
 mod start;
@@ -28,6 +29,7 @@ mod walk;
 
 pub use image::image;
 
+use cranelift_codegen::isa::TargetIsa;
 use cranelift_codegen::{Context, control::ControlPlane};
 use cranelift_frontend::FunctionBuilderContext;
 use thiserror::Error;
@@ -74,6 +76,9 @@ pub enum NativeError {
         /// What Cranelift says.
         message: String,
     },
+    /// The system has no room for a thread.
+    #[error("cannot start a thread: {0}")]
+    Thread(std::io::Error),
     /// More code than a program can have.
     #[error("{0} bytes of code; a program has at most {max}", max = takt_program::limit::CODE_BYTES)]
     TooMuchCode(usize),
@@ -108,26 +113,10 @@ pub fn compile(program: &Program) -> Result<Native, NativeError> {
     let program = &with_init;
     let machine = target::machine();
     let knowledge = alias::Knowledge::of(program);
-    let mut frontend = FunctionBuilderContext::new();
-    let mut compiled = Vec::with_capacity(program.routines.len());
-    for index in 0..program.routines.len() {
-        let id = RoutineId(index as u32);
-        let lowered =
-            lower::lower(program, &knowledge, id, &mut frontend, machine.frontend_config());
-        let mut context = Context::for_function(lowered.function);
-        let result = context.compile(&*machine, &mut ControlPlane::default());
-        if let Err(error) = result {
-            let routine = program.routine(id).name.clone();
-            return Err(NativeError::Internal { routine, message: format!("{:?}", error.inner) });
-        }
-        let Some(code) = context.compiled_code() else { unreachable!("it was compiled") };
-        compiled.push(link::Compiled::new(
-            &context.func,
-            code,
-            &lowered.locations,
-            lowered.constants,
-        ));
-    }
+    let compiled =
+        parallel::map(program.routines.len(), FunctionBuilderContext::new, |frontend, index| {
+            routine(program, &knowledge, &*machine, frontend, RoutineId(index as u32))
+        })?;
     let linked = link::link(program, &compiled)?;
     let stacks = link::stacks(program, &compiled);
     let mut of_tasks = Vec::new();
@@ -148,6 +137,45 @@ pub fn compile(program: &Program) -> Result<Native, NativeError> {
         traps: linked.traps,
         lines: linked.lines,
     })
+}
+
+/// Compiles one routine.
+fn routine(
+    program: &Program,
+    knowledge: &alias::Knowledge,
+    machine: &dyn TargetIsa,
+    frontend: &mut FunctionBuilderContext,
+    id: RoutineId,
+) -> Result<link::Compiled, NativeError> {
+    let lowered = lower::lower(program, knowledge, id, frontend, machine.frontend_config());
+    let mut context = Context::for_function(lowered.function);
+    if let Err(error) = context.compile(machine, &mut ControlPlane::default()) {
+        let routine = program.routine(id).name.clone();
+        return Err(NativeError::Internal { routine, message: format!("{:?}", error.inner) });
+    }
+    let Some(code) = context.compiled_code() else { unreachable!("it was compiled") };
+    Ok(link::Compiled::new(&context.func, code, &lowered.locations, lowered.constants))
+}
+
+/// The machine code of each routine as text, for `--emit asm`. A routine that Cranelift refuses is left out: building
+/// tells of it.
+pub fn assembly(program: &Program) -> String {
+    let machine = target::machine();
+    let knowledge = alias::Knowledge::of(program);
+    let mut frontend = FunctionBuilderContext::new();
+    let mut text = String::new();
+    for index in 0..program.routines.len() {
+        let id = RoutineId(index as u32);
+        let lowered =
+            lower::lower(program, &knowledge, id, &mut frontend, machine.frontend_config());
+        let mut context = Context::for_function(lowered.function);
+        context.set_disasm(true);
+        let done = context.compile(&*machine, &mut ControlPlane::default());
+        if let Some(code) = done.ok().and_then(|code| code.vcode.as_ref()) {
+            text.push_str(&format!("; {}\n{code}\n", program.routine(id).name));
+        }
+    }
+    text
 }
 
 /// The intermediate form of each routine as text, for `--emit ir`.

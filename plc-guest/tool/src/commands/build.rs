@@ -33,10 +33,16 @@ pub struct Build {
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Stage {
+    /// The words of each file, each with its place.
+    Tokens,
+    /// The syntax tree of each file.
+    Ast,
     /// The program with all types, conversions and places written out.
     Types,
     /// The code of each routine as Cranelift gets it.
     Ir,
+    /// The machine code of each routine.
+    Asm,
 }
 
 impl Build {
@@ -63,6 +69,9 @@ impl Build {
 
     fn compile(&self) -> Result<(), Failure> {
         let origin = Origin::of(&self.inputs)?;
+        if let Some(stage @ (Stage::Tokens | Stage::Ast)) = self.emit {
+            return self.messages.syntax(&origin, matches!(stage, Stage::Ast));
+        }
         let name = self.name(&origin)?;
         let mut program = self.messages.program(&name, &origin)?;
         let of_project = origin.project().and_then(|project| project.previous.as_ref());
@@ -73,8 +82,10 @@ impl Build {
         match self.emit {
             Some(stage) => {
                 let text = stack::with_room(|| match stage {
-                    Stage::Types => hir::print(&program),
                     Stage::Ir => native::intermediate(&program),
+                    Stage::Asm => native::assembly(&program),
+                    // Those of the syntax were shown before.
+                    Stage::Types | Stage::Tokens | Stage::Ast => hir::print(&program),
                 });
                 // A reader that has seen enough may close its end.
                 let _ = std::io::stdout().write_all(text.map_err(no_thread)?.as_bytes());

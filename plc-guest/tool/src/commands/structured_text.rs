@@ -1,12 +1,16 @@
 //! From files in Structured Text to a checked program, for the commands that begin with it.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use takt_st::diagnostic::{Diagnostic, json, text};
+use takt_st::diagnostic::{Diagnostic, Diagnostics, json, text};
 use takt_st::hir::Program;
 use takt_st::manifest::{self, Project};
 use takt_st::source::Sources;
-use takt_st::{files, project};
+use takt_st::syntax::lexer::Lexer;
+use takt_st::syntax::parser;
+use takt_st::syntax::token::TokenKind;
+use takt_st::{files, project, stack};
 
 use crate::{Failure, status};
 
@@ -115,6 +119,41 @@ impl Messages {
         }
         self.show(&sources, &checked.diagnostics);
         finish(origin, checked.program, &checked.diagnostics).map(drop)
+    }
+
+    /// Prints what the first stages make of the files: words, or trees.
+    pub fn syntax(&self, origin: &Origin, trees: bool) -> Result<(), Failure> {
+        let sources = origin.sources()?;
+        let mut diagnostics = Diagnostics::new();
+        let text = stack::with_room(|| {
+            let mut text = String::new();
+            for (file, source) in sources.iter() {
+                text.push_str(&format!("// {}\n", source.name()));
+                if trees {
+                    let tree = parser::parse(file, &sources, &mut diagnostics);
+                    text.push_str(&format!("{tree:#?}\n"));
+                    continue;
+                }
+                let mut lexer = Lexer::new(file, source);
+                loop {
+                    let token = lexer.next_token(&mut diagnostics);
+                    if token.kind == TokenKind::End {
+                        break;
+                    }
+                    let (place, word) = (sources.position(token.span), sources.text(token.span));
+                    text.push_str(&format!("{place} {:?} {}\n", token.kind, word.escape_debug()));
+                }
+            }
+            text
+        });
+        // A reader that has seen enough may close its end.
+        let _ = std::io::stdout().write_all(text.map_err(no_thread)?.as_bytes());
+        let diagnostics = diagnostics.sorted();
+        self.show(&sources, &diagnostics);
+        match diagnostics.iter().filter(|one| one.is_error()).count() {
+            0 => Ok(()),
+            errors => Err(Failure::input(format!("{errors} errors"))),
+        }
     }
 
     fn show(&self, sources: &Sources, diagnostics: &[Diagnostic]) {

@@ -3,6 +3,7 @@
 use super::super::body::Body;
 use super::super::names::similar;
 use super::super::unit::Storage;
+use super::enable::Enable;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Constant, TypeId};
 use crate::source::Span;
@@ -23,8 +24,7 @@ pub(super) struct Parameter {
 /// The arguments of a call, one for each parameter if it is given.
 pub(super) struct Bound<'a> {
     pub(super) given: Vec<Option<(&'a Expression, Binding)>>,
-    pub(super) en: Option<&'a Expression>,
-    pub(super) eno: Option<&'a Expression>,
+    pub(super) enable: Enable<'a>,
 }
 
 impl<'a> Body<'_, 'a> {
@@ -57,7 +57,7 @@ impl<'a> Body<'_, 'a> {
         arguments: &'a [Argument],
         span: Span,
     ) -> Option<Bound<'a>> {
-        let mut bound = Bound { given: vec![None; parameters.len()], en: None, eno: None };
+        let mut bound = Bound { given: vec![None; parameters.len()], enable: Enable::default() };
         let mut complete = true;
         let formal = arguments.iter().filter(|argument| argument.name.is_some()).count();
         if formal != 0 && formal != arguments.len() {
@@ -98,12 +98,16 @@ impl<'a> Body<'_, 'a> {
             };
             match (&*formal.key, binding) {
                 ("EN", Binding::Input) => {
-                    bound.en = Some(value);
+                    bound.enable.en = Some(value);
                     continue;
                 }
                 ("ENO", Binding::Output) => {
-                    bound.eno = Some(value);
-                    continue;
+                    bound.enable.eno = Some(value);
+                    bound.enable.by_body =
+                        parameters.iter().any(|one| one.name.eq_ignore_ascii_case("ENO"));
+                    if !bound.enable.by_body {
+                        continue;
+                    }
                 }
                 _ => {}
             }

@@ -58,7 +58,7 @@ impl<'a> Body<'_, 'a> {
         let routine = self.checker.units[unit].routine?;
         block.push(self.statement(StatementKind::Invoke(place, routine), span));
         block.extend(behind);
-        self.enabled(block, (bound.en, bound.eno), span)
+        self.enabled(block, bound.enable, span)
     }
 
     /// `output => target`, behind the call.

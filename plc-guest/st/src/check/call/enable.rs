@@ -8,6 +8,22 @@ use crate::hir::{Elementary, ExprKind, Statement, StatementKind};
 use crate::source::Span;
 use crate::syntax::ast::{Argument, Expression, Name};
 
+/// EN and ENO of a call.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Enable<'a> {
+    pub(super) en: Option<&'a Expression>,
+    pub(super) eno: Option<&'a Expression>,
+    /// Whether the body has declared ENO, and so assigns it itself when it runs.
+    pub(super) by_body: bool,
+}
+
+impl Enable<'_> {
+    /// Whether the call needs more than its arguments.
+    pub(super) fn is_used(&self) -> bool {
+        self.en.is_some() || self.eno.is_some() && !self.by_body
+    }
+}
+
 impl<'a> Body<'_, 'a> {
     /// `target := f(EN := a, ...)`: a call with EN or ENO, which can be a whole value only.
     pub(in crate::check) fn enabled_assignment(
@@ -24,7 +40,7 @@ impl<'a> Body<'_, 'a> {
             return None;
         };
         let unit = units[0];
-        let mut enable = (None, None);
+        let mut enable = Enable::default();
         let list = self.function_arguments(unit, name, arguments, span, Some(&mut enable))?;
         let (_, ty) = self.checker.units[unit].result?;
         let routine = self.checker.units[unit].routine?;
@@ -39,7 +55,7 @@ impl<'a> Body<'_, 'a> {
     pub(super) fn enabled(
         &mut self,
         block: Vec<Statement>,
-        (en, eno): (Option<&'a Expression>, Option<&'a Expression>),
+        Enable { en, eno, by_body }: Enable<'a>,
         span: Span,
     ) -> Option<Vec<Statement>> {
         let bool_type = self.elementary(Elementary::Bool);
@@ -65,7 +81,9 @@ impl<'a> Body<'_, 'a> {
             })
         };
         let mut run = block;
-        run.extend(set(self, 1));
+        if !by_body {
+            run.extend(set(self, 1));
+        }
         let Some(condition) = condition else { return Some(run) };
         let skip = set(self, 0).into_iter().collect();
         Some(vec![self.statement(StatementKind::If(vec![(condition, run)], skip), span)])

@@ -2,6 +2,7 @@
 
 use super::super::body::Body;
 use super::bind::Parameter;
+use super::enable::Enable;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{self, ExprKind, Place, TypeId};
 use crate::source::Span;
@@ -15,14 +16,14 @@ impl<'a> Body<'_, 'a> {
         name: &Name,
         arguments: &'a [Argument],
         span: Span,
-        enable: Option<&mut (Option<&'a Expression>, Option<&'a Expression>)>,
+        enable: Option<&mut Enable<'a>>,
     ) -> Option<Vec<hir::Argument>> {
         self.note_call(unit, span);
         let parameters = self.parameters(unit);
         let bound = self.bind(&parameters, name, arguments, span)?;
         match enable {
-            Some(enable) => *enable = (bound.en, bound.eno),
-            None if bound.en.is_some() || bound.eno.is_some() => {
+            Some(enable) => *enable = bound.enable,
+            None if bound.enable.is_used() => {
                 let found = "EN or ENO in a call within an expression";
                 let one = Diagnostic::new(Code::NotSupported, span, found);
                 self.tell(one.allowed("a call alone, or `variable := function(EN := ...)`"));

@@ -9,6 +9,8 @@ mod enable;
 mod function;
 mod overload;
 
+use enable::Enable;
+
 use super::body::Body;
 use super::expression::Operand;
 use super::{Entry, test};
@@ -149,7 +151,7 @@ impl<'a> Body<'_, 'a> {
             self.error(Code::NoEffect, span, found);
             return Some(Vec::new());
         };
-        let mut enable = (None, None);
+        let mut enable = Enable::default();
         let list = self.function_arguments(unit, name, arguments, span, Some(&mut enable))?;
         let routine = self.checker.units[unit].routine?;
         let call = self.statement(StatementKind::Call(routine, list), span);
