@@ -25,6 +25,7 @@ mod quiet;
 mod safe_values;
 mod sandbox;
 mod several_cpus;
+mod st;
 mod stalls;
 mod tasks;
 mod timing;

@@ -25,10 +25,10 @@ fn plc(test: &str, frame_us: u64, window_us: u64, programs: &[Named<'_>]) -> Fil
 }
 
 /// A row of the last table of figures, by the names of its columns.
-struct Row<'a>(Vec<&'a str>);
+pub struct Row<'a>(Vec<&'a str>);
 
 impl<'a> Row<'a> {
-    fn of(outcome: &'a Outcome, task: &str) -> Self {
+    pub fn of(outcome: &'a Outcome, task: &str) -> Self {
         let mut rows = outcome
             .output
             .lines()
@@ -38,7 +38,7 @@ impl<'a> Row<'a> {
         Self(row.split_whitespace().collect())
     }
 
-    fn number(&self, column: &str) -> u64 {
+    pub fn number(&self, column: &str) -> u64 {
         const COLUMNS: [&str; 12] = [
             "task", "jobs", "missed", "overrun", "skipped", "exec-min", "exec-max", "response",
             "start", "slack", "stack", "switches",
@@ -48,7 +48,7 @@ impl<'a> Row<'a> {
     }
 
     /// Fails unless so many jobs were complete, and all in time.
-    fn assert_in_time(&self, jobs: u64) {
+    pub fn assert_in_time(&self, jobs: u64) {
         assert!(self.number("jobs") >= jobs, "{:?}", self.0);
         for column in ["missed", "overrun", "skipped"] {
             assert_eq!(self.number(column), 0, "{column}: {:?}", self.0);
@@ -58,7 +58,7 @@ impl<'a> Row<'a> {
 
 /// Fails unless each job of a task began within 10 ns of its release, but for what an interrupt of the
 /// host explains.
-fn assert_on_time(outcome: &Outcome, task: &str) {
+pub fn assert_on_time(outcome: &Outcome, task: &str) {
     outcome.assert_punctual("plc");
     let start = Row::of(outcome, task).number("start");
     let allowed = outcome.number("plc", "release_latency_ns.max").max(10);

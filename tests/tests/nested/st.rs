@@ -1,0 +1,63 @@
+//! Structured Text in a PLC of the lab, from the source to the report.
+
+use takt_st::source::Sources;
+use takt_st::{build, project, stack};
+use takt_tests::{BUSY, File, long, plc_image, save_bytes};
+
+use super::tasks::{Row, assert_on_time};
+
+/// The image of one file, in Structured Text.
+fn image(name: &str, file: &str, text: &str) -> Vec<u8> {
+    let mut sources = Sources::new();
+    sources.add(file, text.as_bytes()).expect("it is a source");
+    let checked = project::check(name, &mut sources).expect("there is room for a thread");
+    let program = checked.program.unwrap_or_else(|| panic!("{:?}", checked.diagnostics));
+    let built = stack::with_room(|| build::build(&program)).expect("there is room for a thread");
+    built.expect("the program has an image").image
+}
+
+/// A PLC with these programs in windows of 300 us each ms.
+fn plc(test: &str, programs: &[(&str, &str, &str)]) -> File {
+    let tables = programs.iter().map(|(name, file, text)| {
+        let image = save_bytes(&format!("{test}-{name}.plc"), &image(name, file, text));
+        format!("[[partition.program]]\nimage = {image:?}\nname = {name:?}\n")
+    });
+    let tables: String = tables.collect();
+    let lines = format!("image = {:?}\nmemory = \"32MiB\"\n{tables}", plc_image("kernel"));
+    File::new("1ms").plc_with("plc", &lines).schedule("normal").window("plc", 0, 300)
+}
+
+const PLANT: (&str, &str, &str) = ("plant", "plant.st", include_str!("st/plant.st"));
+
+#[test]
+fn a_plant_of_three_tasks_runs_beside_a_busy_linux_and_no_release_is_late() {
+    let (duration, jobs) = if long() { ("60s", 59_000) } else { ("6s", 5_000) };
+    let outcome = plc("st-plant", &[PLANT]).linux(BUSY).run("st-plant").lasting(duration).run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    for (task, jobs) in
+        [("plant.fast", jobs), ("plant.middle", jobs / 10), ("plant.slow", jobs / 100)]
+    {
+        Row::of(&outcome, task).assert_in_time(jobs - 1);
+    }
+    assert!(Row::of(&outcome, "plant.slow").number("response") > 1_000_000, "it spans windows");
+    assert_on_time(&outcome, "plant.fast");
+    // The program has checked its controllers, timers and counters by itself.
+    outcome.assert_shows("position settled");
+    outcome.assert_shows("20 pulses in time");
+    assert!(!outcome.output.contains("wrong"), "{}", outcome.output);
+    assert!(!outcome.output.contains("stops"), "{}", outcome.output);
+}
+
+#[test]
+fn a_trap_is_told_with_file_and_line_and_the_other_programs_go_on() {
+    let faulty = ("faulty", "main.st", include_str!("st/faulty.st"));
+    let outcome = plc("st-trap", &[PLANT, faulty]).run("st-trap").lasting("2500ms").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("program faulty, task often: division by zero at 0x4000");
+    outcome.assert_shows("(main.st:14:");
+    let stopped = outcome.output.lines().filter(|line| line.contains("the program stops")).count();
+    assert_eq!(stopped, 1, "{}", outcome.output);
+    Row::of(&outcome, "plant.fast").assert_in_time(1_500);
+    assert_on_time(&outcome, "plant.fast");
+    outcome.assert_shows("20 pulses in time");
+}
