@@ -9,6 +9,7 @@
 #![forbid(unsafe_code)]
 
 mod footprint;
+mod frame;
 mod paid;
 mod plcs;
 mod ranges;
@@ -99,8 +100,18 @@ fn write(measured: &Measured, root: &Path) -> io::Result<()> {
         }
     }
     fs::write(&page, text)?;
+    if let Some(table) = frame::table(measured) {
+        let page = root.join("docs/frame.md");
+        let text = replaced(&fs::read_to_string(&page)?, "frame", &table)?;
+        fs::write(&page, text)?;
+    }
     fs::create_dir_all(root.join("docs/plots"))?;
-    for (name, plot) in [("plcs", plcs::plot(measured)), ("scaling", scaling::plot(measured))] {
+    let plots = [
+        ("plcs", plcs::plot(measured)),
+        ("scaling", scaling::plot(measured)),
+        ("frame", frame::plot(measured)),
+    ];
+    for (name, plot) in plots {
         if let Some(plot) = plot {
             fs::write(root.join(format!("docs/plots/{name}.svg")), plot)?;
         }
