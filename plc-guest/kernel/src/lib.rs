@@ -12,6 +12,8 @@
 //! | [`objects`] | semaphores, queues, mailboxes and event flags |
 //! | [`process_image`] | what becomes of the bytes of inputs and outputs |
 //! | [`watchdog`] | when a job has used too much time |
+//! | [`watch`] | which bytes of programs are looked at, and how far that has got |
+//! | [`forces`] | which values an operator keeps |
 //! | [`statistics`] | what is counted for each task |
 //! | [`time`] | instants and spans in nanoseconds, and the clock that they are read from |
 //!
@@ -21,6 +23,7 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod forces;
 pub mod objects;
 pub mod process_image;
 #[cfg(test)]
@@ -33,4 +36,5 @@ mod search_tests;
 pub mod statistics;
 pub mod task;
 pub mod time;
+pub mod watch;
 pub mod watchdog;

@@ -20,6 +20,8 @@ pub struct Figures {
     pub tasks: Vec<TaskRecord>,
     /// Answers that the kernel could not send.
     pub dropped: u64,
+    /// Values that it says it keeps forced.
+    pub forced: u16,
     /// When it is asked again.
     next: Nanos,
 }
@@ -41,7 +43,8 @@ impl Figures {
     /// Takes what an answer says of them.
     pub fn take(&mut self, answer: &Answer) {
         match answer {
-            Answer::Programs { programs, count, tasks, dropped } => {
+            Answer::Programs { programs, count, tasks, forced, dropped } => {
+                self.forced = *forced;
                 self.programs = programs.iter().take(usize::from(*count)).copied().collect();
                 // Counted by a byte, so bounded.
                 self.tasks.resize(usize::from(*tasks), TaskRecord::default());
@@ -73,7 +76,7 @@ mod tests {
         figures.take(&Answer::Tasks { first: 0, count: 8, tasks });
         assert!(figures.tasks.is_empty());
         let programs = [ProgramRecord::default(); takt_abi::program::PROGRAMS_MAX];
-        figures.take(&Answer::Programs { programs, count: 2, tasks: 10, dropped: 1 });
+        figures.take(&Answer::Programs { programs, count: 2, tasks: 10, forced: 0, dropped: 1 });
         figures.take(&Answer::Tasks { first: 8, count: 8, tasks });
         figures.take(&Answer::Tasks { first: 255, count: 8, tasks });
         let jobs: Vec<u64> = figures.tasks.iter().map(|task| task.jobs).collect();

@@ -90,7 +90,7 @@ fn what_a_kernel_answers_is_known_until_it_starts_anew() {
     assert_eq!(decode_order(message.bytes), Ok((1, Order::Status { part: 0 })));
     let program = ProgramRecord { state: ProgramState::Running, hash: [3; 32] };
     let programs = [program; PROGRAMS_MAX];
-    let answer = Answer::Programs { programs, count: 1, tasks: 9, dropped: 0 };
+    let answer = Answer::Programs { programs, count: 1, tasks: 9, forced: 0, dropped: 0 };
     answers.send(answer.encode(1, &mut buffer).unwrap(), Tsc(1)).unwrap();
     case.running.on_tick(at(20));
     assert_eq!(case.running.figures.programs, [program]);

@@ -26,6 +26,8 @@ pub enum Answer {
         count: u8,
         /// How many tasks all of them have, initialisations included.
         tasks: u8,
+        /// Values that are forced.
+        forced: u16,
         /// Answers that the guest could not send, because Takt had not taken those before.
         dropped: u64,
     },
@@ -48,10 +50,17 @@ pub enum Refusal {
     Unknown = 1,
     /// There is no such program.
     NoProgram = 2,
+    /// The program has no such place, or none that can be written.
+    NoPlace = 3,
+    /// There is no room for one more.
+    Full = 4,
+    /// The point is not forced.
+    NotForced = 5,
 }
 
 impl Refusal {
-    const ALL: [Self; 2] = [Self::Unknown, Self::NoProgram];
+    const ALL: [Self; 5] =
+        [Self::Unknown, Self::NoProgram, Self::NoPlace, Self::Full, Self::NotForced];
 }
 
 /// What a program does.
@@ -143,9 +152,10 @@ impl Answer {
         to.u32(number);
         match self {
             Answer::Reply(result) => to.u16(result.map_or_else(|refusal| refusal as u16, |()| 0)),
-            Answer::Programs { programs, count, tasks, dropped } => {
+            Answer::Programs { programs, count, tasks, forced, dropped } => {
                 to.u8(*count);
                 to.u8(*tasks);
+                to.u16(*forced);
                 to.u64(*dropped);
                 for program in programs.iter().take(usize::from(*count)) {
                     to.u8(program.state as u8);
@@ -179,13 +189,14 @@ pub fn decode_answer(message: &[u8]) -> Option<(u32, Answer)> {
             }
         },
         PROGRAMS => {
-            let (count, tasks, dropped) = (from.u8()?, from.u8()?, from.u64()?);
+            let (count, tasks, forced) = (from.u8()?, from.u8()?, from.u16()?);
+            let dropped = from.u64()?;
             let mut programs = [ProgramRecord::default(); PROGRAMS_MAX];
             for program in programs.get_mut(..usize::from(count))? {
                 program.state = program_state(from.u8()?)?;
                 program.hash = from.array()?;
             }
-            Answer::Programs { programs, count, tasks, dropped }
+            Answer::Programs { programs, count, tasks, forced, dropped }
         }
         TASKS => {
             let (first, count) = (from.u8()?, from.u8()?);
@@ -270,7 +281,7 @@ mod tests {
         [
             Answer::Reply(Ok(())),
             Answer::Reply(Err(Refusal::NoProgram)),
-            Answer::Programs { programs, count, tasks: 64, dropped: 5 },
+            Answer::Programs { programs, count, tasks: 64, forced: 3, dropped: 5 },
             Answer::Tasks { first: 8, count: 8, tasks: [task; TASKS_EACH] },
         ]
     }
@@ -301,6 +312,6 @@ mod tests {
         assert_eq!(changed(2, 1), None, "the zero");
         assert_eq!(changed(8, 17), None, "more programs than there can be");
         assert_eq!(changed(8, 15), None, "a program that is not counted");
-        assert_eq!(changed(18, 4), None, "the state of a program");
+        assert_eq!(changed(20, 4), None, "the state of a program");
     }
 }

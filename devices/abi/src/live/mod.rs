@@ -15,11 +15,15 @@
 mod answer;
 mod bytes;
 mod order;
+mod place;
+mod sample;
 
 pub use answer::{
     Answer, ProgramRecord, ProgramState, Refusal, TASKS_EACH, TaskRecord, TaskState, decode_answer,
 };
-pub use order::{Order, decode_order};
+pub use order::{Order, RANGES_EACH, Ranges, decode_order};
+pub use place::{Area, Point, Range};
+pub use sample::{PAYLOAD_BYTES, RANGES_EACH_PART, SampleHead};
 
 /// Name of the port at which the guest receives orders. No port of a partition file has a space in its name.
 pub const ORDERS: &str = "takt orders";
@@ -31,6 +35,13 @@ pub const MESSAGE_BYTES: usize = 1000;
 pub const ORDERS_DEPTH: u32 = 32;
 /// How many ports are reserved in the port table of a PLC with programs.
 pub const RESERVED_PORTS: usize = 2;
+
+/// Most ranges that the kernel watches at a time.
+pub const WATCHED_RANGES: usize = 1024;
+/// Most bytes of a sample.
+pub const SAMPLE_BYTES: usize = 60 << 10;
+/// Most values that the kernel keeps forced.
+pub const FORCES: usize = 256;
 
 /// A message that is being made.
 pub type Buffer = [u8; MESSAGE_BYTES];

@@ -1,17 +1,99 @@
 //! What Takt orders.
 
 use super::bytes::{Reader, Writer};
+use super::place::{Point, Range};
 
 const STATUS: u16 = 1;
+const WATCH_CLEAR: u16 = 2;
+const WATCH_ADD: u16 = 3;
+const WATCH_BEGIN: u16 = 4;
+const WRITE: u16 = 5;
+const FORCE: u16 = 6;
+const RELEASE: u16 = 7;
+const RELEASE_ALL: u16 = 8;
+
+/// Most ranges of one order.
+pub const RANGES_EACH: usize = 120;
+const _: () = assert!(8 + 1 + RANGES_EACH * Range::BYTES <= super::MESSAGE_BYTES);
 
 /// An order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(clippy::large_enum_variant, reason = "a kernel has no heap for the large one")]
 pub enum Order {
     /// Tell how the programs stand (part 0), or the tasks from `(part - 1) * TASKS_EACH` on.
     Status {
         /// Which part.
         part: u16,
     },
+    /// Begin a list of ranges to be watched. What is watched goes on until the list is complete.
+    WatchClear,
+    /// More of that list.
+    WatchAdd(Ranges),
+    /// Watch the list from now on: send its bytes at the end of a window's work, as samples with this number.
+    WatchBegin {
+        /// For the samples. 0 ends all of it.
+        serial: u32,
+        /// Least time from one sample to the next, in nanoseconds; 0 is each window.
+        interval_ns: u64,
+    },
+    /// Write a value once, between two jobs. Of a bit, bit 0 of the value.
+    Write {
+        /// Where.
+        point: Point,
+        /// Little-endian; the first bytes count.
+        value: u64,
+    },
+    /// Keep a value from now on.
+    Force {
+        /// Where. A second force of the same point replaces the first.
+        point: Point,
+        /// As in [`Write`](Self::Write).
+        value: u64,
+    },
+    /// Keep the value no longer.
+    Release {
+        /// Of this point.
+        point: Point,
+    },
+    /// Keep no value any longer.
+    ReleaseAll,
+}
+
+/// Some ranges of an order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ranges {
+    all: [Option<Range>; RANGES_EACH],
+    count: u8,
+}
+
+impl Ranges {
+    /// As many of these as have room.
+    #[must_use]
+    pub fn new(ranges: &[Range]) -> Self {
+        let mut all = [None; RANGES_EACH];
+        let count = ranges.len().min(RANGES_EACH);
+        all.iter_mut().zip(ranges).for_each(|(slot, range)| *slot = Some(*range));
+        Self { all, count: count as u8 }
+    }
+
+    /// All of them.
+    pub fn iter(&self) -> impl Iterator<Item = Range> {
+        self.all.iter().copied().map_while(|range| range)
+    }
+
+    fn write(&self, to: &mut Writer<'_>) {
+        to.u8(self.count);
+        self.iter().for_each(|range| range.write(to));
+    }
+
+    fn read(from: &mut Reader<'_>) -> Option<Self> {
+        let count = from.u8()?;
+        let mut all = [None; RANGES_EACH];
+        for slot in all.get_mut(..usize::from(count))? {
+            *slot = Some(Range::read(from)?);
+        }
+        Some(Self { all, count })
+    }
 }
 
 impl Order {
@@ -21,12 +103,30 @@ impl Order {
         let mut to = Writer::new(buffer);
         let kind = match self {
             Order::Status { .. } => STATUS,
+            Order::WatchClear => WATCH_CLEAR,
+            Order::WatchAdd(_) => WATCH_ADD,
+            Order::WatchBegin { .. } => WATCH_BEGIN,
+            Order::Write { .. } => WRITE,
+            Order::Force { .. } => FORCE,
+            Order::Release { .. } => RELEASE,
+            Order::ReleaseAll => RELEASE_ALL,
         };
         to.u16(kind);
         to.u16(0);
         to.u32(number);
         match *self {
             Order::Status { part } => to.u16(part),
+            Order::WatchClear | Order::ReleaseAll => {}
+            Order::WatchAdd(ranges) => ranges.write(&mut to),
+            Order::WatchBegin { serial, interval_ns } => {
+                to.u32(serial);
+                to.u64(interval_ns);
+            }
+            Order::Write { point, value } | Order::Force { point, value } => {
+                point.write(&mut to);
+                to.u64(value);
+            }
+            Order::Release { point } => point.write(&mut to),
         }
         to.end()
     }
@@ -45,33 +145,70 @@ pub fn decode_order(message: &[u8]) -> Result<(u32, Order), Option<u32>> {
 }
 
 fn body(kind: u16, from: &mut Reader<'_>) -> Option<Order> {
-    match kind {
-        STATUS => {
-            let part = from.u16()?;
-            from.end(Order::Status { part })
-        }
-        _ => None,
-    }
+    let order = match kind {
+        STATUS => Order::Status { part: from.u16()? },
+        WATCH_CLEAR => Order::WatchClear,
+        WATCH_ADD => Order::WatchAdd(Ranges::read(from)?),
+        WATCH_BEGIN => Order::WatchBegin { serial: from.u32()?, interval_ns: from.u64()? },
+        WRITE => Order::Write { point: Point::read(from)?, value: from.u64()? },
+        FORCE => Order::Force { point: Point::read(from)?, value: from.u64()? },
+        RELEASE => Order::Release { point: Point::read(from)? },
+        RELEASE_ALL => Order::ReleaseAll,
+        _ => return None,
+    };
+    from.end(order)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::MESSAGE_BYTES;
+    use super::super::{Area, MESSAGE_BYTES};
     use super::*;
+
+    const RANGE: Range = Range { program: 2, area: Area::Output, offset: 70_000, bytes: 1 };
+
+    fn orders() -> [Order; 8] {
+        let point = Point::new(RANGE, Some(7)).unwrap();
+        [
+            Order::Status { part: 7 },
+            Order::WatchClear,
+            Order::WatchAdd(Ranges::new(&[RANGE; RANGES_EACH + 1])),
+            Order::WatchBegin { serial: 3, interval_ns: 1 << 40 },
+            Order::Write { point, value: 1 },
+            Order::Force { point, value: u64::MAX },
+            Order::Release { point },
+            Order::ReleaseAll,
+        ]
+    }
 
     #[test]
     fn an_order_is_read_as_it_was_written_and_no_part_of_it_is_one() {
-        let mut buffer = [0; MESSAGE_BYTES];
-        let order = Order::Status { part: 7 };
-        let message = order.encode(9, &mut buffer).unwrap();
-        assert_eq!(decode_order(message), Ok((9, order)));
-        for length in 0..message.len() {
-            let number = (length >= 8).then_some(9);
-            assert_eq!(decode_order(&message[..length]), Err(number));
+        for order in orders() {
+            let mut buffer = [0; MESSAGE_BYTES];
+            let message = order.encode(9, &mut buffer).unwrap();
+            assert_eq!(decode_order(message), Ok((9, order)));
+            for length in 0..message.len() {
+                let number = (length >= 8).then_some(9);
+                assert_eq!(decode_order(&message[..length]), Err(number));
+            }
+            let mut longer = message.to_vec();
+            longer.push(0);
+            assert_eq!(decode_order(&longer), Err(Some(9)));
+            assert_eq!(order.encode(9, &mut [0; 7]), None);
         }
-        let mut longer = message.to_vec();
-        longer.push(0);
-        assert_eq!(decode_order(&longer), Err(Some(9)));
-        assert_eq!(order.encode(9, &mut [0; 9]), None);
+    }
+
+    #[test]
+    fn a_place_that_can_be_none_is_refused() {
+        assert!(Point::new(Range { bytes: 9, ..RANGE }, None).is_none());
+        assert!(Point::new(Range { bytes: 2, ..RANGE }, Some(1)).is_none());
+        assert!(Point::new(RANGE, Some(8)).is_none());
+        let mut buffer = [0; MESSAGE_BYTES];
+        let point = Point::new(RANGE, None).unwrap();
+        let message = Order::Release { point }.encode(9, &mut buffer).unwrap().to_vec();
+        for (at, value) in [(9, 0), (9, 5), (10, 0), (10, 9)] {
+            let mut changed = message.clone();
+            changed[at] = value;
+            assert_eq!(decode_order(&changed), Err(Some(9)), "byte {at} is {value}");
+        }
     }
 }

@@ -194,7 +194,9 @@ impl Kernel {
                 let now = self.now();
                 self.scheduler.start(id, now);
             }
-        } else if !self.serve_order(release, self.window.end_tsc) {
+        } else if !self.take_sample(release, self.window.release_tsc, self.window.end_tsc)
+            && !self.serve_order(release, self.window.end_tsc)
+        {
             if next_window_is_far(self.window.end_tsc) {
                 self.tell_figures();
             }
@@ -206,6 +208,7 @@ impl Kernel {
     /// Gives a task the processor, and sees to what it comes back with.
     fn dispatch(&mut self, picked: Picked) {
         let Picked { task, begins, wake } = picked;
+        self.live.watch.give_up();
         let place = self.places[task.index()];
         if begins {
             self.begin_job(task, place);
@@ -343,6 +346,7 @@ impl Kernel {
             start: self.start as u32,
             ..TaskInformation::default()
         };
+        self.apply_forces(place.program);
         let argument = program.inform(place.number, &information);
         let stack = program.begin_stack(place.number.unwrap_or(0));
         if !program.process.is_empty() {
@@ -365,6 +369,7 @@ impl Kernel {
     /// The job of the running task is complete.
     pub fn end(&mut self, id: TaskId) {
         let tsc = cycle::now();
+        self.apply_forces(self.places[id.index()].program);
         pages::publish_done(tsc);
         if let Some(violation) = self.scheduler.end(self.clock.instant(tsc)) {
             self.violated(id, violation);

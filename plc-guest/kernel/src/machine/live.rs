@@ -1,19 +1,24 @@
-//! Orders from Takt while the PLC runs, and the answers.
+//! Orders from Takt while the PLC runs, the answers, and samples of what is watched.
 //!
-//! A step is one order, taken in a window in which no task is ready or will be, with time left for the longest of them:
+//! A step is one order or one part of a sample, taken in a window in which no task is ready or will be, with time left for the longest of them:
 //! so no release and no job ever waits for an order. Orders come from Takt and are checked all the same, as a
 //! program's calls are. What cannot be answered because Takt has not taken the answers before is counted.
 
 use super::kernel::Kernel;
+use super::memory::Area;
 use super::program::Program;
 use takt_abi::live::{
-    ANSWERS, Answer, Buffer, MESSAGE_BYTES, ORDERS, Order, ProgramRecord, ProgramState, Refusal,
-    TASKS_EACH, TaskRecord, TaskState, decode_order,
+    ANSWERS, Answer, Buffer, MESSAGE_BYTES, ORDERS, Order, PAYLOAD_BYTES, Point, ProgramRecord,
+    ProgramState, RANGES_EACH_PART, Range, Refusal, SampleHead, TASKS_EACH, TaskRecord, TaskState,
+    decode_order,
 };
 use takt_abi::program::PROGRAMS_MAX;
 use takt_channel::Tsc;
+use takt_kernel::forces::Forces;
 use takt_kernel::scheduler::Phase;
-use takt_kernel::task::{State, TaskId};
+use takt_kernel::task::{State, TaskId, Wait};
+use takt_kernel::time::Span;
+use takt_kernel::watch::Watch;
 use takt_plc_guest::channel::{self, Receiver, Sender};
 use takt_plc_guest::cycle;
 
@@ -31,12 +36,25 @@ pub struct Live {
     dropped: u64,
     /// Orders that have been taken in the window of this release.
     taken: (u64, u8),
+    /// What is looked at.
+    pub watch: Watch,
+    /// Number of the next part of the sample.
+    part: u16,
+    /// What an operator keeps.
+    pub forces: Forces,
 }
 
 impl Live {
     /// Before the start.
-    pub const CLOSED: Self =
-        Self { ends: None, buffer: [0; MESSAGE_BYTES], dropped: 0, taken: (0, 0) };
+    pub const CLOSED: Self = Self {
+        ends: None,
+        buffer: [0; MESSAGE_BYTES],
+        dropped: 0,
+        taken: (0, 0),
+        watch: Watch::NOTHING,
+        part: 0,
+        forces: Forces::NONE,
+    };
 
     /// Opens both ends. Without them there are no orders, and the programs run all the same.
     pub fn open(&mut self) {
@@ -59,6 +77,13 @@ impl Live {
         let received = orders.receive(&mut self.buffer).ok()?;
         self.taken.1 += 1;
         Some(decode_order(received.bytes))
+    }
+
+    fn send_sample(&mut self, head: &SampleHead, payload: &[u8]) -> bool {
+        let Some((_, answers)) = self.ends.as_mut() else { return false };
+        let fill = |to: &mut [u8]| to.copy_from_slice(&payload[..to.len()]);
+        let message = head.encode(fill, &mut self.buffer);
+        message.is_some_and(|message| answers.send(message, Tsc(cycle::now())).is_ok())
     }
 
     fn answer(&mut self, number: u32, answer: &Answer) {
@@ -91,11 +116,109 @@ impl Kernel {
         true
     }
 
-    fn obey(&self, order: Order) -> Answer {
-        match order {
-            Order::Status { part: 0 } => self.programs_status(),
-            Order::Status { part } => self.tasks_status((usize::from(part) - 1) * TASKS_EACH),
+    fn obey(&mut self, order: Order) -> Answer {
+        let reply = match order {
+            Order::Status { part: 0 } => return self.programs_status(),
+            Order::Status { part } => {
+                return self.tasks_status((usize::from(part) - 1) * TASKS_EACH);
+            }
+            Order::WatchClear => {
+                self.live.watch.clear();
+                Ok(())
+            }
+            Order::WatchAdd(ranges) => ranges
+                .iter()
+                .try_for_each(|range| self.area(range).and_then(|_| self.live.watch.add(range))),
+            Order::WatchBegin { serial, interval_ns } => {
+                self.live.watch.begin(serial, Span(interval_ns));
+                self.live.part = 0;
+                Ok(())
+            }
+            Order::Write { point, value } => {
+                self.area(point.range).map(|area| put(area, point, value))
+            }
+            Order::Force { point, value } => self.area(point.range).and_then(|area| {
+                self.live.forces.set(point, value)?;
+                put(area, point, value);
+                Ok(())
+            }),
+            Order::Release { point } => self.live.forces.release(point),
+            Order::ReleaseAll => {
+                self.live.forces.clear();
+                Ok(())
+            }
+        };
+        Answer::Reply(reply)
+    }
+
+    /// Some bytes of a program, if it has them.
+    fn area(&self, range: Range) -> Result<Area, Refusal> {
+        let program = self.programs.get(usize::from(range.program)).and_then(Option::as_ref);
+        let area = program.ok_or(Refusal::NoProgram)?.live_area(range.area);
+        area.part(range.offset.into(), range.bytes.into()).ok_or(Refusal::NoPlace)
+    }
+
+    /// Puts the forced values of a program into their places.
+    pub fn apply_forces(&self, program: u8) {
+        for (point, value) in self.live.forces.of(program) {
+            if let Ok(area) = self.area(point.range) {
+                put(area, point, value);
+            }
         }
+    }
+
+    /// Takes one part of a sample of what is watched, if one is due, and time for it. True if there was.
+    pub fn take_sample(&mut self, release: u64, release_tsc: u64, end_tsc: u64) -> bool {
+        let now = self.now();
+        if end_tsc.saturating_sub(cycle::now()) < STEP_TICKS
+            || !self.live.watch.is_due(release, now)
+        {
+            return false;
+        }
+        if self.live.watch.is_at_start() {
+            self.live.part = 0;
+        }
+        let mut payload = [0; PAYLOAD_BYTES];
+        let mut filled = 0;
+        for _ in 0..RANGES_EACH_PART {
+            let room = (PAYLOAD_BYTES - filled) as u16;
+            let Some(piece) = self.live.watch.piece(room) else { break };
+            let end = filled + usize::from(piece.bytes);
+            if let (Ok(area), Some(place)) = (self.area(piece), payload.get_mut(filled..end)) {
+                area.read(place);
+            }
+            filled = end;
+        }
+        let head = SampleHead {
+            serial: self.live.watch.serial(),
+            cycle: release,
+            release_tsc,
+            missed: self.live.watch.missed(),
+            part: self.live.part,
+            last: self.live.watch.is_whole(),
+            unsettled: self.unsettled(),
+            bytes: filled as u16,
+        };
+        if !self.live.send_sample(&head, &payload) {
+            self.live.watch.give_up_for_now();
+        } else if head.last {
+            self.live.watch.sent(now);
+        } else {
+            self.live.part += 1;
+        }
+        true
+    }
+
+    /// Programs that are in the middle of something, a bit for each.
+    fn unsettled(&self) -> u16 {
+        let loading = self.programs.iter().flatten().filter(|program| program.is_loading());
+        let loading = loading.fold(0, |all, program| all | 1 << program.id.0);
+        self.scheduler.ids().map(|id| self.scheduler.task(id)).fold(loading, |all, task| match task
+            .state()
+        {
+            State::Waiting(Wait::Release) | State::Dormant => all,
+            _ => all | 1 << task.settings().program.0,
+        })
     }
 
     fn programs_status(&self) -> Answer {
@@ -107,7 +230,8 @@ impl Kernel {
                 ProgramRecord { state: self.program_state(program), hash: program.image.hash() };
         }
         let tasks = self.scheduler.ids().count() as u8;
-        Answer::Programs { programs, count, tasks, dropped: self.live.dropped }
+        let (forced, dropped) = (self.live.forces.count(), self.live.dropped);
+        Answer::Programs { programs, count, tasks, forced, dropped }
     }
 
     fn program_state(&self, program: &Program) -> ProgramState {
@@ -156,6 +280,21 @@ impl Kernel {
             start_max: figures.start_max.0,
             slack_min: figures.slack_min.0,
             switches: figures.switches,
+        }
+    }
+}
+
+/// Writes a value to its place.
+fn put(area: Area, point: Point, value: u64) {
+    let bytes = value.to_le_bytes();
+    match point.bit {
+        None => area.write(&bytes),
+        Some(bit) => {
+            let mut byte = [0];
+            area.read(&mut byte);
+            let mask = 1 << (bit & 7);
+            byte[0] = if value & 1 == 0 { byte[0] & !mask } else { byte[0] | mask };
+            area.write(&byte);
         }
     }
 }

@@ -8,6 +8,7 @@ use super::memory::{Area, OutOfMemory, Pages, Ram};
 use super::process::Process;
 use super::space::{Rights, Space};
 use core::fmt;
+use takt_abi::live;
 use takt_abi::memory::PAGE;
 use takt_abi::program as table;
 use takt_kernel::scheduler::OBJECTS_EACH_MAX;
@@ -221,6 +222,17 @@ impl Program {
             *slot = pages.take(bytes)?;
         }
         Ok(())
+    }
+
+    /// An area that can be looked at from outside.
+    pub const fn live_area(&self, area: live::Area) -> Area {
+        let slot = match area {
+            live::Area::State => 2,
+            live::Area::Input => 3,
+            live::Area::Output => 4,
+            live::Area::Marker => 5,
+        };
+        self.regions[slot].area
     }
 
     /// Its name in the partition.
