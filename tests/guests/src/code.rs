@@ -87,6 +87,17 @@ functions! {
     Nothing = "takt_test_nothing": []
     /// Two instructions as many times as the parameter says.
     Work = "takt_test_work": ["mov rcx, [rbx]", "2:", "dec rcx", "jnz 2b"]
+    /// Publishes its count of jobs in two words far from each other, with the parameter's work in between; counts
+    /// up a third word that may be forced, and leaves what it saw in it in a fourth.
+    Publish = "takt_test_publish": [
+        "inc qword ptr [rbx + 16]",
+        "mov rax, [rbx + 16]",
+        "mov [rbx + 24], rax",
+        "mov rax, [rbx + 8]",
+        "mov [0x50001000], rax",
+        "mov rcx, [rbx]", "2:", "dec rcx", "jnz 2b",
+        "mov [0x50002000], rax",
+    ]
     /// Works without end.
     Endless = "takt_test_endless": ["2:", "jmp 2b"]
     /// Keeps patterns in all registers for as many rounds as the parameter says, looks at them in each, and

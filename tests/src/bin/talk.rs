@@ -1,10 +1,10 @@
 //! A client of Takt's control socket that knows nothing of Takt: what `docs/control.md` says is
 //! enough.
 //!
-//!     talk SOCKET LINE...
+//!     talk SOCKET LINE|NUMBER|stay...
 //!
 //! Waits for the socket, sends each line, and prints what comes up to the line that answers it; to
-//! `trace`, that is the last line of the trace. Exit status: 0 if each was answered.
+//! `trace`, that is the last line of the trace. For a number it prints so many lines more; after `stay` it reads nothing any more, until it is killed. Exit status: 0 if each was answered.
 
 #![forbid(unsafe_code)]
 
@@ -25,12 +25,23 @@ fn main() -> Result<(), Box<dyn Error>> {
     let stream = connect(&socket)?;
     let mut answers = BufReader::new(stream.try_clone()?).lines();
     for line in arguments {
+        while line == "stay" {
+            thread::park();
+        }
+        if let Ok(count) = line.parse() {
+            for answer in answers.by_ref().take(count) {
+                println!("{}", answer?);
+            }
+            continue;
+        }
         writeln!(&stream, "{line}")?;
         loop {
             let answer = answers.next().ok_or("the connection has ended")??;
             println!("{answer}");
             let parsed: serde_json::Value = serde_json::from_str(&answer)?;
-            if !["event", "trace", "window", "switch"].iter().any(|part| parsed["answer"] == *part)
+            if !["event", "trace", "window", "switch", "values"]
+                .iter()
+                .any(|part| parsed["answer"] == *part)
             {
                 break;
             }

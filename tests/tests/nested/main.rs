@@ -18,6 +18,7 @@ mod linux_ports;
 mod load;
 mod network;
 mod passthrough;
+mod points;
 mod ports;
 mod process_image;
 mod programs;

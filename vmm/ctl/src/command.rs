@@ -8,9 +8,8 @@ use takt_plan as config;
 use takt_protocol::{Answer, Mode, Request};
 use takt_scheduler::time::Nanos;
 
-use crate::connection::Connection;
-use crate::error::CtlError;
-use crate::{place, text, trace};
+use crate::{text, trace};
+use takt_client::{ClientError, Connection};
 
 /// What the exit status means.
 pub const AFTER_HELP: &str = "\
@@ -119,9 +118,9 @@ impl From<Command> for Request {
 /// Does what the command line says.
 ///
 /// # Errors
-/// See [`CtlError`].
-pub fn run(Cli { json, place, command }: Cli) -> Result<(), CtlError> {
-    let mut takt = Connection::open(&place::socket(&place)?)?;
+/// See [`ClientError`].
+pub fn run(Cli { json, place, command }: Cli) -> Result<(), ClientError> {
+    let mut takt = Connection::open(&takt_client::socket(&place)?)?;
     match command.into() {
         Request::Trace(length) => {
             let extent = trace::record(&mut takt, length, json, io::stdout().lock())?;
@@ -143,11 +142,11 @@ pub fn run(Cli { json, place, command }: Cli) -> Result<(), CtlError> {
     Ok(())
 }
 
-fn print((line, answer): (String, Answer), json: bool) -> Result<(), CtlError> {
+fn print((line, answer): (String, Answer), json: bool) -> Result<(), ClientError> {
     let shown = if json { line } else { text::of(&answer) };
     let mut out = io::stdout().lock();
     // A reader that has had enough ends it, as with any filter.
-    out.write_all(shown.as_bytes()).and_then(|()| out.flush()).map_err(CtlError::Output)?;
+    out.write_all(shown.as_bytes()).and_then(|()| out.flush()).map_err(ClientError::Output)?;
     answer.granted()?;
     Ok(())
 }

@@ -6,9 +6,7 @@
 
 mod channels;
 mod command;
-mod connection;
-mod error;
-mod place;
+mod programs;
 mod text;
 mod top;
 mod trace;
@@ -16,7 +14,7 @@ mod trace;
 use std::process::ExitCode;
 
 use clap::Parser;
-use error::CtlError;
+use takt_client::{ClientError, error, socket};
 
 /// All of `takt-ctl`.
 #[must_use]
@@ -27,10 +25,10 @@ pub fn takt_ctl() -> ExitCode {
 /// All of `takt-top`.
 #[must_use]
 pub fn takt_top() -> ExitCode {
-    run_with("takt-top", |top::Cli { place }| top::run(&place::socket(&place)?))
+    run_with("takt-top", |top::Cli { place }| top::run(&socket(&place)?))
 }
 
-fn run_with<C: Parser>(name: &str, run: impl FnOnce(C) -> Result<(), CtlError>) -> ExitCode {
+fn run_with<C: Parser>(name: &str, run: impl FnOnce(C) -> Result<(), ClientError>) -> ExitCode {
     let cli = match C::try_parse() {
         Ok(cli) => cli,
         Err(answer) => {
@@ -44,7 +42,7 @@ fn run_with<C: Parser>(name: &str, run: impl FnOnce(C) -> Result<(), CtlError>) 
         Err(error) => {
             match &error {
                 // It begins with the file's name, and has several lines.
-                CtlError::File(error) => eprintln!("{error}"),
+                ClientError::File(error) => eprintln!("{error}"),
                 error => eprintln!("{name}: {error}"),
             }
             ExitCode::from(error.status())

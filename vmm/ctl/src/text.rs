@@ -2,9 +2,11 @@
 
 use std::fmt::Write;
 
+pub use takt_client::plain;
 use takt_protocol::{Answer, Event, Mode, PartitionStatus, State, Status};
 
 use crate::channels;
+use crate::programs;
 use crate::trace::Extent;
 
 /// An answer as lines. A refusal is none: it goes to standard error.
@@ -17,20 +19,9 @@ pub fn of(answer: &Answer) -> String {
         // A trace is for a viewer.
         Answer::Trace { .. } | Answer::Window { .. } | Answer::Switch { .. } => String::new(),
         Answer::Traced { .. } | Answer::Error(_) => String::new(),
+        // Values are for a client that knows the program.
+        Answer::Watching { .. } | Answer::Values { .. } => String::new(),
     }
-}
-
-/// A text that cannot play with the terminal.
-pub fn plain(text: &str) -> String {
-    let mut shown = String::with_capacity(text.len());
-    for c in text.chars() {
-        if c.is_control() {
-            shown.extend(c.escape_default());
-        } else {
-            shown.push(c);
-        }
-    }
-    shown
 }
 
 /// How much of its time a trace has, in one line.
@@ -135,11 +126,17 @@ fn status(status: &Status) -> String {
         out.push('\n');
         out.push_str(&table(channels::COLUMNS, status.channels.iter().map(channels::row)));
     }
+    let tasks: Vec<[String; 8]> = status.partitions.iter().flat_map(programs::rows).collect();
+    if !tasks.is_empty() {
+        out.push('\n');
+        out.push_str(&table(programs::COLUMNS, tasks.into_iter()));
+    }
+    let forced = status.partitions.iter().flat_map(programs::forced);
     let latencies = status.partitions.iter().filter_map(latency);
     let ends = status.partitions.iter().filter_map(|p| Some((&p.name, p.end.as_ref()?)));
     let ends = ends.map(|(name, end)| plain(&format!("{name}: {end}")));
     let problems = status.channels.iter().filter_map(channels::problem);
-    for line in latencies.chain(ends).chain(problems) {
+    for line in forced.chain(latencies).chain(ends).chain(problems) {
         let _ = write!(out, "\n{line}");
     }
     out.push('\n');

@@ -12,8 +12,7 @@ use takt_protocol::{Answer, Request, TraceStart, TracedWindow};
 use takt_scheduler::table::Cpu;
 use takt_scheduler::time::{Nanos, Tsc};
 
-use crate::connection::{Connection, PATIENCE};
-use crate::error::CtlError;
+use takt_client::{ClientError, Connection, PATIENCE};
 
 /// What a trace has of the windows of its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,7 +32,7 @@ pub fn record(
     length: Nanos,
     json: bool,
     out: impl Write,
-) -> Result<Extent, CtlError> {
+) -> Result<Extent, ClientError> {
     // Without windows nothing comes until the end.
     takt.wait_for(Duration::from_nanos(length.0) + PATIENCE)?;
     takt.send(&Request::Trace(length))?;
@@ -41,9 +40,9 @@ pub fn record(
     if json {
         loop {
             let (line, answer) = takt.receive()?;
-            out.write_all(line.as_bytes()).map_err(CtlError::Output)?;
+            out.write_all(line.as_bytes()).map_err(ClientError::Output)?;
             if let Some(extent) = end(answer)? {
-                out.flush().map_err(CtlError::Output)?;
+                out.flush().map_err(ClientError::Output)?;
                 return Ok(extent);
             }
         }
@@ -64,7 +63,7 @@ pub fn record(
             }
             answer => {
                 if let Some(extent) = end(answer)? {
-                    trace.finish().map_err(CtlError::Output)?;
+                    trace.finish().map_err(ClientError::Output)?;
                     return Ok(extent);
                 }
             }
@@ -88,13 +87,13 @@ fn add<W: Write>(trace: &mut Trace<W>, start: &TraceStart, told: &TracedWindow) 
 }
 
 /// The end, if this answer is it.
-fn end(answer: Answer) -> Result<Option<Extent>, CtlError> {
+fn end(answer: Answer) -> Result<Option<Extent>, ClientError> {
     Ok(match answer.granted()? {
         Answer::Traced { windows, dropped } => Some(Extent { windows, dropped }),
         _ => None,
     })
 }
 
-fn strange(what: &str) -> CtlError {
-    CtlError::NotUnderstood(what.to_owned())
+fn strange(what: &str) -> ClientError {
+    ClientError::NotUnderstood(what.to_owned())
 }

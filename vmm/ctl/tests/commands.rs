@@ -11,10 +11,11 @@ use std::time::Duration;
 
 use serde_json::Value;
 use takt::control::{Operator, Server};
+use takt::live::Change;
 use takt::unix_socket::{Listener, SocketKind};
 use takt_protocol::{
-    ChannelStatus, ErrorKind, EventKind, Mode, PartitionStatus, Refusal, ScheduleStatus, State,
-    Status, TraceStart, TracedPartition, TracedWindow,
+    ChannelStatus, ErrorKind, EventKind, Mode, PartitionStatus, Range, Refusal, ScheduleStatus,
+    State, Status, TraceStart, TracedPartition, TracedWindow,
 };
 use takt_record::WindowRecord;
 use takt_scheduler::schedules::ScheduleId;
@@ -89,6 +90,7 @@ impl Operator for FakeRun {
                 console_dropped: 0,
                 releases: None,
                 programs: vec![],
+                forced: vec![],
             }],
             channels: vec![ChannelStatus {
                 name: "orders".into(),
@@ -118,6 +120,26 @@ impl Operator for FakeRun {
 
     fn switch_schedule(&mut self, name: &str) -> Result<String, Refusal> {
         Ok(format!("schedule {name}"))
+    }
+
+    fn watch(
+        &mut self,
+        _client: u64,
+        partition: &str,
+        ranges: Vec<Range>,
+        _interval: Nanos,
+    ) -> Result<u64, Refusal> {
+        granted("is watched", partition)?;
+        Ok(ranges.len() as u64)
+    }
+
+    fn change(&mut self, partition: &str, _change: Change) -> Result<u64, Refusal> {
+        granted("is changed", partition)?;
+        Ok(1)
+    }
+
+    fn result(&mut self, ticket: u64) -> Option<Result<String, Refusal>> {
+        Some(Ok(format!("change {ticket}")))
     }
 
     fn trace(&self) -> TraceStart {

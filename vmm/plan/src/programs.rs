@@ -10,6 +10,7 @@ use std::io::{self, Read};
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use takt_abi::live::SAMPLE_BYTES;
 use takt_abi::memory::PAGE;
 use takt_abi::program::{self, PROGRAMS_MAX, action};
 use takt_program::{Area, Image, ObjectKind, limit};
@@ -42,6 +43,10 @@ pub struct Program {
     pub place: program::Program,
     /// Whether the image is signed by a key that the file accepts.
     pub trust: Trust,
+    /// How much of it clients of the control socket may have looked at in a cycle.
+    pub watch: Bytes,
+    /// Whether they may write and force its values.
+    pub allow_force: bool,
     image: Arc<[u8]>,
 }
 
@@ -59,6 +64,14 @@ impl Program {
     #[must_use]
     pub fn bytes(&self) -> &[u8] {
         &self.image
+    }
+
+    /// Bytes of its state, inputs, outputs and markers.
+    #[must_use]
+    pub fn area_bytes(&self) -> [u32; 4] {
+        let image = self.image();
+        let bytes = |area| image.map_or(0, |image| image.area_bytes(area));
+        [Area::State, Area::Input, Area::Output, Area::Marker].map(bytes)
     }
 
     /// The image; `None` never happens, since it was valid when the file was loaded.
@@ -141,8 +154,25 @@ fn check_one(raw: &raw::Program, around: Surroundings<'_>) -> Result<CheckedProg
         ..program::Program::NONE
     };
     let work = work(&image, bank);
-    let program = Program { name, path: file.path, place, trust, image: bytes.into() };
+    let watch = check_watch(raw.watch.as_ref())?;
+    let allow_force = raw.allow_force.as_ref().is_some_and(|allow| *allow.get_ref());
+    let image = bytes.into();
+    let program = Program { name, path: file.path, place, trust, watch, allow_force, image };
     Ok(CheckedProgram { program, span: file.span, work })
+}
+
+/// What may be watched where the file does not say.
+pub const WATCH_DEFAULT: Bytes = Bytes(1 << 10);
+
+fn check_watch(watch: Option<&Spanned<Bytes>>) -> Result<Bytes, Diagnostic> {
+    let Some(watch) = watch else { return Ok(WATCH_DEFAULT) };
+    let most = Bytes(SAMPLE_BYTES as u64);
+    if *watch.get_ref() > most {
+        let found = format!("a `watch` of {}", watch.get_ref());
+        let allowed = format!("at most {most} of a program in a cycle; \"0KiB\" for none");
+        return Err(Diagnostic::new(watch.span(), found, allowed));
+    }
+    Ok(*watch.get_ref())
 }
 
 /// All of an image; of another file, which may have any length, only what shows that.

@@ -122,6 +122,8 @@ pub struct Program {
     pub on_fault: Option<Spanned<String>>,
     pub on_overrun: Option<Spanned<String>>,
     pub on_deadline: Option<Spanned<String>>,
+    pub watch: Option<Spanned<Bytes>>,
+    pub allow_force: Option<Spanned<bool>>,
 }
 
 #[derive(Debug, serde::Deserialize)]

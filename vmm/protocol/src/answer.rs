@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Status, TraceStart, TracedWindow, VERSION, line};
+use super::{Status, TraceStart, TracedWindow, VERSION, Values, line};
 
 /// Why a request was not granted.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -103,6 +103,18 @@ pub enum Answer {
         /// Windows that it was not told of, because it did not read fast enough.
         dropped: u64,
     },
+    /// To `watch`.
+    Watching {
+        /// Of this partition.
+        partition: String,
+        /// So many bytes in each line of values.
+        bytes: u64,
+    },
+    /// Unasked, to who watches.
+    Values {
+        /// Of one cycle.
+        values: Values,
+    },
     /// The request changes nothing.
     Error(Refusal),
 }
@@ -157,4 +169,10 @@ pub enum EventKind {
     Health,
     /// The release guard of a partition has another length.
     Guard,
+    /// An operator has written a value.
+    Written,
+    /// An operator keeps a value forced.
+    Forced,
+    /// Values are not forced any more: an operator has released them, or their partition has started anew.
+    Released,
 }

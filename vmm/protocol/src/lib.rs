@@ -3,6 +3,7 @@
 //! The types are those of both sides, so that they cannot disagree.
 
 mod answer;
+mod point;
 mod request;
 mod status;
 
@@ -10,11 +11,13 @@ use serde::Serialize;
 use takt_scheduler::time::Nanos;
 
 pub use answer::{Answer, ErrorKind, Event, EventKind, Message, Refusal};
-pub use request::{Mode, Request};
+pub use point::{ForcedStatus, INTERVAL_MAX, LABEL_MAX, Named, Values, raw_point, raw_range};
+pub use request::{Mode, PointValue, Request};
 pub use status::{
     ChannelStatus, Contents, PartitionStatus, ProgramState, ProgramStatus, ReleaseStatus,
     ScheduleStatus, State, Status, TaskState, TaskStatus, WindowStatus,
 };
+pub use takt_abi::live::{Area, Point, Range, WATCHED_RANGES};
 pub use takt_record::{
     ClaimedScan, ExitKind, TraceStart, TracedDetour, TracedPartition, TracedWindow,
 };

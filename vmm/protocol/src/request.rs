@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use takt_scheduler::time::Nanos;
 
-use super::{ErrorKind, Refusal, TRACE_MAX, VERSION, line};
+use super::point::{self, INTERVAL_MAX, LABEL_MAX, Named, raw_point, raw_range};
+use super::{ErrorKind, Point, Range, Refusal, TRACE_MAX, VERSION, WATCHED_RANGES, line};
 
 /// What a client asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,6 +30,34 @@ pub enum Request {
     },
     /// Every window from now on, for this long: more than nothing, at most [`TRACE_MAX`].
     Trace(Nanos),
+    /// The bytes of these ranges, of one cycle each time; none ends it.
+    Watch {
+        /// Whose.
+        partition: String,
+        /// Of which programs, and where.
+        ranges: Vec<Range>,
+        /// Least time from one line of values to the next; zero: each cycle.
+        interval: Nanos,
+    },
+    /// A value shall be written once.
+    Write(PointValue),
+    /// A value shall be kept from now on.
+    Force(PointValue),
+    /// A value shall be kept no longer; no point: none of the partition.
+    Release(String, Option<Point>),
+}
+
+/// A value for a point.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PointValue {
+    /// Whose.
+    pub partition: String,
+    /// Where.
+    pub point: Point,
+    /// Little-endian; of a bit, bit 0.
+    pub value: u64,
+    /// For people.
+    pub named: Named,
 }
 
 /// How a partition is started.
@@ -57,6 +86,18 @@ struct Raw {
     follow: Option<bool>,
     #[serde(skip_serializing_if = "Option::is_none")]
     duration_ns: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ranges: Option<Vec<[u32; 4]>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    interval_ns: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    point: Option<[u32; 5]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    value: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    name: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    text: Option<String>,
 }
 
 impl Request {
@@ -100,19 +141,37 @@ impl Request {
             Request::Schedule(name) => Raw { schedule: Some(name.clone()), ..raw("schedule") },
             Request::Events { follow } => Raw { follow: Some(*follow), ..raw("events") },
             Request::Trace(duration) => Raw { duration_ns: Some(duration.0), ..raw("trace") },
+            Request::Watch { partition, ranges, interval } => Raw {
+                ranges: Some(ranges.iter().map(|range| raw_range(*range)).collect()),
+                interval_ns: Some(interval.0),
+                ..of("watch", partition)
+            },
+            Request::Write(value) => value.raw(of("write", &value.partition)),
+            Request::Force(value) => value.raw(of("force", &value.partition)),
+            Request::Release(partition, point) => {
+                Raw { point: point.map(raw_point), ..of("release", partition) }
+            }
         })
     }
 }
 
 impl Raw {
     fn check(self) -> Result<Request, Refusal> {
-        let Raw { version: _, request, partition, mode, schedule, follow, duration_ns } = self;
+        let Raw { version: _, request, partition, mode, schedule, follow, duration_ns, .. } = &self;
+        let (partition, schedule) = (partition.clone(), schedule.clone());
+        let (mode, follow, duration_ns) = (*mode, *follow, *duration_ns);
         let given = [
             ("partition", partition.is_some()),
             ("mode", mode.is_some()),
             ("schedule", schedule.is_some()),
             ("follow", follow.is_some()),
             ("duration_ns", duration_ns.is_some()),
+            ("ranges", self.ranges.is_some()),
+            ("interval_ns", self.interval_ns.is_some()),
+            ("point", self.point.is_some()),
+            ("value", self.value.is_some()),
+            ("name", self.name.is_some()),
+            ("text", self.text.is_some()),
         ];
         let malformed = |text| Refusal::new(ErrorKind::Malformed, text);
         let missing = |key: &str| malformed(format!("\"{request}\" needs the key `{key}`"));
@@ -137,9 +196,34 @@ impl Raw {
                 }
                 (Request::Trace(duration), &["duration_ns"])
             }
+            "watch" => {
+                let raw = self.ranges.as_ref().ok_or_else(|| missing("ranges"))?;
+                let ranges = point::ranges(raw).ok_or_else(|| {
+                    malformed(format!(
+                        "`ranges` must be at most {WATCHED_RANGES} lists of program, area (1 to 4), \
+                         offset and bytes (1 to 65535)"
+                    ))
+                })?;
+                let interval = Nanos(self.interval_ns.unwrap_or(0));
+                if interval > INTERVAL_MAX {
+                    let text = format!("`interval_ns` must be 0 to {}", INTERVAL_MAX.0);
+                    return Err(malformed(text));
+                }
+                let partition = named(partition, "partition")?;
+                let watch = Request::Watch { partition, ranges, interval };
+                (watch, &["partition", "ranges", "interval_ns"])
+            }
+            "write" => (Request::Write(self.value(partition)?), PointValue::KEYS),
+            "force" => (Request::Force(self.value(partition)?), PointValue::KEYS),
+            "release" => {
+                let point = self.point.map(|raw| point::point(raw).ok_or_else(no_point));
+                let partition = named(partition, "partition")?;
+                (Request::Release(partition, point.transpose()?), &["partition", "point"])
+            }
             _ => {
                 let text = "`request` must be \"status\", \"stop\", \"start\", \"restart\", \
-                            \"schedule\", \"events\" or \"trace\"";
+                            \"schedule\", \"events\", \"trace\", \"watch\", \"write\", \"force\" or \
+                            \"release\"";
                 return Err(Refusal::new(ErrorKind::UnknownRequest, text));
             }
         };
@@ -150,4 +234,47 @@ impl Raw {
             }
         }
     }
+
+    /// The value of a `write` or a `force`.
+    fn value(&self, partition: Option<String>) -> Result<PointValue, Refusal> {
+        let missing = |key: &str| {
+            let text = format!("\"{}\" needs the key `{key}`", self.request);
+            Refusal::new(ErrorKind::Malformed, text)
+        };
+        let (name, text) = (self.name.clone(), self.text.clone());
+        let named =
+            Named::new(name.ok_or_else(|| missing("name"))?, text.ok_or_else(|| missing("text"))?);
+        Ok(PointValue {
+            partition: partition.ok_or_else(|| missing("partition"))?,
+            point: point::point(self.point.ok_or_else(|| missing("point"))?)
+                .ok_or_else(no_point)?,
+            value: self.value.ok_or_else(|| missing("value"))?,
+            named: named.ok_or_else(|| {
+                let text = format!(
+                    "`name` and `text` must be 1 to {LABEL_MAX} bytes without control characters"
+                );
+                Refusal::new(ErrorKind::Malformed, text)
+            })?,
+        })
+    }
+}
+
+impl PointValue {
+    const KEYS: &[&str] = &["partition", "point", "value", "name", "text"];
+
+    fn raw(&self, raw: Raw) -> Raw {
+        Raw {
+            point: Some(raw_point(self.point)),
+            value: Some(self.value),
+            name: Some(self.named.name.clone()),
+            text: Some(self.named.text.clone()),
+            ..raw
+        }
+    }
+}
+
+fn no_point() -> Refusal {
+    let text = "`point` must be a list of program, area (1 to 4), offset, bytes (1 to 8), and 255 or, of \
+                one byte, a bit (0 to 7)";
+    Refusal::new(ErrorKind::Malformed, text)
 }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Mode;
+use super::{ForcedStatus, Mode};
 use takt_figures::report::Summary;
 
 /// How the run stands. Times are nanoseconds.
@@ -104,6 +104,9 @@ pub struct PartitionStatus {
     /// In the order of the partition file.
     #[serde(default)]
     pub programs: Vec<ProgramStatus>,
+    /// Values that operators keep forced, in the order in which they were forced.
+    #[serde(default)]
+    pub forced: Vec<ForcedStatus>,
 }
 
 /// How a program stands, as the PLC's kernel has said at most a second ago.

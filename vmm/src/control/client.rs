@@ -9,7 +9,7 @@ use std::os::unix::net::UnixStream;
 
 use takt_scheduler::time::Nanos;
 
-use super::protocol::{LINE_MAX, TracedWindow};
+use super::protocol::{Answer, LINE_MAX, TracedWindow, Values};
 use super::tracing::Tracing;
 
 /// Bytes of events that a client may be behind with.
@@ -29,6 +29,12 @@ pub(super) struct Client {
     output: Vec<u8>,
     /// True if it gets every event.
     pub follows: bool,
+    /// By this it is known elsewhere.
+    pub id: u64,
+    /// The change of whose result it is still to be told.
+    pub waits_for: Option<u64>,
+    /// Lines of values that it was not told since the last one.
+    missed: u64,
     /// What it gets of the windows, if it has asked for them.
     pub trace: Option<Tracing>,
     /// Nothing more is read; when all is sent, it goes.
@@ -49,9 +55,12 @@ pub(super) enum Came {
 }
 
 impl Client {
-    pub fn new(stream: UnixStream) -> Client {
+    pub fn new(stream: UnixStream, id: u64) -> Client {
         Client {
             stream,
+            id,
+            waits_for: None,
+            missed: 0,
             input: Vec::new(),
             output: Vec::new(),
             follows: false,
@@ -86,7 +95,7 @@ impl Client {
 
     /// True if it may ask for something.
     pub fn may_ask(&self) -> bool {
-        self.output.is_empty() && !self.closing
+        self.output.is_empty() && !self.closing && self.waits_for.is_none()
     }
 
     /// Takes the next line.
@@ -149,6 +158,21 @@ impl Client {
             self.output.extend_from_slice(&line);
         } else {
             trace.drop_one();
+        }
+    }
+
+    /// Sends values, if there is room for them; else they are counted. `missed` came before them and is gone already.
+    pub fn tell_values(&mut self, missed: u64, values: impl FnOnce(u64) -> Values) {
+        if self.output.len() >= TRACE_BACKLOG_MAX && self.push().is_some_and(|sent| sent > 0) {
+            self.stalled = 0;
+        }
+        self.missed = self.missed.saturating_add(missed);
+        if self.output.len() < TRACE_BACKLOG_MAX {
+            let missed = std::mem::take(&mut self.missed);
+            let line = Answer::Values { values: values(missed) }.line();
+            self.output.extend_from_slice(&line);
+        } else {
+            self.missed = self.missed.saturating_add(1);
         }
     }
 

@@ -8,13 +8,13 @@ use super::operator::Operator;
 use super::orders::Outcome;
 use super::programs;
 use super::protocol::{
-    ChannelStatus, ErrorKind, Mode, PartitionStatus, Refusal, ReleaseStatus, ScheduleStatus,
+    ChannelStatus, ErrorKind, Mode, PartitionStatus, Range, Refusal, ReleaseStatus, ScheduleStatus,
     Status, TraceStart, TracedPartition,
 };
 use crate::account::Account;
 use crate::health::Fault;
 use crate::host_ports::HostPorts;
-use crate::live::Live;
+use crate::live::{Change, Live};
 use crate::schedule_requests::ScheduleRequests;
 
 /// What of the event thread an operator sees and changes.
@@ -36,11 +36,17 @@ pub struct Operated<'a> {
 }
 
 impl Operated<'_> {
-    fn find(&mut self, name: &str) -> Result<&mut Account, Refusal> {
+    /// Where a partition is in the file.
+    fn place(&self, name: &str) -> Result<usize, Refusal> {
         // Not repeated in the text: it is whatever a client has sent.
         let text = "there is no partition of this name";
         let missing = || Refusal::new(ErrorKind::NoSuchPartition, text);
-        self.accounts.iter_mut().find(|account| account.name == name).ok_or_else(missing)
+        self.accounts.iter().position(|account| account.name == name).ok_or_else(missing)
+    }
+
+    fn find(&mut self, name: &str) -> Result<&mut Account, Refusal> {
+        let place = self.place(name)?;
+        Ok(&mut self.accounts[place])
     }
 
     fn done(&mut self, partition: &str, outcome: Outcome) -> String {
@@ -112,6 +118,7 @@ impl Operator for Operated<'_> {
                     }
                 }),
                 programs: programs::status(&facts.programs, self.live.figures(id)),
+                forced: self.live.forced(id),
             }
         });
         Status {
@@ -154,6 +161,26 @@ impl Operator for Operated<'_> {
                 Err(Refusal::new(ErrorKind::Refused, format!("schedule \"{name}\": {error}")))
             }
         }
+    }
+
+    fn watch(
+        &mut self,
+        client: u64,
+        partition: &str,
+        ranges: Vec<Range>,
+        interval: Nanos,
+    ) -> Result<u64, Refusal> {
+        let place = self.place(partition)?;
+        self.live.watch(client, place, ranges, interval)
+    }
+
+    fn change(&mut self, partition: &str, change: Change) -> Result<u64, Refusal> {
+        let (place, now) = (self.place(partition)?, self.desk.now());
+        self.live.change(place, change, now)
+    }
+
+    fn result(&mut self, ticket: u64) -> Option<Result<String, Refusal>> {
+        self.live.result(ticket)
     }
 
     fn trace(&self) -> TraceStart {

@@ -7,13 +7,13 @@ use super::channels::{ViewError, Views};
 use super::facts::Facts;
 use super::operated::Operated;
 use super::orders::Outcome;
-use super::protocol::{EventKind, TracedWindow};
+use super::protocol::{EventKind, TracedWindow, Values};
 use super::server::Server;
 use crate::account::Account;
 use crate::channels::Channels;
 use crate::config::PartitionFile;
 use crate::host_ports::HostPorts;
-use crate::live::Live;
+use crate::live::{Live, Sampled};
 use crate::schedule_requests::ScheduleRequests;
 use crate::unix_socket::Listener;
 use crate::vcpu::record::{Detour, WindowRecord};
@@ -55,9 +55,25 @@ impl Operators {
         desk: &ScheduleRequests,
     ) -> Vec<(String, Outcome)> {
         let Operators { server, facts, channels, live } = self;
-        live.on_tick(desk.now());
-        let mut run =
-            Operated { facts, accounts, channels, live, host_ports, desk, outcomes: Vec::new() };
+        let turn = live.on_tick(desk.now());
+        let base = desk.base();
+        for (id, sampled) in turn.samples {
+            let Some(account) = accounts.get(id) else { continue };
+            let Sampled { client, head, missed, bytes } = sampled;
+            server.values(client, missed, |missed| Values {
+                partition: account.name.clone(),
+                cycle: head.cycle,
+                release_ns: base.offset(Tsc(head.release_tsc)).0,
+                missed,
+                unsettled: head.unsettled,
+                bytes: hex(&bytes),
+            });
+        }
+        let name = |id: usize| accounts.get(id).map_or_else(String::new, |a| a.name.clone());
+        let events = turn.events.into_iter();
+        let outcomes = events.map(|(id, kind, text)| (name(id), Outcome { kind, text })).collect();
+        live.keep(|client| server.has(client));
+        let mut run = Operated { facts, accounts, channels, live, host_ports, desk, outcomes };
         server.serve(&mut run);
         run.outcomes
     }
@@ -79,4 +95,10 @@ impl Operators {
         let name = self.facts.schedules.get(schedule.0).map_or("", |s| s.name.as_str());
         self.server.switch(at, name);
     }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 16] = b"0123456789abcdef";
+    let digit = |half: u8| char::from(DIGITS[usize::from(half & 0xf)]);
+    bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(*byte)]).collect()
 }

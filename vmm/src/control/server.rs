@@ -9,9 +9,10 @@ use takt_scheduler::time::{Nanos, Tsc};
 use super::client::{Came, Client};
 use super::operator::Operator;
 use super::protocol::{
-    Answer, ErrorKind, Event, EventKind, LINE_MAX, Refusal, Request, TracedWindow,
+    Answer, ErrorKind, Event, EventKind, LINE_MAX, Refusal, Request, TracedWindow, Values,
 };
 use super::tracing::Tracing;
+use crate::live::Change;
 use crate::unix_socket::Listener;
 
 /// Most clients at a time.
@@ -30,13 +31,16 @@ pub struct Server {
     kept: VecDeque<Event>,
     /// Events so far.
     events: u64,
+    /// Clients so far.
+    connected: u64,
 }
 
 impl Server {
     /// Nobody yet.
     #[must_use]
     pub fn new(listener: Listener) -> Server {
-        Server { listener, clients: Vec::new(), kept: VecDeque::with_capacity(KEPT), events: 0 }
+        let kept = VecDeque::with_capacity(KEPT);
+        Server { listener, clients: Vec::new(), kept, events: 0, connected: 0 }
     }
 
     /// Does what there is to do, within bounds. It never waits.
@@ -46,6 +50,11 @@ impl Server {
         let mut traced = self.clients.iter().any(|client| client.trace.is_some());
         self.clients.retain_mut(|client| {
             client.end_trace(now);
+            if let Some(result) = client.waits_for.and_then(|ticket| run.result(ticket)) {
+                client.waits_for = None;
+                let answer = result.map_or_else(Answer::Error, |text| Answer::Done { text });
+                client.answer(&answer.line());
+            }
             if !client.flush() {
                 return false;
             }
@@ -57,9 +66,9 @@ impl Server {
                     Came::Nothing => break,
                     Came::Line(line) => {
                         let answer = answer(&line, client, kept, traced, run);
-                        let answer = answer.unwrap_or_else(Answer::Error);
+                        let answer = answer.unwrap_or_else(|error| Some(Answer::Error(error)));
                         traced |= client.trace.is_some();
-                        client.answer(&answer.line());
+                        answer.into_iter().for_each(|answer| client.answer(&answer.line()));
                     }
                     Came::TooLong => {
                         let text = format!("a line has at most {LINE_MAX} bytes");
@@ -107,6 +116,19 @@ impl Server {
         self.clients.retain_mut(|client| client.trace.is_none() || client.tell(&line));
     }
 
+    /// Tells a client values, if there is room for them; `missed` came before them.
+    pub fn values(&mut self, client: u64, missed: u64, values: impl FnOnce(u64) -> Values) {
+        if let Some(client) = self.clients.iter_mut().find(|c| c.id == client) {
+            client.tell_values(missed, values);
+        }
+    }
+
+    /// True if this client is still there.
+    #[must_use]
+    pub fn has(&self, client: u64) -> bool {
+        self.clients.iter().any(|c| c.id == client)
+    }
+
     /// Number of clients.
     #[cfg(test)]
     pub(super) fn clients(&self) -> usize {
@@ -117,7 +139,8 @@ impl Server {
         for _ in 0..ACCEPTED_MAX {
             let Some(mut stream) = self.listener.accept().map(UnixStream::from) else { return };
             if self.clients.len() < CLIENTS_MAX {
-                self.clients.push(Client::new(stream));
+                self.connected += 1;
+                self.clients.push(Client::new(stream, self.connected));
                 continue;
             }
             let text = format!("there are {CLIENTS_MAX} clients already");
@@ -134,9 +157,27 @@ fn answer(
     kept: &VecDeque<Event>,
     traced: bool,
     run: &mut impl Operator,
+) -> Result<Option<Answer>, Refusal> {
+    let (partition, change) = match Request::parse(line)? {
+        Request::Write(value) => (value.partition.clone(), Change::Write(value)),
+        Request::Force(value) => (value.partition.clone(), Change::Force(value)),
+        Request::Release(partition, point) => (partition, Change::Release(point)),
+        request => return at_once(request, client, kept, traced, run).map(Some),
+    };
+    // Answered when the PLC's kernel has carried it out.
+    client.waits_for = Some(run.change(&partition, change)?);
+    Ok(None)
+}
+
+fn at_once(
+    request: Request,
+    client: &mut Client,
+    kept: &VecDeque<Event>,
+    traced: bool,
+    run: &mut impl Operator,
 ) -> Result<Answer, Refusal> {
     let done = |text| Answer::Done { text };
-    match Request::parse(line)? {
+    match request {
         Request::Status => Ok(Answer::Status { status: Box::new(run.status()) }),
         Request::Stop(partition) => run.stop(&partition).map(done),
         Request::Start(partition, mode) => run.start(&partition, mode).map(done),
@@ -153,6 +194,13 @@ fn answer(
         Request::Trace(duration) => {
             client.trace = Some(Tracing::new(run.now().plus(duration)));
             Ok(Answer::Trace { trace: run.trace() })
+        }
+        Request::Watch { partition, ranges, interval } => {
+            let bytes = run.watch(client.id, &partition, ranges, interval)?;
+            Ok(Answer::Watching { partition, bytes })
+        }
+        Request::Write(_) | Request::Force(_) | Request::Release(..) => {
+            Err(Refusal::new(ErrorKind::Refused, "values are changed by the PLC's kernel"))
         }
     }
 }

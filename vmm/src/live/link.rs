@@ -1,6 +1,6 @@
 //! Takt's ends of the two queues of one partition.
 
-use takt_abi::live::{Answer, Buffer, MESSAGE_BYTES, Order, decode_answer};
+use takt_abi::live::{Answer, Buffer, MESSAGE_BYTES, Order, SampleHead, decode_answer};
 use takt_channel::{QueuingDestination, QueuingSource, ReceiveError, Tsc};
 use takt_scheduler::time;
 
@@ -22,6 +22,14 @@ pub struct Link {
     epoch: u64,
     /// Messages that were no answers.
     hostile: u64,
+}
+
+/// What the guest has sent.
+pub enum Received<'a> {
+    /// An answer to the order of this number.
+    Answer(u32, &'a Answer),
+    /// A part of a sample.
+    Sample(&'a SampleHead, &'a [u8]),
 }
 
 /// Why an order was not sent.
@@ -75,13 +83,17 @@ impl Link {
     }
 
     /// Takes the answers that wait, up to a bound. What is no answer is counted.
-    pub fn receive(&mut self, mut take: impl FnMut(u32, &Answer)) {
+    pub fn receive(&mut self, mut take: impl FnMut(Received<'_>)) {
         for _ in 0..ANSWERS_EACH_TURN {
             match self.answers.receive(&mut self.buffer) {
-                Ok(message) => match decode_answer(message.bytes) {
-                    Some((number, answer)) => take(number, &answer),
-                    None => self.hostile = self.hostile.saturating_add(1),
-                },
+                Ok(message) => {
+                    let answer = decode_answer(message.bytes);
+                    match (answer, SampleHead::decode(message.bytes)) {
+                        (Some((number, answer)), _) => take(Received::Answer(number, &answer)),
+                        (None, Some((head, bytes))) => take(Received::Sample(&head, bytes)),
+                        (None, None) => self.hostile = self.hostile.saturating_add(1),
+                    }
+                }
                 Err(ReceiveError::Empty | ReceiveError::Buffer(_)) => return,
                 Err(ReceiveError::Unstable | ReceiveError::Hostile(_)) => {}
             }

@@ -9,7 +9,7 @@ use takt_channel::{Load, Policy, QueuingDestination, QueuingSource, Store, Tsc};
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::Nanos;
 
-use super::{Figures, Link, NotSent, Running};
+use super::{Link, NotSent, Running, Turn};
 use crate::channels::Channels;
 use crate::config::{Channel, ChannelKind, End, Owner, WhenFull};
 use crate::host_ports::pages::{Own, Peer};
@@ -43,7 +43,13 @@ impl Case {
         let mut region = Own::map(&answers.source).unwrap();
         answers.geometry.format_source(&mut region).unwrap();
         let link = Link::open(orders, answers).unwrap();
-        Self { running: Running { link, figures: Figures::default() }, channels }
+        Self { running: Running::new(link, Vec::new()), channels }
+    }
+
+    fn tick(&mut self, now: Nanos) -> Turn {
+        let mut turn = Turn::default();
+        self.running.on_tick(now, 0, &mut turn, &mut Vec::new());
+        turn
     }
 
     /// The ends of a guest that behaves.
@@ -84,7 +90,7 @@ fn nothing_is_sent_to_a_guest_that_is_not_there_and_no_more_than_it_takes() {
 fn what_a_kernel_answers_is_known_until_it_starts_anew() {
     let mut case = Case::new();
     let (mut orders, mut answers) = case.guest();
-    case.running.on_tick(at(0));
+    case.tick(at(0));
     let mut buffer = [0; MESSAGE_BYTES];
     let message = orders.receive(&mut buffer).unwrap();
     assert_eq!(decode_order(message.bytes), Ok((1, Order::Status { part: 0 })));
@@ -92,10 +98,10 @@ fn what_a_kernel_answers_is_known_until_it_starts_anew() {
     let programs = [program; PROGRAMS_MAX];
     let answer = Answer::Programs { programs, count: 1, tasks: 9, forced: 0, dropped: 0 };
     answers.send(answer.encode(1, &mut buffer).unwrap(), Tsc(1)).unwrap();
-    case.running.on_tick(at(20));
+    case.tick(at(20));
     assert_eq!(case.running.figures.programs, [program]);
     // The next time it is asked for both parts of its tasks.
-    case.running.on_tick(at(1000));
+    case.tick(at(1000));
     let parts: Vec<u16> = std::iter::from_fn(|| {
         let mut buffer = [0; MESSAGE_BYTES];
         let message = orders.receive(&mut buffer).ok()?;
@@ -105,7 +111,7 @@ fn what_a_kernel_answers_is_known_until_it_starts_anew() {
     .collect();
     assert_eq!(parts, [0, 1, 2]);
     let _new = case.guest();
-    case.running.on_tick(at(1020));
+    case.tick(at(1020));
     assert!(case.running.figures.programs.is_empty());
 }
 
@@ -116,7 +122,7 @@ fn a_guest_that_writes_anything_into_its_pages_costs_a_number() {
     for message in [&[0; 1][..], &[0xff; MESSAGE_BYTES], &[2, 0, 0, 0, 1, 0, 0, 0, 255]] {
         answers.send(message, Tsc(0)).unwrap();
     }
-    case.running.on_tick(at(0));
+    case.tick(at(0));
     assert_eq!(case.running.link.hostile(), 3);
     let [orders, answers] = case.channels.live() else { panic!("two queues") };
     let mut pages = [
@@ -138,7 +144,7 @@ fn a_guest_that_writes_anything_into_its_pages_costs_a_number() {
             let value = if turn % 3 == 0 { random() % 64 } else { random() };
             page.store(word as usize, value);
         }
-        case.running.on_tick(at(turn));
+        case.tick(at(turn));
         assert!(case.running.figures.tasks.len() <= 255);
         assert!(case.running.figures.programs.len() <= PROGRAMS_MAX);
     }

@@ -12,19 +12,21 @@ const LAYERS: [&[&str]; 6] = [
     &["takt-record", "takt-host", "takt-devices", "takt-port", "takt-plan"],
     &["takt-figures", "takt-port-c"],
     &["takt-protocol"],
-    &["takt"],
+    &["takt", "takt-client"],
     &["takt-ctl", "takt-doctor", "takt-jitter"],
 ];
 
 /// Programs that ask and show, and the types that they share with `takt`. A fault in a screen or a
 /// plot must not be a fault of what can reach a guest, so they link nothing that could.
-const WITHOUT_HYPERVISOR: [&str; 10] = [
+const WITHOUT_HYPERVISOR: [&str; 12] = [
+    "takt-client",
     "takt-ctl",
     "takt-doctor",
     "takt-figures",
     "takt-host",
     "takt-jitter",
     "takt-plan",
+    "takt-plc",
     "takt-port",
     "takt-port-c",
     "takt-protocol",

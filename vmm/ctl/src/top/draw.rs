@@ -9,7 +9,7 @@ use ratatui::widgets::{Paragraph, Row, Sparkline, Table};
 use takt_protocol::{PartitionStatus, State, Status};
 
 use super::view::View;
-use crate::{channels, text};
+use crate::{channels, programs, text};
 
 const BARS: Set<'static> = Set {
     empty: " ",
@@ -30,21 +30,33 @@ pub fn screen(frame: &mut Frame<'_>, view: &View) {
     let Some(status) = &view.status else { return };
     let measured = || status.partitions.iter().filter(|p| p.releases.is_some());
     let rows = |count: usize| u16::try_from(count).unwrap_or(u16::MAX);
-    let [head, table, windows, channels, latencies, events] = Layout::vertical([
-        Constraint::Length(2),
-        Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
-        Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
-        Constraint::Length(match status.channels.len() {
-            0 => 0,
-            count => rows(count).saturating_add(2),
-        }),
-        Constraint::Length(rows(measured().count()).saturating_mul(LATENCY_ROWS)),
-        Constraint::Min(0),
-    ])
-    .areas(frame.area());
+    let tasks = status.partitions.iter().flat_map(programs::rows).count();
+    let forced: Vec<String> = status.partitions.iter().flat_map(programs::forced).collect();
+    let [head, force, table, windows, tasks_area, channels, latencies, events] =
+        Layout::vertical([
+            Constraint::Length(2),
+            Constraint::Length(rows(forced.len())),
+            Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
+            Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
+            Constraint::Length(match tasks {
+                0 => 0,
+                count => rows(count).saturating_add(2),
+            }),
+            Constraint::Length(match status.channels.len() {
+                0 => 0,
+                count => rows(count).saturating_add(2),
+            }),
+            Constraint::Length(rows(measured().count()).saturating_mul(LATENCY_ROWS)),
+            Constraint::Min(0),
+        ])
+        .areas(frame.area());
     draw_head(frame, head, status, view);
+    // At the top: a plant with forced values is not in its normal state.
+    let forced = forced.into_iter().map(|line| Line::from(line).bold().yellow());
+    frame.render_widget(Paragraph::new(forced.collect::<Vec<_>>()), force);
     draw_table(frame, table, status);
     draw_windows(frame, windows, status);
+    draw_tasks(frame, tasks_area, status);
     draw_channels(frame, channels, status);
     for (partition, i) in measured().zip(0u16..) {
         let y = latencies.y.saturating_add(i.saturating_mul(LATENCY_ROWS));
@@ -76,6 +88,11 @@ fn draw_table(frame: &mut Frame<'_>, area: Rect, status: &Status) {
     };
     let rows = status.partitions.iter().map(|p| (text::row(p), style(p)));
     draw_rows(frame, area, text::COLUMNS, rows.collect());
+}
+
+fn draw_tasks(frame: &mut Frame<'_>, area: Rect, status: &Status) {
+    let rows = status.partitions.iter().flat_map(programs::rows).map(|row| (row, Style::new()));
+    draw_rows(frame, area, programs::COLUMNS, rows.collect());
 }
 
 fn draw_channels(frame: &mut Frame<'_>, area: Rect, status: &Status) {

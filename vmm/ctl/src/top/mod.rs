@@ -20,8 +20,7 @@ use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, Ke
 use takt_protocol::{Answer, Request};
 
 use crate::command;
-use crate::connection::Connection;
-use crate::error::CtlError;
+use takt_client::{ClientError, Connection};
 use view::View;
 
 /// Shows what a running Takt does, twice a second. `q` leaves it.
@@ -40,15 +39,15 @@ const PERIOD: Duration = Duration::from_millis(500);
 ///
 /// # Errors
 /// If no Takt answers at the start, or the terminal fails.
-pub fn run(socket: &Path) -> Result<(), CtlError> {
+pub fn run(socket: &Path) -> Result<(), ClientError> {
     let mut view = View::default();
     // Before the terminal is changed: who finds no Takt sees an ordinary message.
     let first = connect(socket, &mut view)?;
     // Puts the terminal back at a panic, too.
-    let mut terminal = ratatui::try_init().map_err(CtlError::Terminal)?;
+    let mut terminal = ratatui::try_init().map_err(ClientError::Terminal)?;
     let result = show(socket, &mut terminal, &mut view, first);
     ratatui::restore();
-    result.map_err(CtlError::Terminal)
+    result.map_err(ClientError::Terminal)
 }
 
 fn show(
@@ -89,7 +88,7 @@ fn leaves(key: &KeyEvent) -> bool {
 }
 
 /// Connects, follows the events and asks for the first status.
-fn connect(socket: &Path, view: &mut View) -> Result<Connection, CtlError> {
+fn connect(socket: &Path, view: &mut View) -> Result<Connection, ClientError> {
     let mut takt = Connection::open(socket)?;
     takt.send(&Request::Events { follow: true })?;
     update(&mut takt, view)?;
@@ -97,7 +96,7 @@ fn connect(socket: &Path, view: &mut View) -> Result<Connection, CtlError> {
 }
 
 /// Asks for the status, and takes the events that come before it.
-fn update(takt: &mut Connection, view: &mut View) -> Result<(), CtlError> {
+fn update(takt: &mut Connection, view: &mut View) -> Result<(), ClientError> {
     takt.send(&Request::Status)?;
     loop {
         match takt.receive()?.1 {
@@ -107,7 +106,7 @@ fn update(takt: &mut Connection, view: &mut View) -> Result<(), CtlError> {
             }
             Answer::Events { events } => view.events(events),
             Answer::Event { event } => view.event(event),
-            Answer::Error(refusal) => return Err(CtlError::Refused(refusal)),
+            Answer::Error(refusal) => return Err(ClientError::Refused(refusal)),
             // Not asked for.
             _ => {}
         }

@@ -2,8 +2,9 @@ use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use takt_figures::report::Summary;
 use takt_protocol::{
-    ChannelStatus, Contents, Event, EventKind, Mode, PartitionStatus, ReleaseStatus,
-    ScheduleStatus, State, Status, WindowStatus,
+    ChannelStatus, Contents, Event, EventKind, ForcedStatus, Mode, PartitionStatus, ProgramState,
+    ProgramStatus, ReleaseStatus, ScheduleStatus, State, Status, TaskState, TaskStatus,
+    WindowStatus,
 };
 
 use super::draw;
@@ -25,6 +26,7 @@ fn partition(name: &str, releases: Option<ReleaseStatus>) -> PartitionStatus {
         console_dropped: 0,
         releases,
         programs: vec![],
+        forced: vec![],
     }
 }
 
@@ -159,6 +161,49 @@ none     linux:out  plc:in  -      -       12       3
 ";
     let shown = shown(&view, 80, 24);
     assert_eq!(shown[10..17].join("\n") + "\n", expected, "{shown:#?}");
+}
+
+#[test]
+fn what_is_forced_is_at_the_top_and_tasks_have_a_row_each() {
+    let mut view = View::default();
+    let mut status = status(1_000_000_000, 1_000, 5_000);
+    let task = TaskStatus {
+        name: "main".into(),
+        state: TaskState::Waiting,
+        jobs: 1_000,
+        missed: 0,
+        overruns: 2,
+        skipped: 0,
+        execution_min_ns: None,
+        execution_max_ns: 1_500,
+        execution_sum_ns: 0,
+        response_max_ns: 20_000,
+        start_max_ns: 0,
+        slack_min_ns: None,
+        switches: 0,
+    };
+    let program = |name: &str, tasks| ProgramStatus {
+        name: name.into(),
+        state: Some(ProgramState::Running),
+        image: None,
+        tasks,
+    };
+    status.partitions[0].programs = vec![program("tank", vec![task]), program("mixer", vec![])];
+    status.partitions[0].forced = vec![ForcedStatus {
+        name: "tank.valve\r".into(),
+        text: "55.5".into(),
+        point: [0, 3, 0, 4, 255],
+        value: 0,
+        since_ns: 7_000_000_000,
+    }];
+    view.status(status);
+    let shown = shown(&view, 90, 24);
+    assert_eq!(shown[2], "plc: FORCED tank.valve\\r = 55.5, since 7.000 s");
+    let expected = "\
+task           state    jobs  missed  overruns  longest  response  slack
+plc:tank.main  waiting  1000  0       2         1.5 us   20.0 us   -
+plc:mixer      running  -     -       -         -        -         -";
+    assert_eq!(shown[11..14].join("\n"), expected, "{shown:#?}");
 }
 
 #[test]

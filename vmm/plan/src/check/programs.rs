@@ -8,7 +8,7 @@ use takt_scheduler::time::Nanos;
 use super::{line, tables};
 use crate::points;
 use crate::program_tasks::{ProgramTask, Release};
-use crate::programs::{action_name, hex};
+use crate::programs::{WATCH_DEFAULT, action_name, hex};
 use crate::{Bytes, Connection, Partition, PartitionFile, Program, Trust, percent};
 
 /// Most points of a program that are shown.
@@ -103,6 +103,14 @@ fn describe(out: &mut String, partition: &Partition, number: usize, program: &Pr
         action_name(place.on_deadline)
     );
     line(out, &text);
+    if program.watch != WATCH_DEFAULT || program.allow_force {
+        let force = if program.allow_force { "may be written and forced" } else { "read only" };
+        let text = format!(
+            "    from outside: {} in a cycle, {force}; taken in time that no task needs",
+            program.watch
+        );
+        line(out, &text);
+    }
     points(out, partition, number, &image);
 }
 

@@ -30,9 +30,14 @@ fn every_example_is_what_is_really_said() {
             assert_eq!(serde_json::to_value(message).unwrap(), example);
         }
     }
-    let requests = ["status", "stop", "start", "restart", "schedule", "events", "trace"];
-    let answers =
-        ["status", "done", "events", "event", "trace", "window", "switch", "traced", "error"];
+    let requests = [
+        "status", "stop", "start", "restart", "schedule", "events", "trace", "watch", "write",
+        "force", "release",
+    ];
+    let answers = [
+        "status", "done", "events", "event", "trace", "window", "switch", "traced", "error",
+        "watching", "values",
+    ];
     let all = requests.map(|r| format!("request {r}")).into_iter();
     let all: BTreeSet<String> = all.chain(answers.map(|a| format!("answer {a}"))).collect();
     assert_eq!(seen, all);

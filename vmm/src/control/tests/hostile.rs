@@ -5,7 +5,7 @@ use std::io::Write;
 use takt_scheduler::time::Nanos;
 
 use super::super::client::PATIENCE;
-use super::super::protocol::{Answer, EventKind, LINE_MAX, Request};
+use super::super::protocol::{Answer, EventKind, LINE_MAX, Request, Values};
 use super::super::server::CLIENTS_MAX;
 use super::{Client, ErrorKind, Mode, Served};
 
@@ -147,4 +147,88 @@ fn a_thousand_connections_are_survived() {
     }
     is_served(&mut served, &mut steady);
     assert!(served.server.clients() <= CLIENTS_MAX);
+}
+
+/// A request for a change of a value.
+fn force() -> Vec<u8> {
+    let line = r#"{"version":2,"request":"force","partition":"plc","point":[0,3,0,4,255],"value":1,"name":"a","text":"1"}"#;
+    [line.as_bytes(), b"\n"].concat()
+}
+
+#[test]
+fn a_change_is_answered_when_it_is_done_and_holds_up_nobody_else() {
+    let mut served = Served::new();
+    let (mut waiting, mut other) = (served.client(), served.client());
+    waiting.send(&force());
+    waiting.send(&Request::Status.line());
+    for _ in 0..3 {
+        served.serve();
+    }
+    is_served(&mut served, &mut other);
+    served.run.answered = 1;
+    served.serve();
+    assert!(matches!(waiting.answer(), Answer::Done { text } if text == "ticket 1"));
+    served.serve();
+    assert!(matches!(waiting.answer(), Answer::Status { .. }), "in the order of the requests");
+}
+
+#[test]
+fn who_does_not_read_misses_values_and_is_told_how_many() {
+    let mut served = Served::new();
+    let mut silent = served.client();
+    silent.send(
+        b"{\"version\":2,\"request\":\"watch\",\"partition\":\"plc\",\"ranges\":[[0,1,0,8]]}\n",
+    );
+    served.serve();
+    assert!(matches!(silent.answer(), Answer::Watching { bytes: 8, .. }));
+    let mut made = 0;
+    let mut tell = |served: &mut Served, lost| {
+        served.server.values(1, lost, |missed| {
+            made += 1;
+            Values {
+                partition: "plc".into(),
+                cycle: made,
+                release_ns: 0,
+                missed,
+                unsettled: 0,
+                bytes: "00".repeat(1000),
+            }
+        });
+        made
+    };
+    let told = (0..10_000).map(|_| tell(&mut served, 0)).last().unwrap();
+    assert!(told < 2_000, "{told} lines are kept for a client that does not read");
+    for _ in 0..told {
+        assert!(matches!(silent.answer(), Answer::Values { .. }));
+        served.serve();
+    }
+    tell(&mut served, 5);
+    served.serve();
+    let Answer::Values { values } = silent.answer() else { panic!("values") };
+    assert_eq!((values.cycle, values.missed), (told + 1, 10_000 - told + 5));
+}
+
+#[test]
+fn a_million_requests_for_places_that_cannot_be_are_refused() {
+    let count = if std::env::var_os("TAKT_TEST_LONG").is_some() { 1_000_000 } else { 20_000 };
+    let valid = force();
+    let mut state = 7;
+    let mut parsed = 0;
+    for _ in 0..count {
+        let mut line = valid.clone();
+        line.pop();
+        for _ in 0..=random(&mut state) % 4 {
+            let at = random(&mut state) as usize % line.len();
+            line[at] = match random(&mut state) % 3 {
+                0 => b'0' + (random(&mut state) % 10) as u8,
+                1 => random(&mut state) as u8,
+                _ => b"[],:-.e\""[random(&mut state) as usize % 8],
+            };
+        }
+        let Ok(request) = Request::parse(&line) else { continue };
+        parsed += 1;
+        let again = request.line();
+        assert_eq!(Request::parse(&again[..again.len() - 1]), Ok(request));
+    }
+    assert!(parsed > count / 100, "{parsed}");
 }

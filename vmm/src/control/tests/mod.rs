@@ -17,11 +17,12 @@ use std::time::Duration;
 use takt_scheduler::time::Nanos;
 
 use super::protocol::{
-    Answer, ChannelStatus, Contents, ErrorKind, Message, Mode, PartitionStatus, ProgramState,
-    ProgramStatus, Refusal, ReleaseStatus, ScheduleStatus, State, Status, TaskState, TaskStatus,
-    TraceStart, TracedPartition, VERSION, WindowStatus,
+    Answer, ChannelStatus, Contents, ErrorKind, ForcedStatus, Message, Mode, PartitionStatus,
+    ProgramState, ProgramStatus, Range, Refusal, ReleaseStatus, ScheduleStatus, State, Status,
+    TaskState, TaskStatus, TraceStart, TracedPartition, VERSION, WindowStatus,
 };
 use super::{Operator, Server};
+use crate::live::Change;
 use crate::report::Summary;
 use crate::unix_socket::{Listener, SocketKind};
 
@@ -53,6 +54,8 @@ impl Drop for Folder {
 #[derive(Default)]
 struct FakeRun {
     asked: Vec<String>,
+    /// The last change that has been carried out.
+    answered: u64,
     now: Nanos,
 }
 
@@ -89,6 +92,27 @@ impl Operator for FakeRun {
 
     fn switch_schedule(&mut self, name: &str) -> Result<String, Refusal> {
         self.order(format!("schedule {name}"), "")
+    }
+
+    fn watch(
+        &mut self,
+        client: u64,
+        partition: &str,
+        ranges: Vec<Range>,
+        _interval: Nanos,
+    ) -> Result<u64, Refusal> {
+        self.order(format!("watch {client} {ranges:?}"), partition)?;
+        Ok(ranges.iter().map(|range| u64::from(range.bytes)).sum())
+    }
+
+    fn change(&mut self, partition: &str, change: Change) -> Result<u64, Refusal> {
+        self.order(format!("{change:?}"), partition)?;
+        Ok(self.asked.len() as u64)
+    }
+
+    fn result(&mut self, ticket: u64) -> Option<Result<String, Refusal>> {
+        let answered = self.answered >= ticket;
+        answered.then(|| Ok(format!("ticket {ticket}")))
     }
 
     fn trace(&self) -> TraceStart {
@@ -223,6 +247,13 @@ fn status() -> Status {
                         switches: 9989,
                     }],
                 }],
+                forced: vec![ForcedStatus {
+                    name: "tank.valve".into(),
+                    text: "55.5".into(),
+                    point: [0, 3, 0, 4, 255],
+                    value: 1_113_456_640,
+                    since_ns: 7_000_000_000,
+                }],
             },
             PartitionStatus {
                 name: "linux".into(),
@@ -239,6 +270,7 @@ fn status() -> Status {
                 console_dropped: 0,
                 releases: None,
                 programs: vec![],
+                forced: vec![],
             },
         ],
         channels: vec![

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use takt_protocol::{Answer, Message, Request, VERSION};
 
-use crate::error::CtlError;
+use crate::error::ClientError;
 
 /// Takt answers within some ticks of 20 ms, or does not.
 pub const PATIENCE: Duration = Duration::from_secs(5);
@@ -22,13 +22,13 @@ impl Connection {
     ///
     /// # Errors
     /// If nobody listens there.
-    pub fn open(socket: &Path) -> Result<Connection, CtlError> {
+    pub fn open(socket: &Path) -> Result<Connection, ClientError> {
         let stream = UnixStream::connect(socket)
-            .map_err(|source| CtlError::NoTakt { socket: socket.to_owned(), source })?;
+            .map_err(|source| ClientError::NoTakt { socket: socket.to_owned(), source })?;
         let limits = stream
             .set_read_timeout(Some(PATIENCE))
             .and_then(|()| stream.set_write_timeout(Some(PATIENCE)));
-        limits.map_err(CtlError::Lost)?;
+        limits.map_err(ClientError::Lost)?;
         Ok(Connection(BufReader::new(stream)))
     }
 
@@ -36,26 +36,26 @@ impl Connection {
     ///
     /// # Errors
     /// What the kernel says.
-    pub fn wait_for_ever(&mut self) -> Result<(), CtlError> {
-        self.0.get_ref().set_read_timeout(None).map_err(CtlError::Lost)
+    pub fn wait_for_ever(&mut self) -> Result<(), ClientError> {
+        self.0.get_ref().set_read_timeout(None).map_err(ClientError::Lost)
     }
 
     /// From now on an answer may take as long as this.
     ///
     /// # Errors
     /// What the kernel says.
-    pub fn wait_for(&mut self, time: Duration) -> Result<(), CtlError> {
-        self.0.get_ref().set_read_timeout(Some(time)).map_err(CtlError::Lost)
+    pub fn wait_for(&mut self, time: Duration) -> Result<(), ClientError> {
+        self.0.get_ref().set_read_timeout(Some(time)).map_err(ClientError::Lost)
     }
 
     /// Sends a request. That Takt has closed already is no error yet: it has said why.
     ///
     /// # Errors
     /// If the connection is lost.
-    pub fn send(&mut self, request: &Request) -> Result<(), CtlError> {
+    pub fn send(&mut self, request: &Request) -> Result<(), ClientError> {
         match self.0.get_mut().write_all(&request.line()) {
             Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
-            other => other.map_err(CtlError::Lost),
+            other => other.map_err(ClientError::Lost),
         }
     }
 
@@ -63,10 +63,10 @@ impl Connection {
     ///
     /// # Errors
     /// If none comes, or it is none.
-    pub fn receive(&mut self) -> Result<(String, Answer), CtlError> {
+    pub fn receive(&mut self) -> Result<(String, Answer), ClientError> {
         let mut line = Vec::new();
         (&mut self.0).take(ANSWER_MAX).read_until(b'\n', &mut line).map_err(|error| {
-            CtlError::Lost(match error.kind() {
+            ClientError::Lost(match error.kind() {
                 ErrorKind::WouldBlock => {
                     io::Error::new(ErrorKind::TimedOut, "nothing came in time")
                 }
@@ -74,12 +74,12 @@ impl Connection {
             })
         })?;
         if line.last() != Some(&b'\n') {
-            return Err(CtlError::Lost(io::Error::new(
+            return Err(ClientError::Lost(io::Error::new(
                 ErrorKind::UnexpectedEof,
                 "the connection has ended",
             )));
         }
-        let not_understood = |error: String| CtlError::NotUnderstood(error);
+        let not_understood = |error: String| ClientError::NotUnderstood(error);
         let message: Message =
             serde_json::from_slice(&line).map_err(|error| not_understood(error.to_string()))?;
         if message.version != VERSION {

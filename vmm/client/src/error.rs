@@ -16,7 +16,7 @@ pub const NO_TAKT: u8 = 3;
 
 /// Why a command was not carried out.
 #[derive(Debug, Error)]
-pub enum CtlError {
+pub enum ClientError {
     /// The partition file is wrong.
     #[error(transparent)]
     File(#[from] FileError),
@@ -42,7 +42,7 @@ pub enum CtlError {
     #[error("what answers there is no Takt of this version: {0}")]
     NotUnderstood(String),
     /// Takt refuses.
-    #[error("refused: {}", crate::text::plain(&.0.text))]
+    #[error("refused: {}", crate::plain(&.0.text))]
     Refused(Refusal),
     /// The answer could not be printed.
     #[error("cannot print: {0}")]
@@ -52,20 +52,23 @@ pub enum CtlError {
     Terminal(io::Error),
 }
 
-impl From<Refusal> for CtlError {
-    fn from(refusal: Refusal) -> CtlError {
-        CtlError::Refused(refusal)
+impl From<Refusal> for ClientError {
+    fn from(refusal: Refusal) -> ClientError {
+        ClientError::Refused(refusal)
     }
 }
 
-impl CtlError {
+impl ClientError {
     /// Exit status.
+    #[must_use]
     pub fn status(&self) -> u8 {
         match self {
-            CtlError::File(_) | CtlError::NoControl(_) => USAGE,
-            CtlError::Output(_) | CtlError::Terminal(_) => USAGE,
-            CtlError::NoTakt { .. } | CtlError::Lost(_) | CtlError::NotUnderstood(_) => NO_TAKT,
-            CtlError::Refused(_) => REFUSED,
+            ClientError::File(_) | ClientError::NoControl(_) => USAGE,
+            ClientError::Output(_) | ClientError::Terminal(_) => USAGE,
+            ClientError::NoTakt { .. } | ClientError::Lost(_) | ClientError::NotUnderstood(_) => {
+                NO_TAKT
+            }
+            ClientError::Refused(_) => REFUSED,
         }
     }
 }

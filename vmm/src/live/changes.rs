@@ -1,0 +1,195 @@
+//! Values that operators write and force in one partition: orders under way, and what is forced.
+//!
+//! The kernel keeps what is forced; here it is known by name. An order counts only when the kernel has answered it.
+
+use std::collections::VecDeque;
+
+use takt_abi::live::{Answer, Order, Point, Refusal as KernelRefusal};
+use takt_scheduler::time::Nanos;
+
+use super::link::{Link, NotSent};
+use crate::control::protocol::{
+    ErrorKind, EventKind, ForcedStatus, Named, PointValue, Refusal, raw_point,
+};
+
+/// How long an answer is waited for.
+const PATIENCE: Nanos = Nanos::from_millis(2_000);
+/// Orders whose answers have not come.
+const UNDER_WAY_MAX: usize = 32;
+/// Values that are kept by name: as many as a kernel keeps.
+const FORCED_MAX: usize = takt_abi::live::FORCES;
+
+/// A change that a client asks for.
+#[derive(Clone, Debug)]
+pub enum Change {
+    /// Write once.
+    Write(PointValue),
+    /// Keep from now on.
+    Force(PointValue),
+    /// Keep no longer; none: any point.
+    Release(Option<Point>),
+}
+
+/// What came of a change: for the client, and the event that it is.
+pub type ChangeResult = Result<(EventKind, String), Refusal>;
+
+struct UnderWay {
+    number: u32,
+    ticket: u64,
+    change: Change,
+    until: Nanos,
+}
+
+/// All changes of a partition.
+#[derive(Default)]
+pub struct Changes {
+    under_way: VecDeque<UnderWay>,
+    forced: Vec<(Point, ForcedStatus)>,
+}
+
+impl Changes {
+    /// Orders a change, of which the client will hear by its ticket.
+    ///
+    /// # Errors
+    /// Why it cannot be ordered.
+    pub fn order(
+        &mut self,
+        ticket: u64,
+        change: Change,
+        link: &mut Link,
+        now: Nanos,
+    ) -> Result<(), Refusal> {
+        let refused = |text: &str| Refusal::new(ErrorKind::Refused, text);
+        if self.under_way.len() >= UNDER_WAY_MAX {
+            return Err(refused("the PLC's kernel has not answered the orders before this one"));
+        }
+        let order = match &change {
+            Change::Write(value) => Order::Write { point: value.point, value: value.value },
+            Change::Force(value) => Order::Force { point: value.point, value: value.value },
+            Change::Release(Some(point)) => Order::Release { point: *point },
+            Change::Release(None) => Order::ReleaseAll,
+        };
+        let number = link.send(&order).map_err(|error| match error {
+            NotSent::NoGuest => refused("the PLC's kernel does not run"),
+            NotSent::Full => refused("the PLC's kernel has not taken the orders before this one"),
+        })?;
+        self.under_way.push_back(UnderWay { number, ticket, change, until: now.plus(PATIENCE) });
+        Ok(())
+    }
+
+    /// Takes an answer; the ticket of the change that it is about, and what came of it.
+    pub fn take(
+        &mut self,
+        number: u32,
+        answer: &Answer,
+        now: Nanos,
+    ) -> Option<(u64, ChangeResult)> {
+        let Answer::Reply(reply) = answer else { return None };
+        let at = self.under_way.iter().position(|order| order.number == number)?;
+        let UnderWay { ticket, change, .. } = self.under_way.remove(at)?;
+        let result = reply.map_err(refusal).map(|()| self.done(change, now));
+        Some((ticket, result))
+    }
+
+    fn done(&mut self, change: Change, now: Nanos) -> (EventKind, String) {
+        match change {
+            Change::Write(PointValue { named: Named { name, text }, .. }) => {
+                (EventKind::Written, format!("{name} := {text}, written by an operator"))
+            }
+            Change::Force(PointValue { point, value, named: Named { name, text }, .. }) => {
+                let told = format!("{name} := {text}, forced by an operator");
+                self.forced.retain(|(forced, _)| *forced != point);
+                self.forced.truncate(FORCED_MAX - 1);
+                let (point_raw, since_ns) = (raw_point(point), now.0);
+                let status = ForcedStatus { name, text, point: point_raw, value, since_ns };
+                self.forced.push((point, status));
+                (EventKind::Forced, told)
+            }
+            Change::Release(Some(point)) => {
+                let at = self.forced.iter().position(|(forced, _)| *forced == point);
+                let name = at.map(|at| self.forced.remove(at).1.name);
+                let name = name.unwrap_or_else(|| "a value".to_owned());
+                (EventKind::Released, format!("{name} is forced no longer, by an operator"))
+            }
+            Change::Release(None) => {
+                let count = std::mem::take(&mut self.forced).len();
+                let text =
+                    format!("nothing is forced any longer, by an operator; it were {count} values");
+                (EventKind::Released, text)
+            }
+        }
+    }
+
+    /// Orders that were not answered in time, or are too old for the kernel that runs.
+    pub fn late(&mut self, now: Nanos, restarted: bool) -> Vec<(u64, ChangeResult)> {
+        let text = match restarted {
+            true => "the PLC has started anew, and what it was ordered before is void",
+            false => {
+                "the PLC's kernel has not answered for 2 s: no window leaves it time for orders. It may still \
+                 carry the order out"
+            }
+        };
+        let mut late = Vec::new();
+        while self.under_way.front().is_some_and(|order| restarted || now >= order.until) {
+            let Some(order) = self.under_way.pop_front() else { break };
+            late.push((order.ticket, Err(Refusal::new(ErrorKind::Refused, text))));
+        }
+        late
+    }
+
+    /// The kernel has started anew and forces nothing; what to tell, if that ends something.
+    pub fn forget(&mut self) -> Option<String> {
+        let count = std::mem::take(&mut self.forced).len();
+        (count > 0).then(|| {
+            format!("{count} values are forced no longer, because the PLC has started anew")
+        })
+    }
+
+    /// What is forced.
+    pub fn forced(&self) -> Vec<ForcedStatus> {
+        self.forced.iter().map(|(_, status)| status.clone()).collect()
+    }
+}
+
+fn refusal(refusal: KernelRefusal) -> Refusal {
+    let text = match refusal {
+        KernelRefusal::Unknown => "the PLC's kernel does not know this order",
+        KernelRefusal::NoProgram => "the PLC's kernel has no such program",
+        KernelRefusal::NoPlace => "the program has no such place",
+        KernelRefusal::Full => "the PLC's kernel keeps 256 values forced at most",
+        KernelRefusal::NotForced => "this value is not forced",
+    };
+    Refusal::new(ErrorKind::Refused, text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use takt_abi::live::{Area, Range};
+
+    #[test]
+    fn what_is_forced_is_known_by_name_until_it_is_released() {
+        let mut changes = Changes::default();
+        let range = Range { program: 0, area: Area::Output, offset: 0, bytes: 1 };
+        let value = |bit, text: &str| PointValue {
+            partition: "plc".into(),
+            point: Point::new(range, Some(bit)).unwrap(),
+            value: 1,
+            named: Named { name: format!("tank.q{bit}"), text: text.into() },
+        };
+        let now = Nanos::from_millis(5);
+        for (bit, text) in [(0, "TRUE"), (1, "TRUE"), (0, "FALSE")] {
+            changes.done(Change::Force(value(bit, text)), now);
+        }
+        let names = |changes: &Changes| -> Vec<String> {
+            changes.forced().iter().map(|f| format!("{} {}", f.name, f.text)).collect()
+        };
+        assert_eq!(names(&changes), ["tank.q1 TRUE", "tank.q0 FALSE"]);
+        let (kind, text) = changes.done(Change::Release(Some(value(1, "").point)), now);
+        assert_eq!(kind, EventKind::Released);
+        assert_eq!(text, "tank.q1 is forced no longer, by an operator");
+        assert_eq!(names(&changes), ["tank.q0 FALSE"]);
+        assert!(changes.forget().unwrap().starts_with("1 values"));
+        assert_eq!((changes.forget(), names(&changes).len()), (None, 0));
+    }
+}
