@@ -5,6 +5,7 @@
 
 mod commands;
 mod link;
+mod live;
 mod run;
 mod table;
 mod value;
@@ -20,12 +21,15 @@ mod status {
     pub const BAD_INPUT: u8 = 2;
     pub const PROGRAM_FAILED: u8 = 3;
     pub const HOST_CANNOT: u8 = 4;
+    pub const REFUSED: u8 = 5;
+    pub const NO_TAKT: u8 = 6;
 }
 
 const AFTER_HELP: &str = "\
 Exit status: 0 good; 1 a test failed or the program ran, but not as the table expects, an image is not signed as asked,
 a part of a project was refused, a source is not formatted (`fmt --check`), or a change needs a restart
-(`diff`); 2 bad file or usage; 3 the program faulted, stopped itself or did not end; 4 this machine cannot.";
+(`diff`); 2 bad file or usage; 3 the program faulted, stopped itself or did not end; 4 this machine cannot;
+5 Takt refuses; 6 no Takt answers.";
 
 /// Makes, inspects, signs and tests control programs.
 #[derive(Parser)]
@@ -61,6 +65,16 @@ enum Command {
     Sign(commands::sign::Sign),
     /// Make a pair of keys for signing.
     Keygen(commands::keygen::Keygen),
+    /// List the values of a PLC's programs by name.
+    Points(commands::live::Points),
+    /// Show values of a PLC that runs; those of a line are from one cycle.
+    Watch(commands::live::Watch),
+    /// Write a value of a PLC that runs, once.
+    Write(commands::live::Put),
+    /// Keep a value of a PLC that runs, until it is released or the PLC starts anew.
+    Force(commands::live::Put),
+    /// Force values no longer.
+    Release(commands::live::Release),
 }
 
 /// What a command ends with, if not well: the message has been made for the user.
@@ -90,6 +104,11 @@ fn main() -> ExitCode {
         Command::Verify(command) => command.run(),
         Command::Sign(command) => command.run(),
         Command::Keygen(command) => command.run(),
+        Command::Points(command) => command.run(),
+        Command::Watch(command) => command.run(),
+        Command::Write(command) => command.write(),
+        Command::Force(command) => command.force(),
+        Command::Release(command) => command.run(),
     };
     match result {
         Ok(()) => ExitCode::from(status::GOOD),

@@ -72,42 +72,59 @@ impl Place {
         let found = machine.get(self.address, self.elementary.bytes().into())?;
         let mut bytes = [0; 8];
         bytes.get_mut(..found.len())?.copy_from_slice(&found);
-        let raw = u64::from_le_bytes(bytes);
-        let unused = 64 - 8 * self.elementary.bytes();
-        Some(match self.elementary {
-            Elementary::Bool => Value::Bool(raw >> self.bit.unwrap_or(0) & 1 == 1),
-            Elementary::Real => Value::Float(f32::from_bits(raw as u32).into()),
-            Elementary::Lreal => Value::Float(f64::from_bits(raw)),
-            Elementary::Time | Elementary::Ltime => Value::Duration(raw.cast_signed()),
-            elementary if is_signed(elementary) => {
-                Value::Signed((raw << unused).cast_signed() >> unused)
-            }
-            _ => Value::Unsigned(raw),
-        })
+        Some(Value::from_raw(self.elementary, self.bit, u64::from_le_bytes(bytes)))
     }
 
     /// Sets the value.
     pub fn put(&self, machine: &Machine<'_>, value: Value) {
-        let bits = match (value, self.elementary) {
-            (Value::Bool(on), _) => {
+        let bits = match (value, self.bit) {
+            (Value::Bool(on), Some(bit)) => {
                 let Some(old) = machine.get(self.address, 1) else { return };
-                let mask = 1 << self.bit.unwrap_or(0);
-                let old = if self.bit.is_some() { old[0] } else { 0 };
-                u64::from(if on { old | mask } else { old & !mask })
+                let mask = 1 << bit;
+                u64::from(if on { old[0] | mask } else { old[0] & !mask })
             }
-            (Value::Float(number), Elementary::Real) => (number as f32).to_bits().into(),
-            (Value::Float(number), _) => number.to_bits(),
-            (Value::Signed(number) | Value::Duration(number), _) => number.cast_unsigned(),
-            (Value::Unsigned(number), _) => number,
+            _ => value.raw(self.elementary),
         };
         machine.put(self.address, &bits.to_le_bytes()[..self.elementary.bytes() as usize]);
     }
 
     /// A value of this place's type, from text.
     pub fn parse(&self, text: &str) -> Result<Value, String> {
-        let bits = 8 * self.elementary.bytes();
-        let (found, keyword) = (text, self.elementary.keyword());
-        match self.elementary {
+        Value::parse(self.elementary, text)
+    }
+}
+
+impl Value {
+    /// The value in these little-endian bytes; of a bit, in its place there.
+    pub fn from_raw(elementary: Elementary, bit: Option<u8>, raw: u64) -> Self {
+        let unused = 64 - 8 * elementary.bytes();
+        let raw = raw << unused >> unused;
+        match elementary {
+            Elementary::Bool => Value::Bool(raw >> bit.unwrap_or(0) & 1 == 1),
+            Elementary::Real => Value::Float(f32::from_bits(raw as u32).into()),
+            Elementary::Lreal => Value::Float(f64::from_bits(raw)),
+            Elementary::Time | Elementary::Ltime => Value::Duration(raw.cast_signed()),
+            _ if is_signed(elementary) => Value::Signed((raw << unused).cast_signed() >> unused),
+            _ => Value::Unsigned(raw),
+        }
+    }
+
+    /// The little-endian bytes of the value; of a bit, 0 or 1.
+    pub fn raw(self, elementary: Elementary) -> u64 {
+        match (self, elementary) {
+            (Value::Bool(on), _) => on.into(),
+            (Value::Float(number), Elementary::Real) => (number as f32).to_bits().into(),
+            (Value::Float(number), _) => number.to_bits(),
+            (Value::Signed(number) | Value::Duration(number), _) => number.cast_unsigned(),
+            (Value::Unsigned(number), _) => number,
+        }
+    }
+
+    /// A value of this type, from text.
+    pub fn parse(elementary: Elementary, text: &str) -> Result<Self, String> {
+        let bits = 8 * elementary.bytes();
+        let (found, keyword) = (text, elementary.keyword());
+        match elementary {
             Elementary::Bool => match text.to_ascii_lowercase().as_str() {
                 "0" | "false" => Ok(Value::Bool(false)),
                 "1" | "true" => Ok(Value::Bool(true)),
@@ -119,7 +136,7 @@ impl Place {
                 Ok(Value::Float(number))
             }
             Elementary::Time | Elementary::Ltime => duration(text),
-            elementary if is_signed(elementary) => {
+            _ if is_signed(elementary) => {
                 let most = i64::MAX >> (64 - bits);
                 let number = text.parse().ok().filter(|n| (!most..=most).contains(n));
                 let number = number
@@ -137,9 +154,7 @@ impl Place {
             }
         }
     }
-}
 
-impl Value {
     /// Whether it is a `BOOL` that is true.
     pub fn is_true(self) -> bool {
         self == Self::Bool(true)

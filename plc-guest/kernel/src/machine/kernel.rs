@@ -299,6 +299,7 @@ impl Kernel {
         self.unread &= !(1 << id.0);
         let job = self.job(id);
         self.io.read(job, &self.programs, &mut self.ports);
+        self.apply_forces(job.program);
         if let Some(program) = &self.programs[usize::from(job.program)] {
             program.process.give(job.task);
         }
@@ -314,6 +315,7 @@ impl Kernel {
         }
         let from = cycle::now();
         program.process.take(job.task);
+        self.apply_forces(job.program);
         self.io.write(job, &program.process, &mut self.ports);
         if let Some(violation) = self.charge(from) {
             self.violated(id, violation);

@@ -226,13 +226,12 @@ impl Program {
 
     /// An area that can be looked at from outside.
     pub const fn live_area(&self, area: live::Area) -> Area {
-        let slot = match area {
-            live::Area::State => 2,
-            live::Area::Input => 3,
-            live::Area::Output => 4,
-            live::Area::Marker => 5,
-        };
-        self.regions[slot].area
+        match area {
+            live::Area::State => self.regions[STATE].area,
+            live::Area::Input => self.process.input,
+            live::Area::Output => self.process.output,
+            live::Area::Marker => self.regions[MARKER].area,
+        }
     }
 
     /// Its name in the partition.

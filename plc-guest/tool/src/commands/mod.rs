@@ -7,6 +7,7 @@ pub mod fmt;
 pub mod import;
 pub mod inspect;
 pub mod keygen;
+pub mod live;
 pub mod lsp;
 pub mod new;
 pub mod sign;
@@ -53,7 +54,7 @@ fn image<'a>(path: &Path, bytes: &'a [u8]) -> Result<Image<'a>, Failure> {
 }
 
 /// Bytes as hexadecimal digits.
-fn hex(bytes: &[u8]) -> String {
+pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
