@@ -32,28 +32,28 @@ pub fn screen(frame: &mut Frame<'_>, view: &View) {
     let rows = |count: usize| u16::try_from(count).unwrap_or(u16::MAX);
     let tasks = status.partitions.iter().flat_map(programs::rows).count();
     let forced: Vec<String> = status.partitions.iter().flat_map(programs::forced).collect();
-    let [head, force, table, windows, tasks_area, channels, latencies, events] =
-        Layout::vertical([
-            Constraint::Length(2),
-            Constraint::Length(rows(forced.len())),
-            Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
-            Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
-            Constraint::Length(match tasks {
-                0 => 0,
-                count => rows(count).saturating_add(2),
-            }),
-            Constraint::Length(match status.channels.len() {
-                0 => 0,
-                count => rows(count).saturating_add(2),
-            }),
-            Constraint::Length(rows(measured().count()).saturating_mul(LATENCY_ROWS)),
-            Constraint::Min(0),
-        ])
-        .areas(frame.area());
+    let head_rows = Constraint::Length(rows(forced.len()).saturating_add(2));
+    let [head, rest] = Layout::vertical([head_rows, Constraint::Min(0)]).areas(frame.area());
+    let [table, windows, tasks_area, channels, latencies, events] = Layout::vertical([
+        Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
+        Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
+        Constraint::Length(match tasks {
+            0 => 0,
+            count => rows(count).saturating_add(2),
+        }),
+        Constraint::Length(match status.channels.len() {
+            0 => 0,
+            count => rows(count).saturating_add(2),
+        }),
+        Constraint::Length(rows(measured().count()).saturating_mul(LATENCY_ROWS)),
+        Constraint::Min(0),
+    ])
+    .areas(rest);
     draw_head(frame, head, status, view);
     // At the top: a plant with forced values is not in its normal state.
     let forced = forced.into_iter().map(|line| Line::from(line).bold().yellow());
-    frame.render_widget(Paragraph::new(forced.collect::<Vec<_>>()), force);
+    let below = Rect { y: head.y.saturating_add(2), height: head.height.saturating_sub(2), ..head };
+    frame.render_widget(Paragraph::new(forced.collect::<Vec<_>>()), below.intersection(head));
     draw_table(frame, table, status);
     draw_windows(frame, windows, status);
     draw_tasks(frame, tasks_area, status);
