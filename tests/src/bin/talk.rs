@@ -25,8 +25,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let stream = connect(&socket)?;
     let mut answers = BufReader::new(stream.try_clone()?).lines();
     for line in arguments {
-        while line == "stay" {
-            thread::park();
+        if line == "stay" {
+            loop {
+                thread::park();
+            }
         }
         if let Ok(count) = line.parse() {
             for answer in answers.by_ref().take(count) {
