@@ -39,21 +39,21 @@ pub fn check(name: &str, sources: &mut Sources) -> std::io::Result<Checked> {
     stack::with_room(|| check_here(name, sources, Part::Program))
 }
 
-/// [`check`], with the files of tests. The program's last task enters the tests (see [`crate::hir::Tests`]).
+/// [`check()`], with the files of tests. The program's last task enters the tests (see [`crate::hir::Tests`]).
 ///
 /// # Errors
 ///
-/// As of [`check`].
+/// As of [`check()`].
 pub fn check_tests(name: &str, sources: &mut Sources) -> std::io::Result<Checked> {
     stack::with_room(|| check_here(name, sources, Part::Tests))
 }
 
-/// [`check`], and if that is good and there are tests, [`check_tests`]: the program must do without what the files of
+/// [`check()`], and if that is good and there are tests, [`check_tests`]: the program must do without what the files of
 /// tests declare.
 ///
 /// # Errors
 ///
-/// As of [`check`].
+/// As of [`check()`].
 pub fn check_all(name: &str, sources: &mut Sources) -> std::io::Result<Checked> {
     stack::with_room(|| {
         let own = sources.iter().count();

@@ -1,6 +1,6 @@
 //! What Takt asks and orders of the programs of running PLCs.
 //!
-//! A kernel for programs and Takt talk through two queues in shared pages ([`link`]; the messages are those of
+//! A kernel for programs and Takt talk through two queues in shared pages (`link`; the messages are those of
 //! `takt_abi::live`). All of it happens in the supervisor thread, on its tick and for a bounded number of
 //! messages: no vCPU thread knows of it, and whatever a guest writes into its pages costs Takt no more than a
 //! number of answers that are none. Without a control socket nothing is asked.

@@ -6,7 +6,7 @@
 //! ```
 //!
 //! The device is `takt_devices::net`. Takt touches no packet: what a guest and its network send each other goes
-//! through a thread of the kernel's ([`worker`]) that reads and writes the guest's memory. Before a run, Takt
+//! through a thread of the kernel's (`worker`) that reads and writes the guest's memory. Before a run, Takt
 //! opens both devices, tells that thread which memory is the guest's, and puts it onto the CPU of the guest. In a
 //! run the guest's own thread makes some calls when its driver starts or resets the interface, and no thread
 //! of Takt's does anything for a packet.

@@ -2,7 +2,7 @@
 //!
 //! The kernel's resctrl file system has groups of threads, and says for each which ways of the L3 cache they may
 //! fill and how much of the way to memory they get. Who gets what is a plan
-//! ([`takt_host::resctrl`]); here it is written ([`setup`]), and each thread of a partition enters its group before it
+//! ([`takt_host::resctrl`]); here it is written (`setup`), and each thread of a partition enters its group before it
 //! is pinned.
 //!
 //! A Takt that was killed leaves its groups. The next one on this host removes them, whether its file asks for anything or

@@ -77,7 +77,7 @@ pub enum Intrinsic {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub enum Simulation {
-    /// An assertion does not hold: its index in [`super::Program::assertions`]. The test ends.
+    /// An assertion does not hold: its index in [`super::Tests::assertions`]. The test ends.
     Fail = 0x7400_0000,
     /// The cycle is over, and the next one begins so many nanoseconds later.
     Advance = 0x7400_0001,

@@ -116,7 +116,7 @@ fn shown(points: &[Point], values: &Values, line: &[&[u8]], json: bool) -> Strin
 pub struct Put {
     #[command(flatten)]
     which: Which,
-    /// The name of one value, such as tank.level or tank.row[2].
+    /// The name of one value, such as `tank.level` or `tank.row[2]`.
     name: String,
     /// Its value, as in Structured Text.
     #[arg(allow_hyphen_values = true)]
