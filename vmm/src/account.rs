@@ -14,6 +14,7 @@ use crate::control::Orders;
 use crate::handoff::Taker;
 use crate::health::{Detail, Watch};
 use crate::kernel_watch::{KernelWatch, News};
+use crate::live::Banks;
 use crate::load;
 use crate::restart::Restart;
 use crate::samples::{Course, Recorder};
@@ -77,6 +78,8 @@ pub struct Account {
     pub kernel: Option<KernelWatch>,
     /// Where the deadlines of its timer are placed, if it has one and Takt does that.
     pub deadlines: Option<Arc<Deadlines>>,
+    /// Where other versions of its programs are put; `None` if it has no programs.
+    pub banks: Option<Banks>,
     /// For starting its guest anew; `None` if it cannot be.
     pub restart: Option<Restart>,
     /// What its thread tells of its ends.

@@ -15,11 +15,11 @@ pub const GATHER_BYTES: u32 = 16 << 10;
 /// Most bytes that are put aside for a roll-back.
 pub const SAVED_BYTES: u32 = 16 << 10;
 
-const STEP_NS: u64 = 80;
-const CONVERSION_NS: u64 = 40;
-const REFERENCE_NS: u64 = 60;
+const STEP_NS: u64 = 250;
+const CONVERSION_NS: u64 = 200;
+const REFERENCE_NS: u64 = 100;
 /// For each range that a reference is compared with.
-const RANGE_NS: u64 = 8;
+const RANGE_NS: u64 = 40;
 /// What eight bytes take that are copied once.
 const WORD_NS: u64 = 2;
 

@@ -34,8 +34,8 @@ pub const VERSION: u32 = 1;
 pub const HEADER_BYTES: usize = 96;
 /// Size of a record.
 pub const RECORD_BYTES: usize = 16;
-/// Most records: more are never within [`COMMIT_NS`], but for ranges that are kept and early initial values.
-pub const RECORDS: u32 = 4096;
+/// Most records: few more are within [`COMMIT_NS`], and the kernel checks a plan in a part of one window.
+pub const RECORDS: u32 = 256;
 /// Size of the longest plan.
 pub const PLAN_BYTES: usize = HEADER_BYTES + RECORDS as usize * RECORD_BYTES;
 

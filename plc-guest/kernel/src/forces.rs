@@ -27,6 +27,12 @@ impl Forces {
         self.count
     }
 
+    /// True if a point of this program is forced.
+    #[must_use]
+    pub fn any(&self, program: u8) -> bool {
+        self.each.get(usize::from(program)).is_some_and(|each| *each > 0)
+    }
+
     /// Forces a point, or changes its value.
     ///
     /// # Errors
@@ -67,8 +73,7 @@ impl Forces {
 
     /// Those of a program, in the order in which they were made.
     pub fn of(&self, program: u8) -> impl Iterator<Item = (Point, u64)> {
-        let any = self.each.get(usize::from(program)).is_some_and(|each| *each > 0);
-        let count = if any { usize::from(self.count) } else { 0 };
+        let count = if self.any(program) { usize::from(self.count) } else { 0 };
         let all = self.all[..count].iter().copied().flatten();
         all.filter(move |(point, _)| point.range.program == program)
     }
@@ -98,7 +103,9 @@ mod tests {
         forces.release(point(0, 0)).unwrap();
         assert_eq!(forces.release(point(0, 0)), Err(Refusal::NotForced));
         assert_eq!((values(&forces, 0), values(&forces, 1)), (vec![(4, 3)], vec![(0, 2)]));
+        assert!(forces.any(1) && !forces.any(2) && !forces.any(16));
         forces.clear();
+        assert!(!forces.any(1));
         assert!(values(&forces, 0).is_empty() && forces.count() == 0);
     }
 

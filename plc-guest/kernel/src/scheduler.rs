@@ -205,6 +205,20 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         self.next
     }
 
+    /// True if the program runs and none of its tasks has a job: no task uses its state until the next release.
+    #[must_use]
+    pub fn is_between_jobs(&self, program: ProgramId) -> bool {
+        self.phase(program) == Phase::Running
+            && self.tasks_of(program).all(|id| !self.tasks[id.index()].is_active())
+    }
+
+    /// Ends all jobs of a program without their doing. Its tasks go on with their next releases.
+    pub fn abandon(&mut self, program: ProgramId, now: Instant) {
+        for id in self.tasks_of(program) {
+            self.skip(id, now);
+        }
+    }
+
     /// Starts a stopped program: its initialisation is released. A program without one runs at once.
     pub fn start(&mut self, program: ProgramId, now: Instant) {
         self.stop(program);

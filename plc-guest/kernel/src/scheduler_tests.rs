@@ -89,6 +89,25 @@ fn a_release_that_comes_late_keeps_its_instant_and_moves_no_other() {
 }
 
 #[test]
+fn a_program_is_between_jobs_when_each_has_ended_or_was_abandoned() {
+    let mut s = started(&[cyclic(100, 0, 1), cyclic(100, 50, 0)]);
+    assert!(s.is_between_jobs(PROGRAM));
+    assert_eq!(at(&mut s, 0), Some(0));
+    assert!(!s.is_between_jobs(PROGRAM));
+    // One that waits in the middle of its job has one too.
+    assert_eq!(at(&mut s, 50), Some(1));
+    s.end(Instant(55));
+    assert!(!s.is_between_jobs(PROGRAM));
+    s.abandon(PROGRAM, Instant(60));
+    assert!(s.is_between_jobs(PROGRAM));
+    assert_eq!((s.running(), s.task(TaskId(0)).statistics().skipped), (None, 1));
+    // The next releases are where they were.
+    assert_eq!((at(&mut s, 99), at(&mut s, 100)), (None, Some(0)));
+    s.stop(PROGRAM);
+    assert!(!s.is_between_jobs(PROGRAM), "it does not run");
+}
+
+#[test]
 fn a_release_during_the_job_before_is_lost_and_counted() {
     let mut s = started(&[cyclic(100, 0, 0)]);
     assert_eq!(at(&mut s, 0), Some(0));

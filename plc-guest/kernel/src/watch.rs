@@ -92,6 +92,18 @@ impl Watch {
         self.missed = 0;
     }
 
+    /// A program is about to change to another version, where the places do not hold. A list with one of them ends; Takt sends
+    /// the rest of it anew.
+    pub fn leave(&mut self, program: u8) {
+        let has = |list: &List| {
+            list.ranges[..list.count].iter().flatten().any(|range| range.program == program)
+        };
+        if has(&self.next) || has(&self.current) {
+            self.clear();
+            self.begin(0, Span::ZERO);
+        }
+    }
+
     /// The number of the list.
     #[must_use]
     pub const fn serial(&self) -> u32 {
@@ -235,6 +247,20 @@ mod tests {
         assert_eq!(sent, [0, 3, 6, 9]);
         watch.begin(0, Span::ZERO);
         assert!(!watch.is_due(10, Instant(1_000)), "number 0 ends it");
+    }
+
+    #[test]
+    fn a_list_with_a_program_that_changes_ends() {
+        let mut watch = watching(&[range(0, 4), range(8, 4)], 0);
+        watch.leave(1);
+        assert!(watch.is_due(7, Instant(0)));
+        watch.leave(0);
+        assert!(watch.piece(100).is_none() && !watch.is_due(8, Instant(0)));
+        // What was told of the next list is gone too.
+        watch.add(range(0, 4)).unwrap();
+        watch.leave(0);
+        watch.begin(2, Span::ZERO);
+        assert!(!watch.is_due(9, Instant(0)));
     }
 
     #[test]

@@ -34,6 +34,22 @@ impl<'a> Image<'a> {
     }
 }
 
+impl<'a> Image<'a> {
+    /// Reads the header and the section table of an image that has passed [`Image::verify`] elsewhere. What is in the
+    /// sections is not checked, so the time does not grow with the image. Reading a section that is not valid
+    /// gives values that are wrong, never a panic.
+    ///
+    /// # Errors
+    /// The first defect that is found.
+    pub fn open(file: &'a [u8]) -> Result<Self, ImageError> {
+        let image = Self { file, sections: [Section::default(); KINDS] };
+        let whence = Where::new(0, "header", 0);
+        check_header(&image, whence)?;
+        let count = image.header().u32(header::SECTION_COUNT);
+        Ok(Self { sections: sections::read(file, HEADER_BYTES, count)?, ..image })
+    }
+}
+
 fn check_header(image: &Image<'_>, whence: Where) -> Result<(), ImageError> {
     let header = image.header();
     whence.rule(

@@ -27,6 +27,14 @@ pub enum ClientError {
         .0.display()
     )]
     NoControl(PathBuf),
+    /// The image cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Image {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: io::Error,
+    },
     /// Nobody listens.
     #[error("no Takt at {}: {source}; {}", socket.display(), remedy(source))]
     NoTakt {
@@ -63,7 +71,7 @@ impl ClientError {
     #[must_use]
     pub fn status(&self) -> u8 {
         match self {
-            ClientError::File(_) | ClientError::NoControl(_) => USAGE,
+            ClientError::File(_) | ClientError::NoControl(_) | ClientError::Image { .. } => USAGE,
             ClientError::Output(_) | ClientError::Terminal(_) => USAGE,
             ClientError::NoTakt { .. } | ClientError::Lost(_) | ClientError::NotUnderstood(_) => {
                 NO_TAKT

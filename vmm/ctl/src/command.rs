@@ -1,11 +1,11 @@
 //! The command line of `takt-ctl`.
 
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Parser, Subcommand};
 use takt_plan as config;
-use takt_protocol::{Answer, Mode, Request};
+use takt_protocol::{Answer, Load, Mode, PART_MAX, Request};
 use takt_scheduler::time::Nanos;
 
 use crate::{text, trace};
@@ -63,6 +63,34 @@ enum Command {
         #[arg(long)]
         follow: bool,
     },
+    /// Bring another version of a program into its PLC, which goes on with the running one.
+    Load {
+        /// The partition's name.
+        partition: String,
+        /// The program's name.
+        program: String,
+        /// The image of the new version.
+        image: PathBuf,
+    },
+    /// Change a program to the version that was loaded, between two of its cycles.
+    Commit {
+        /// The partition's name.
+        partition: String,
+        /// The program's name.
+        program: String,
+    },
+    /// Change a program back, or give up the version that was loaded.
+    RollBack {
+        /// The partition's name.
+        partition: String,
+        /// The program's name.
+        program: String,
+    },
+    /// Which versions the programs of a partition have, and how far a change is.
+    Versions {
+        /// The partition's name.
+        partition: String,
+    },
     /// Write every window from now on to standard output, for ui.perfetto.dev or chrome://tracing.
     Trace {
         /// How long, such as 500ms; at most 60s.
@@ -101,9 +129,43 @@ fn mode(warm: bool) -> Mode {
     if warm { Mode::Warm } else { Mode::Cold }
 }
 
-impl From<Command> for Request {
-    fn from(command: Command) -> Request {
-        match command {
+/// A file in parts, as requests take them.
+fn parts(partition: &str, program: &str, image: &Path) -> Result<Vec<Request>, ClientError> {
+    let bad = |source| ClientError::Image { path: image.to_owned(), source };
+    let bytes = std::fs::read(image).map_err(bad)?;
+    if bytes.is_empty() {
+        return Err(bad(io::Error::new(io::ErrorKind::InvalidData, "the file is empty")));
+    }
+    let parts: Vec<&[u8]> = bytes.chunks(PART_MAX).collect();
+    // Takt refuses more parts than a bank has room for, which are far fewer.
+    let count = parts.len() as u32;
+    let request = |(part, data): (u32, &&[u8])| {
+        Request::Load(Load {
+            partition: partition.to_owned(),
+            program: program.to_owned(),
+            part,
+            parts: count,
+            data: data.to_vec(),
+        })
+    };
+    Ok((0..).zip(&parts).map(request).collect())
+}
+
+impl Command {
+    /// What is asked for it, one request after the other.
+    fn requests(self) -> Result<Vec<Request>, ClientError> {
+        match self {
+            Command::Load { partition, program, image } => parts(&partition, &program, &image),
+            other => Ok(other.request().into_iter().collect()),
+        }
+    }
+
+    fn request(self) -> Option<Request> {
+        Some(match self {
+            Command::Load { .. } => return None,
+            Command::Commit { partition, program } => Request::Commit(partition, program),
+            Command::RollBack { partition, program } => Request::RollBack(partition, program),
+            Command::Versions { partition } => Request::Versions(partition),
             Command::Status => Request::Status,
             Command::Stop { partition } => Request::Stop(partition),
             Command::Start { partition, mode: m } => Request::Start(partition, mode(m.warm)),
@@ -111,7 +173,7 @@ impl From<Command> for Request {
             Command::Schedule { name } => Request::Schedule(name),
             Command::Events { follow } => Request::Events { follow },
             Command::Trace { length } => Request::Trace(length),
-        }
+        })
     }
 }
 
@@ -120,10 +182,20 @@ impl From<Command> for Request {
 /// # Errors
 /// See [`ClientError`].
 pub fn run(Cli { json, place, command }: Cli) -> Result<(), ClientError> {
+    let requests = command.requests()?;
     let mut takt = Connection::open(&takt_client::socket(&place)?)?;
-    match command.into() {
+    let Some((last, first)) = requests.split_last() else { return Ok(()) };
+    for request in first {
+        takt.send(request)?;
+        takt.receive()?.1.granted()?;
+    }
+    ask(&mut takt, last.clone(), json)
+}
+
+fn ask(takt: &mut Connection, request: Request, json: bool) -> Result<(), ClientError> {
+    match request {
         Request::Trace(length) => {
-            let extent = trace::record(&mut takt, length, json, io::stdout().lock())?;
+            let extent = trace::record(takt, length, json, io::stdout().lock())?;
             eprintln!("takt-ctl: {}", text::extent(extent));
         }
         Request::Events { follow: true } => {

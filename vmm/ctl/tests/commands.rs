@@ -11,11 +11,11 @@ use std::time::Duration;
 
 use serde_json::Value;
 use takt::control::{Operator, Server};
-use takt::live::Change;
+use takt::live::ValueOrder;
 use takt::unix_socket::{Listener, SocketKind};
 use takt_protocol::{
-    ChannelStatus, ErrorKind, EventKind, Mode, PartitionStatus, Range, Refusal, ScheduleStatus,
-    State, Status, TraceStart, TracedPartition, TracedWindow,
+    ChannelStatus, ErrorKind, EventKind, ImageVersion, Load, Mode, PartitionStatus, Range, Refusal,
+    ScheduleStatus, State, Status, TraceStart, TracedPartition, TracedWindow, VersionStatus,
 };
 use takt_record::WindowRecord;
 use takt_scheduler::schedules::ScheduleId;
@@ -133,13 +133,47 @@ impl Operator for FakeRun {
         Ok(ranges.len() as u64)
     }
 
-    fn change(&mut self, partition: &str, _change: Change) -> Result<u64, Refusal> {
+    fn order_values(&mut self, partition: &str, _order: ValueOrder) -> Result<u64, Refusal> {
         granted("is changed", partition)?;
         Ok(1)
     }
 
     fn result(&mut self, ticket: u64) -> Option<Result<String, Refusal>> {
         Some(Ok(format!("change {ticket}")))
+    }
+
+    fn load(&mut self, load: Load) -> Result<String, Refusal> {
+        let (part, parts) = (load.part, load.parts);
+        granted(
+            &format!("{} {part} of {parts}: {}", load.program, load.data.len()),
+            &load.partition,
+        )
+    }
+
+    fn commit(&mut self, partition: &str, program: &str) -> Result<String, Refusal> {
+        granted(&format!("commit {program}"), partition)
+    }
+
+    fn roll_back(&mut self, partition: &str, program: &str) -> Result<String, Refusal> {
+        granted(&format!("roll back {program}"), partition)
+    }
+
+    fn versions(&mut self, partition: &str) -> Result<Vec<VersionStatus>, Refusal> {
+        let image = |version: &str| ImageVersion { version: version.into(), hash: "5e".repeat(32) };
+        granted("versions", partition).map(|_| {
+            vec![VersionStatus {
+                program: "tank".into(),
+                running: image("1.1.0"),
+                other: Some(image("1.0.0")),
+                phase: "held".into(),
+                reason: None,
+                jobs: 100,
+                references_gone: 0,
+                took_ns: 3120,
+                at_ns: 2_000_000_000,
+                cycle: 2000,
+            }]
+        })
     }
 
     fn trace(&self) -> TraceStart {
@@ -238,6 +272,31 @@ impl Drop for Plant {
         }
         let _ = fs::remove_dir_all(&self.folder);
     }
+}
+
+#[test]
+fn a_program_is_changed_in_steps() {
+    let plant = Plant::running("change");
+    fs::write(plant.folder.join("new.plc"), vec![7; 60_000]).unwrap();
+    let good = |out: &str| (0, format!("{out}\n"), String::new());
+    // An image that is longer than a line goes in parts, of which the last is answered.
+    let load = |partition, file| plant.says(&["plant.toml", "load", partition, "tank", file]);
+    assert_eq!(load("plc", "new.plc"), good("plc tank 2 of 3: 10848"));
+    let said = plant.says(&["plant.toml", "commit", "plc", "tank"]);
+    assert_eq!(said, good("plc commit tank"));
+    let said = plant.says(&["plant.toml", "roll-back", "plc", "tank"]);
+    assert_eq!(said, good("plc roll back tank"));
+    let said = plant.says(&["plant.toml", "versions", "plc"]).1;
+    assert!(
+        said.contains("tank             runs 1.1.0 (5e5e5e5e), other 1.0.0 (5e5e5e5e), held"),
+        "{said}"
+    );
+    assert!(said.contains("last change at 2.000 s, cycle 2000, in 3120 ns"), "{said}");
+    assert_eq!(load("other", "new.plc").0, 1);
+    let none = load("plc", "none.plc");
+    assert!(none.0 == 2 && none.2.contains("cannot read none.plc"), "{none:?}");
+    fs::write(plant.folder.join("empty.plc"), "").unwrap();
+    assert_eq!(load("plc", "empty.plc").0, 2);
 }
 
 #[test]

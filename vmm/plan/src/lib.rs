@@ -84,7 +84,7 @@ pub use passthrough::{
 pub use placement::table as program_table;
 pub use ports::{CHANNEL_AREA_PAGES, region_bytes};
 pub use program_tasks::{ProgramTask, Release};
-pub use programs::{Program, Trust};
+pub use programs::{AcceptedKeys, Program, Trust};
 pub use schedules::percent;
 pub use tasks::NamedTask;
 pub use units::{Bytes, UnitError, parse_duration};

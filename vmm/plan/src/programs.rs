@@ -32,6 +32,9 @@ const BANK_TABLE: u64 = 2 << 20;
 /// What a bank and the memory for the state are a multiple of, where the file gives no size.
 const STEP: u64 = 64 << 10;
 
+/// The public keys that a program's images may be signed with; `None`: all, and none at all.
+pub type AcceptedKeys = Option<Vec<[u8; 32]>>;
+
 /// A program of a PLC.
 #[derive(Clone)]
 pub struct Program {
@@ -47,6 +50,8 @@ pub struct Program {
     pub watch: Bytes,
     /// Whether they may write and force its values.
     pub allow_force: bool,
+    /// The keys that the file accepts; `None`: it accepts any, and images without a signature.
+    pub keys: AcceptedKeys,
     image: Arc<[u8]>,
 }
 
@@ -138,7 +143,7 @@ fn check_one(raw: &raw::Program, around: Surroundings<'_>) -> Result<CheckedProg
         Diagnostic::new(raw.image.span(), found, allowed)
     })?;
     let name = name(raw, &image)?.to_owned();
-    let trust = check_key(raw, &image)?;
+    let (trust, keys) = check_key(raw, &image)?;
     let length = bytes.len() as u64;
     let bank = area("bank", raw.bank.as_ref(), length, "an image", &raw.image)?;
     let state = u64::from(image.state_bytes());
@@ -157,7 +162,7 @@ fn check_one(raw: &raw::Program, around: Surroundings<'_>) -> Result<CheckedProg
     let watch = check_watch(raw.watch.as_ref())?;
     let allow_force = raw.allow_force.as_ref().is_some_and(|allow| *allow.get_ref());
     let image = bytes.into();
-    let program = Program { name, path: file.path, place, trust, watch, allow_force, image };
+    let program = Program { name, path: file.path, place, trust, watch, allow_force, keys, image };
     Ok(CheckedProgram { program, span: file.span, work })
 }
 
@@ -209,9 +214,9 @@ fn padded(name: &str) -> [u8; program::NAME_BYTES] {
 }
 
 /// Compares the key of the signature with those that the file names.
-fn check_key(raw: &raw::Program, image: &Image<'_>) -> Result<Trust, Diagnostic> {
+fn check_key(raw: &raw::Program, image: &Image<'_>) -> Result<(Trust, AcceptedKeys), Diagnostic> {
     let Some(keys) = &raw.keys else {
-        return Ok(if image.key().is_some() { Trust::NotAsked } else { Trust::Unsigned });
+        return Ok((if image.key().is_some() { Trust::NotAsked } else { Trust::Unsigned }, None));
     };
     let texts = keys.get_ref();
     if texts.is_empty() || texts.len() > KEYS_MAX {
@@ -222,7 +227,7 @@ fn check_key(raw: &raw::Program, image: &Image<'_>) -> Result<Trust, Diagnostic>
     let accepted = texts.iter().map(parse_key).collect::<Result<Vec<_>, _>>()?;
     let allowed = "an image that is signed with one of these keys";
     match image.key() {
-        Some(key) if accepted.contains(&key) => Ok(Trust::Signed(key)),
+        Some(key) if accepted.contains(&key) => Ok((Trust::Signed(key), Some(accepted))),
         Some(key) => {
             let found = format!("the image is signed with another key, {}", hex(&key));
             Err(Diagnostic::new(raw.image.span(), found, allowed).and(keys.span(), "the keys"))
@@ -291,9 +296,9 @@ fn work(image: &Image<'_>, bank: u64) -> u64 {
     });
     // Each object's messages have pages of their own.
     let objects = objects.map(|bytes| bytes.next_multiple_of(PAGE));
-    // The kernel closes a bank to itself page by page, with a table for each part of 2 MiB, of which it may
+    // The kernel closes both banks to itself page by page, with a table for each part of 2 MiB, of which a bank may
     // begin and end in the middle.
-    let tables = (bank / BANK_TABLE + 2) * PAGE;
+    let tables = 2 * (bank / BANK_TABLE + 2) * PAGE;
     let area = |area| image.area_bytes(area);
     let views =
         image.tasks().len() as u64 * program::view_bytes(area(Area::Input), area(Area::Output));

@@ -115,6 +115,11 @@ pub enum Answer {
         /// Of one cycle.
         values: Values,
     },
+    /// To `versions`.
+    Versions {
+        /// Of each program, in the order of the partition file.
+        versions: Vec<VersionStatus>,
+    },
     /// The request changes nothing.
     Error(Refusal),
 }
@@ -136,6 +141,41 @@ impl Answer {
     pub fn line(self) -> Vec<u8> {
         line(&Message { version: VERSION, answer: self })
     }
+}
+
+/// Which versions of a program there are.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct VersionStatus {
+    /// Its name.
+    pub program: String,
+    /// The version that runs.
+    pub running: ImageVersion,
+    /// The one that is prepared, or that a roll-back leads to.
+    pub other: Option<ImageVersion>,
+    /// How far a change is: `none`, `preparing`, `prepared`, `committing`, `trial`, `held`, `rolling-back`, `rolled-back` or
+    /// `refused`.
+    pub phase: String,
+    /// Why it is there; `null` if there is nothing to say.
+    pub reason: Option<String>,
+    /// Jobs that the version has done on trial.
+    pub jobs: u64,
+    /// References that became `NULL` at the last change.
+    pub references_gone: u64,
+    /// Time of the last change, from the last instruction before it to the last of it.
+    pub took_ns: u64,
+    /// When that was, since the start of the programs.
+    pub at_ns: u64,
+    /// Jobs of the first task up to then.
+    pub cycle: u64,
+}
+
+/// An image.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ImageVersion {
+    /// The author's version.
+    pub version: String,
+    /// SHA-256.
+    pub hash: String,
 }
 
 /// Something that has happened.
@@ -175,4 +215,6 @@ pub enum EventKind {
     Forced,
     /// Values are not forced any more: an operator has released them, or their partition has started anew.
     Released,
+    /// A program has changed to another version, or a change has got on.
+    Change,
 }

@@ -10,9 +10,11 @@ mod status;
 use serde::Serialize;
 use takt_scheduler::time::Nanos;
 
-pub use answer::{Answer, ErrorKind, Event, EventKind, Message, Refusal};
+pub use answer::{
+    Answer, ErrorKind, Event, EventKind, ImageVersion, Message, Refusal, VersionStatus,
+};
 pub use point::{ForcedStatus, INTERVAL_MAX, LABEL_MAX, Named, Values, raw_point, raw_range};
-pub use request::{Mode, PointValue, Request};
+pub use request::{Load, Mode, PART_MAX, PointValue, Request};
 pub use status::{
     ChannelStatus, Contents, PartitionStatus, ProgramState, ProgramStatus, ReleaseStatus,
     ScheduleStatus, State, Status, TaskState, TaskStatus, WindowStatus,

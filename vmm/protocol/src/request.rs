@@ -45,6 +45,14 @@ pub enum Request {
     Force(PointValue),
     /// A value shall be kept no longer; no point: none of the partition.
     Release(String, Option<Point>),
+    /// A part of an image: the next version of a program.
+    Load(Load),
+    /// A program of a partition shall change to the version that is prepared.
+    Commit(String, String),
+    /// A program of a partition shall change back.
+    RollBack(String, String),
+    /// Which versions the programs of a partition have.
+    Versions(String),
 }
 
 /// A value for a point.
@@ -59,6 +67,24 @@ pub struct PointValue {
     /// For people.
     pub named: Named,
 }
+
+/// A part of an image.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Load {
+    /// Whose program.
+    pub partition: String,
+    /// Which one.
+    pub program: String,
+    /// Which part: from 0 on, in their order.
+    pub part: u32,
+    /// How many parts there are.
+    pub parts: u32,
+    /// Its bytes.
+    pub data: Vec<u8>,
+}
+
+/// Most bytes in one part.
+pub const PART_MAX: usize = 24 * 1024;
 
 /// How a partition is started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -98,6 +124,29 @@ struct Raw {
     name: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     text: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    program: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    part: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    parts: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    data: Option<String>,
+}
+
+/// Bytes as hexadecimal digits.
+fn hex(bytes: &[u8]) -> String {
+    const DIGITS: [char; 16] =
+        ['0', '1', '2', '3', '4', '5', '6', '7', '8', '9', 'a', 'b', 'c', 'd', 'e', 'f'];
+    let digit = |nibble: u8| DIGITS[usize::from(nibble & 15)];
+    bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(*byte)]).collect()
+}
+
+/// Bytes from hexadecimal digits.
+fn from_hex(text: &str) -> Option<Vec<u8>> {
+    let digit = |c: u8| char::from(c).to_digit(16);
+    let pairs = text.as_bytes().chunks(2);
+    pairs.map(|pair| Some((digit(*pair.first()?)? << 4 | digit(*pair.get(1)?)?) as u8)).collect()
 }
 
 impl Request {
@@ -151,6 +200,20 @@ impl Request {
             Request::Release(partition, point) => {
                 Raw { point: point.map(raw_point), ..of("release", partition) }
             }
+            Request::Load(load) => Raw {
+                program: Some(load.program.clone()),
+                part: Some(load.part),
+                parts: Some(load.parts),
+                data: Some(hex(&load.data)),
+                ..of("load", &load.partition)
+            },
+            Request::Commit(partition, program) => {
+                Raw { program: Some(program.clone()), ..of("commit", partition) }
+            }
+            Request::RollBack(partition, program) => {
+                Raw { program: Some(program.clone()), ..of("roll-back", partition) }
+            }
+            Request::Versions(partition) => of("versions", partition),
         })
     }
 }
@@ -160,6 +223,8 @@ impl Raw {
         let Raw { version: _, request, partition, mode, schedule, follow, duration_ns, .. } = &self;
         let (partition, schedule) = (partition.clone(), schedule.clone());
         let (mode, follow, duration_ns) = (*mode, *follow, *duration_ns);
+        let (program, part, parts) = (self.program.clone(), self.part, self.parts);
+        let data = self.data.as_deref();
         let given = [
             ("partition", partition.is_some()),
             ("mode", mode.is_some()),
@@ -172,6 +237,10 @@ impl Raw {
             ("value", self.value.is_some()),
             ("name", self.name.is_some()),
             ("text", self.text.is_some()),
+            ("program", program.is_some()),
+            ("part", part.is_some()),
+            ("parts", parts.is_some()),
+            ("data", data.is_some()),
         ];
         let malformed = |text| Refusal::new(ErrorKind::Malformed, text);
         let missing = |key: &str| malformed(format!("\"{request}\" needs the key `{key}`"));
@@ -220,10 +289,41 @@ impl Raw {
                 let partition = named(partition, "partition")?;
                 (Request::Release(partition, point.transpose()?), &["partition", "point"])
             }
+            "load" => {
+                let (part, parts) =
+                    (part.ok_or_else(|| missing("part"))?, parts.ok_or_else(|| missing("parts"))?);
+                let bytes = data.and_then(from_hex).unwrap_or_default();
+                if bytes.is_empty() || bytes.len() > PART_MAX {
+                    let digits = 2 * PART_MAX;
+                    return Err(malformed(format!(
+                        "`data` must be 2 to {digits} hexadecimal digits"
+                    )));
+                }
+                if part >= parts {
+                    return Err(malformed("`part` must be less than `parts`".to_owned()));
+                }
+                let load = Load {
+                    partition: named(partition, "partition")?,
+                    program: named(program, "program")?,
+                    part,
+                    parts,
+                    data: bytes,
+                };
+                (Request::Load(load), &["partition", "program", "part", "parts", "data"])
+            }
+            "commit" => (
+                Request::Commit(named(partition, "partition")?, named(program, "program")?),
+                &["partition", "program"],
+            ),
+            "roll-back" => (
+                Request::RollBack(named(partition, "partition")?, named(program, "program")?),
+                &["partition", "program"],
+            ),
+            "versions" => (Request::Versions(named(partition, "partition")?), &["partition"]),
             _ => {
                 let text = "`request` must be \"status\", \"stop\", \"start\", \"restart\", \
-                            \"schedule\", \"events\", \"trace\", \"watch\", \"write\", \"force\" or \
-                            \"release\"";
+                            \"schedule\", \"events\", \"trace\", \"watch\", \"write\", \"force\", \
+                            \"release\", \"load\", \"commit\", \"roll-back\" or \"versions\"";
                 return Err(Refusal::new(ErrorKind::UnknownRequest, text));
             }
         };

@@ -3,6 +3,8 @@
 //! Their images were read and checked with the partition file, and their places fixed. Here they are only
 //! copied, at the first start and at every later one: a guest may have written anything over them.
 
+use std::sync::{Arc, Mutex, PoisonError};
+
 use takt_abi::program::ProgramTable;
 use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress, GuestMemoryError};
@@ -18,11 +20,16 @@ pub struct ProgramError {
     source: GuestMemoryError,
 }
 
+/// For each program, the image that has taken the place of that of the file.
+type Changed = Vec<Option<Arc<[u8]>>>;
+
 /// The programs of a partition, of which there is at least one.
 #[derive(Clone)]
 pub struct Programs {
     programs: Vec<Program>,
     table: ProgramTable,
+    /// Images that have taken the places of those of the file, by the place of the program.
+    changed: Arc<Mutex<Changed>>,
 }
 
 impl Programs {
@@ -31,13 +38,35 @@ impl Programs {
     pub fn of(partition: &Partition) -> Option<Self> {
         let programs = partition.programs().to_vec();
         let table = program_table(&programs, partition.memory_bytes())?;
-        Some(Self { programs, table })
+        let changed = Arc::new(Mutex::new(vec![None; programs.len()]));
+        Some(Self { programs, table, changed })
     }
 
     /// What the guest is told of them.
     #[must_use]
     pub fn table(&self) -> ProgramTable {
-        self.table
+        let mut table = self.table;
+        let changed = self.changed.lock().unwrap_or_else(PoisonError::into_inner);
+        for (entry, image) in table.programs.iter_mut().zip(&*changed) {
+            if let Some(image) = image {
+                entry.image_bytes = image.len() as u64;
+            }
+        }
+        table
+    }
+
+    /// All of them, in the order of the file.
+    #[must_use]
+    pub fn all(&self) -> &[Program] {
+        &self.programs
+    }
+
+    /// From now on the guest starts with this image of a program; with that of the file, if none is given.
+    pub fn start_with(&self, place: usize, image: Option<Arc<[u8]>>) {
+        let mut changed = self.changed.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(slot) = changed.get_mut(place) {
+            *slot = image;
+        }
     }
 
     /// Copies the images into memory that is zero.
@@ -45,9 +74,11 @@ impl Programs {
     /// # Errors
     /// If one does not lie in the memory, which the partition file's checks have ruled out.
     pub fn load(&self, memory: &GuestMemory) -> Result<(), ProgramError> {
-        self.programs.iter().try_for_each(|program| {
+        let changed = self.changed.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        self.programs.iter().zip(changed).try_for_each(|(program, changed)| {
             let to = GuestAddress(program.place.image);
-            let copied = memory.regions().write_slice(program.bytes(), to);
+            let image = changed.as_deref().unwrap_or(program.bytes());
+            let copied = memory.regions().write_slice(image, to);
             copied.map_err(|source| ProgramError { name: program.name.clone(), source })
         })
     }
@@ -72,8 +103,8 @@ mod tests {
         [[schedule.window]]\npartition = \"plc\"\noffset = \"0us\"\nduration = \"300us\"\n";
 
     /// A partition with one program.
-    fn partition() -> Partition {
-        let folder = PathBuf::from(env!("OUT_DIR")).join("programs");
+    fn partition(folder: &str) -> Partition {
+        let folder = PathBuf::from(env!("OUT_DIR")).join("programs").join(folder);
         fs::create_dir_all(&folder).unwrap();
         let mut image = Builder::new("a");
         image.code = vec![0xc3];
@@ -87,7 +118,7 @@ mod tests {
 
     #[test]
     fn a_start_finds_its_programs_whole_whatever_the_guest_before_has_done() {
-        let partition = partition();
+        let partition = partition("whole");
         let programs = Programs::of(&partition).unwrap();
         let (bytes, image) = (partition.memory_bytes(), programs.table().programs[0]);
         let memory = GuestMemory::for_plc_with_programs(bytes, Pages::Small, &[]).unwrap();
@@ -106,5 +137,28 @@ mod tests {
             let at = GuestAddress(image.second_bank);
             assert_eq!(memory.regions().read_obj::<u64>(at).unwrap(), 0);
         }
+    }
+
+    #[test]
+    fn a_start_finds_the_version_that_was_entered_last() {
+        let partition = partition("version");
+        let programs = Programs::of(&partition).unwrap();
+        let memory =
+            GuestMemory::for_plc_with_programs(partition.memory_bytes(), Pages::Small, &[])
+                .unwrap();
+        let other: Arc<[u8]> = vec![7; 9000].into();
+        // What is said of one is true of its copies: one starts the guest, another follows its changes.
+        programs.clone().start_with(0, Some(other.clone()));
+        programs.load(&memory).unwrap();
+        let place = programs.table().programs[0];
+        assert_eq!(place.image_bytes, 9000);
+        let mut found = vec![0; 9000];
+        memory.regions().read_slice(&mut found, GuestAddress(place.image)).unwrap();
+        assert_eq!(found, &other[..]);
+        programs.start_with(0, None);
+        assert_eq!(
+            programs.table().programs[0].image_bytes,
+            partition.programs()[0].bytes().len() as u64
+        );
     }
 }

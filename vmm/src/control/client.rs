@@ -9,7 +9,7 @@ use std::os::unix::net::UnixStream;
 
 use takt_scheduler::time::Nanos;
 
-use super::protocol::{Answer, LINE_MAX, TracedWindow, Values};
+use super::protocol::{self, Answer, LINE_MAX, Refusal, TracedWindow, Values};
 use super::tracing::Tracing;
 
 /// Bytes of events that a client may be behind with.
@@ -31,7 +31,9 @@ pub(super) struct Client {
     pub follows: bool,
     /// By this it is known elsewhere.
     pub id: u64,
-    /// The change of whose result it is still to be told.
+    /// A program has entered another version since the client asked for the status.
+    pub places_have_changed: bool,
+    /// The order of values of whose result it is still to be told.
     pub waits_for: Option<u64>,
     /// Lines of values that it was not told since the last one.
     missed: u64,
@@ -59,6 +61,7 @@ impl Client {
         Client {
             stream,
             id,
+            places_have_changed: false,
             waits_for: None,
             missed: 0,
             input: Vec::new(),
@@ -96,6 +99,15 @@ impl Client {
     /// True if it may ask for something.
     pub fn may_ask(&self) -> bool {
         self.output.is_empty() && !self.closing && self.waits_for.is_none()
+    }
+
+    /// Whether the places in programs that it names can be those of the versions that run.
+    pub fn knows_places(&self) -> Result<(), Refusal> {
+        if self.places_have_changed {
+            let text = "a program runs another version since you asked for the status: ask for it, and look up the places anew";
+            return Err(Refusal::new(protocol::ErrorKind::Refused, text));
+        }
+        Ok(())
     }
 
     /// Takes the next line.

@@ -8,14 +8,18 @@ use super::operator::Operator;
 use super::orders::Outcome;
 use super::programs;
 use super::protocol::{
-    ChannelStatus, ErrorKind, Mode, PartitionStatus, Range, Refusal, ReleaseStatus, ScheduleStatus,
-    Status, TraceStart, TracedPartition,
+    ChannelStatus, ErrorKind, Load, Mode, PartitionStatus, Range, Refusal, ReleaseStatus,
+    ScheduleStatus, Status, TraceStart, TracedPartition, VersionStatus,
 };
 use crate::account::Account;
 use crate::health::Fault;
 use crate::host_ports::HostPorts;
-use crate::live::{Change, Live};
+use crate::live::{Live, ValueOrder};
 use crate::schedule_requests::ScheduleRequests;
+
+fn no_programs() -> Refusal {
+    Refusal::new(ErrorKind::Unsupported, "this partition has no programs")
+}
 
 /// What of the event thread an operator sees and changes.
 pub struct Operated<'a> {
@@ -174,13 +178,34 @@ impl Operator for Operated<'_> {
         self.live.watch(client, place, ranges, interval)
     }
 
-    fn change(&mut self, partition: &str, change: Change) -> Result<u64, Refusal> {
+    fn order_values(&mut self, partition: &str, order: ValueOrder) -> Result<u64, Refusal> {
         let (place, now) = (self.place(partition)?, self.desk.now());
-        self.live.change(place, change, now)
+        self.live.order_values(place, order, now)
     }
 
     fn result(&mut self, ticket: u64) -> Option<Result<String, Refusal>> {
         self.live.result(ticket)
+    }
+
+    fn load(&mut self, load: Load) -> Result<String, Refusal> {
+        let place = self.place(&load.partition)?;
+        let banks = self.accounts.get(place).and_then(|account| account.banks.as_ref());
+        self.live.load(place, &load, banks.ok_or_else(no_programs)?)
+    }
+
+    fn commit(&mut self, partition: &str, program: &str) -> Result<String, Refusal> {
+        let place = self.place(partition)?;
+        self.live.commit(place, program)
+    }
+
+    fn roll_back(&mut self, partition: &str, program: &str) -> Result<String, Refusal> {
+        let place = self.place(partition)?;
+        self.live.roll_back(place, program)
+    }
+
+    fn versions(&mut self, partition: &str) -> Result<Vec<VersionStatus>, Refusal> {
+        let place = self.place(partition)?;
+        self.live.versions(place)
     }
 
     fn trace(&self) -> TraceStart {

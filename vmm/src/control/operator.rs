@@ -2,8 +2,8 @@
 
 use takt_scheduler::time::Nanos;
 
-use super::protocol::{Mode, Range, Refusal, Status, TraceStart};
-use crate::live::Change;
+use super::protocol::{Load, Mode, Range, Refusal, Status, TraceStart, VersionStatus};
+use crate::live::ValueOrder;
 
 /// A run, as an operator sees it. Every call returns at once; the text says what will happen.
 pub trait Operator {
@@ -50,14 +50,38 @@ pub trait Operator {
         interval: Nanos,
     ) -> Result<u64, Refusal>;
 
-    /// Asks for a change of values; the ticket is for [`result`](Self::result).
+    /// Orders something of values; the ticket is for [`result`](Self::result).
     ///
     /// # Errors
     /// Why they are not changed.
-    fn change(&mut self, partition: &str, change: Change) -> Result<u64, Refusal>;
+    fn order_values(&mut self, partition: &str, order: ValueOrder) -> Result<u64, Refusal>;
 
-    /// What came of a change; `None` until that is known.
+    /// What came of an order of values; `None` until that is known.
     fn result(&mut self, ticket: u64) -> Option<Result<String, Refusal>>;
+
+    /// Takes a part of the next version of a program.
+    ///
+    /// # Errors
+    /// Why it is not taken.
+    fn load(&mut self, load: Load) -> Result<String, Refusal>;
+
+    /// Changes a program to the version that is prepared.
+    ///
+    /// # Errors
+    /// Why it is not changed.
+    fn commit(&mut self, partition: &str, program: &str) -> Result<String, Refusal>;
+
+    /// Changes a program back.
+    ///
+    /// # Errors
+    /// Why it is not changed.
+    fn roll_back(&mut self, partition: &str, program: &str) -> Result<String, Refusal>;
+
+    /// Which versions the programs of a partition have.
+    ///
+    /// # Errors
+    /// Why that cannot be told.
+    fn versions(&mut self, partition: &str) -> Result<Vec<VersionStatus>, Refusal>;
 
     /// What a trace that begins now begins with.
     fn trace(&self) -> TraceStart;

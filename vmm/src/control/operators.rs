@@ -55,7 +55,12 @@ impl Operators {
         desk: &ScheduleRequests,
     ) -> Vec<(String, Outcome)> {
         let Operators { server, facts, channels, live } = self;
-        let turn = live.on_tick(desk.now());
+        let banks = |id: usize| accounts.get(id).and_then(|account| account.banks.as_ref());
+        let turn = live.on_tick(desk.now(), banks);
+        if turn.exchanged {
+            server.places_have_changed();
+        }
+        turn.unwatched.iter().for_each(|(client, text)| server.unwatch(*client, text));
         let base = desk.base();
         for (id, sampled) in turn.samples {
             let Some(account) = accounts.get(id) else { continue };

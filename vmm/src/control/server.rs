@@ -12,7 +12,7 @@ use super::protocol::{
     Answer, ErrorKind, Event, EventKind, LINE_MAX, Refusal, Request, TracedWindow, Values,
 };
 use super::tracing::Tracing;
-use crate::live::Change;
+use crate::live::ValueOrder;
 use crate::unix_socket::Listener;
 
 /// Most clients at a time.
@@ -123,6 +123,17 @@ impl Server {
         }
     }
 
+    /// A program runs another version: clients must ask which one before they name places in programs again.
+    pub fn places_have_changed(&mut self) {
+        self.clients.iter_mut().for_each(|client| client.places_have_changed = true);
+    }
+
+    /// Tells a client that it gets no values any longer, and why.
+    pub fn unwatch(&mut self, client: u64, text: &str) {
+        let line = Answer::Error(Refusal::new(ErrorKind::Refused, text)).line();
+        self.clients.retain_mut(|c| c.id != client || c.tell(&line));
+    }
+
     /// True if this client is still there.
     #[must_use]
     pub fn has(&self, client: u64) -> bool {
@@ -158,14 +169,17 @@ fn answer(
     traced: bool,
     run: &mut impl Operator,
 ) -> Result<Option<Answer>, Refusal> {
-    let (partition, change) = match Request::parse(line)? {
-        Request::Write(value) => (value.partition.clone(), Change::Write(value)),
-        Request::Force(value) => (value.partition.clone(), Change::Force(value)),
-        Request::Release(partition, point) => (partition, Change::Release(point)),
+    let (partition, order) = match Request::parse(line)? {
+        Request::Write(value) => (value.partition.clone(), ValueOrder::Write(value)),
+        Request::Force(value) => (value.partition.clone(), ValueOrder::Force(value)),
+        Request::Release(partition, point) => (partition, ValueOrder::Release(point)),
         request => return at_once(request, client, kept, traced, run).map(Some),
     };
+    if !matches!(order, ValueOrder::Release(_)) {
+        client.knows_places()?;
+    }
     // Answered when the PLC's kernel has carried it out.
-    client.waits_for = Some(run.change(&partition, change)?);
+    client.waits_for = Some(run.order_values(&partition, order)?);
     Ok(None)
 }
 
@@ -178,11 +192,20 @@ fn at_once(
 ) -> Result<Answer, Refusal> {
     let done = |text| Answer::Done { text };
     match request {
-        Request::Status => Ok(Answer::Status { status: Box::new(run.status()) }),
+        Request::Status => {
+            client.places_have_changed = false;
+            Ok(Answer::Status { status: Box::new(run.status()) })
+        }
         Request::Stop(partition) => run.stop(&partition).map(done),
         Request::Start(partition, mode) => run.start(&partition, mode).map(done),
         Request::Restart(partition, mode) => run.restart(&partition, mode).map(done),
         Request::Schedule(name) => run.switch_schedule(&name).map(done),
+        Request::Load(load) => run.load(load).map(done),
+        Request::Commit(partition, program) => run.commit(&partition, &program).map(done),
+        Request::RollBack(partition, program) => run.roll_back(&partition, &program).map(done),
+        Request::Versions(partition) => {
+            run.versions(&partition).map(|versions| Answer::Versions { versions })
+        }
         Request::Events { follow } => {
             client.follows = follow;
             Ok(Answer::Events { events: kept.iter().cloned().collect() })
@@ -196,6 +219,9 @@ fn at_once(
             Ok(Answer::Trace { trace: run.trace() })
         }
         Request::Watch { partition, ranges, interval } => {
+            if !ranges.is_empty() {
+                client.knows_places()?;
+            }
             let bytes = run.watch(client.id, &partition, ranges, interval)?;
             Ok(Answer::Watching { partition, bytes })
         }

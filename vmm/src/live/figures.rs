@@ -55,7 +55,14 @@ impl Figures {
                 let kept = self.tasks.iter_mut().skip(usize::from(*first));
                 kept.zip(told).for_each(|(kept, told)| *kept = *told);
             }
-            Answer::Reply(_) => {}
+            Answer::Reply(_) | Answer::Change(_) => {}
+        }
+    }
+
+    /// A program runs another version, as is known sooner than it is told here.
+    pub fn runs(&mut self, program: usize, hash: [u8; 32]) {
+        if let Some(record) = self.programs.get_mut(program) {
+            record.hash = hash;
         }
     }
 

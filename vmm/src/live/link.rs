@@ -100,6 +100,12 @@ impl Link {
         }
     }
 
+    /// Number of the last order.
+    #[cfg(test)]
+    pub fn last(&self) -> u32 {
+        self.number
+    }
+
     /// What the guest has sent that no kernel would send.
     pub fn hostile(&mut self) -> u64 {
         self.hostile.saturating_add(self.answers.status().counters.hostile)

@@ -5,13 +5,16 @@
 //! messages: no vCPU thread knows of it, and whatever a guest writes into its pages costs Takt no more than a
 //! number of answers that are none. Without a control socket nothing is asked.
 
-mod changes;
+mod change;
+#[cfg(test)]
+mod change_tests;
 mod figures;
 mod limits;
 mod link;
 #[cfg(test)]
 mod tests;
 mod watching;
+mod writes;
 
 use takt_abi::live::Range;
 use takt_channel::{Misaligned, OpenError};
@@ -20,16 +23,18 @@ use takt_scheduler::time::Nanos;
 use thiserror::Error;
 
 use crate::channels::Channels;
-use crate::control::protocol::{ErrorKind, EventKind, ForcedStatus, Refusal};
+use crate::control::protocol::{ErrorKind, EventKind, ForcedStatus, Load, Refusal, VersionStatus};
 use crate::memory::MemoryError;
-pub use changes::Change;
-use changes::{ChangeResult, Changes};
+pub use change::Banks;
+use change::ProgramChanges;
 pub use figures::Figures;
 use limits::ProgramLimits;
 use link::Received;
 pub use link::{Link, NotSent};
 pub use watching::Sampled;
 use watching::Watching;
+pub use writes::ValueOrder;
+use writes::{WriteResult, Writes};
 
 /// The queues cannot be opened.
 #[derive(Debug, Error)]
@@ -50,9 +55,9 @@ pub enum LiveError {
 pub struct Live {
     /// By position in the partition file.
     partitions: Vec<Option<Running>>,
-    /// Of the last change.
+    /// Of the last order of values.
     ticket: u64,
-    /// What came of changes of which their clients have not been told.
+    /// What came of orders of values of which their clients have not been told.
     results: Vec<(u64, Nanos, Result<String, Refusal>)>,
 }
 
@@ -62,7 +67,11 @@ pub struct Running {
     limits: Vec<ProgramLimits>,
     figures: Figures,
     watching: Watching,
-    changes: Changes,
+    writes: Writes,
+    /// Clients whose watches have ended, and have not been told.
+    ended: Vec<(u64, String)>,
+    /// Other versions of the programs.
+    changes: ProgramChanges,
 }
 
 /// What has happened in a turn.
@@ -72,9 +81,13 @@ pub struct Turn {
     pub samples: Vec<(usize, Sampled)>,
     /// Events, with the partition of each.
     pub events: Vec<(usize, EventKind, String)>,
+    /// Clients whose watches have ended, and why.
+    pub unwatched: Vec<(u64, String)>,
+    /// A program runs another version: what clients know of places holds no longer.
+    pub exchanged: bool,
 }
 
-/// How long the result of a change waits for its client.
+/// How long the result of an order of values waits for its client.
 const RESULT_KEPT: Nanos = Nanos::from_millis(5_000);
 
 impl Live {
@@ -90,19 +103,20 @@ impl Live {
             }
             let Some([orders, answers]) = queues.next() else { return Err(LiveError::Missing) };
             let limits = partition.programs().iter().map(ProgramLimits::new).collect();
-            Ok(Some(Running::new(Link::open(orders, answers)?, limits)))
+            let changes = ProgramChanges::of(partition.programs());
+            Ok(Some(Running::new(Link::open(orders, answers)?, limits, changes)))
         };
         let partitions = file.partitions().iter().map(open).collect::<Result<_, _>>()?;
         Ok(Self { partitions, ..Self::default() })
     }
 
-    /// Takes what the kernels have sent, and asks what is to be asked again.
-    pub fn on_tick(&mut self, now: Nanos) -> Turn {
+    /// Takes what the kernels have sent, and asks what is to be asked again. `banks` gives those of a partition.
+    pub fn on_tick<'b>(&mut self, now: Nanos, banks: impl Fn(usize) -> Option<&'b Banks>) -> Turn {
         let mut turn = Turn::default();
         let mut results = Vec::new();
         for (id, running) in self.partitions.iter_mut().enumerate() {
             let Some(running) = running else { continue };
-            running.on_tick(now, id, &mut turn, &mut results);
+            running.on_tick(now, id, banks(id), &mut turn, &mut results);
         }
         self.results.retain(|(_, until, _)| now < *until);
         for (id, ticket, result) in results {
@@ -126,7 +140,8 @@ impl Live {
         ranges: Vec<Range>,
         interval: Nanos,
     ) -> Result<u64, Refusal> {
-        let Running { watching, limits, .. } = self.running(partition)?;
+        let Running { watching, limits, changes, .. } = self.running(partition)?;
+        ranges.iter().try_for_each(|range| changes.is_settled(range.program))?;
         let watched = watching.watch(client, ranges, interval, limits);
         watched.map_err(|text| Refusal::new(ErrorKind::Refused, text))
     }
@@ -138,16 +153,21 @@ impl Live {
         }
     }
 
-    /// Orders a change; the ticket is for [`result`](Self::result).
+    /// Orders something of values; the ticket is for [`result`](Self::result).
     ///
     /// # Errors
     /// Why it is not ordered.
-    pub fn change(&mut self, partition: usize, change: Change, now: Nanos) -> Result<u64, Refusal> {
+    pub fn order_values(
+        &mut self,
+        partition: usize,
+        order: ValueOrder,
+        now: Nanos,
+    ) -> Result<u64, Refusal> {
         let ticket = self.ticket.wrapping_add(1);
-        let Running { changes, link, limits, .. } = self.running(partition)?;
-        let value = match &change {
-            Change::Write(value) | Change::Force(value) => Some(value.point.range),
-            Change::Release(point) => point.map(|point| point.range),
+        let Running { writes, changes, link, limits, .. } = self.running(partition)?;
+        let value = match &order {
+            ValueOrder::Write(value) | ValueOrder::Force(value) => Some(value.point.range),
+            ValueOrder::Release(point) => point.map(|point| point.range),
         };
         if let Some(range) = value {
             let refused = |text| Refusal::new(ErrorKind::Refused, text);
@@ -160,16 +180,57 @@ impl Live {
                 );
                 return Err(Refusal::new(ErrorKind::Unsupported, text));
             }
+            if !matches!(order, ValueOrder::Release(_)) {
+                changes.is_settled(range.program)?;
+            }
         }
-        changes.order(ticket, change, link, now)?;
+        writes.order(ticket, order, link, now)?;
         self.ticket = ticket;
         Ok(ticket)
     }
 
-    /// What came of a change, once.
+    /// What came of an order of values, once.
     pub fn result(&mut self, ticket: u64) -> Option<Result<String, Refusal>> {
         let at = self.results.iter().position(|(of, ..)| *of == ticket)?;
         Some(self.results.swap_remove(at).2)
+    }
+
+    /// Takes a part of the next version of a program.
+    ///
+    /// # Errors
+    /// Why it is not taken.
+    pub fn load(
+        &mut self,
+        partition: usize,
+        load: &Load,
+        banks: &Banks,
+    ) -> Result<String, Refusal> {
+        let Running { changes, link, .. } = self.running(partition)?;
+        changes.load(load, banks, link)
+    }
+
+    /// Changes a program to the version that is prepared.
+    ///
+    /// # Errors
+    /// Why it is not changed.
+    pub fn commit(&mut self, partition: usize, program: &str) -> Result<String, Refusal> {
+        self.running(partition)?.commit(program)
+    }
+
+    /// Changes a program back, or gives up a version that is only prepared.
+    ///
+    /// # Errors
+    /// Why it is not changed.
+    pub fn roll_back(&mut self, partition: usize, program: &str) -> Result<String, Refusal> {
+        self.running(partition)?.roll_back(program)
+    }
+
+    /// Which versions the programs of a partition have.
+    ///
+    /// # Errors
+    /// If it has none.
+    pub fn versions(&mut self, partition: usize) -> Result<Vec<VersionStatus>, Refusal> {
+        Ok(self.running(partition)?.changes.status())
     }
 
     fn running(&mut self, partition: usize) -> Result<&mut Running, Refusal> {
@@ -188,44 +249,95 @@ impl Live {
     #[must_use]
     pub fn forced(&self, partition: usize) -> Vec<ForcedStatus> {
         let running = self.partitions.get(partition).and_then(Option::as_ref);
-        running.map_or_else(Vec::new, |running| running.changes.forced())
+        running.map_or_else(Vec::new, |running| running.writes.forced())
     }
 }
 
 impl Running {
-    fn new(link: Link, limits: Vec<ProgramLimits>) -> Self {
+    fn new(link: Link, limits: Vec<ProgramLimits>, changes: ProgramChanges) -> Self {
         let (figures, watching) = (Figures::default(), Watching::default());
-        Self { link, limits, figures, watching, changes: Changes::default() }
+        let (writes, ended) = (Writes::default(), Vec::new());
+        Self { link, limits, figures, watching, writes, ended, changes }
+    }
+
+    fn commit(&mut self, program: &str) -> Result<String, Refusal> {
+        let place = self.changes.place(program)?;
+        self.may_leave_version(place)?;
+        let said = self.changes.commit(program, &mut self.link)?;
+        self.leave_version(place, program);
+        Ok(said)
+    }
+
+    fn roll_back(&mut self, program: &str) -> Result<String, Refusal> {
+        let place = self.changes.place(program)?;
+        let is_entered = self.changes.is_entered(place);
+        if is_entered {
+            self.may_leave_version(place)?;
+        }
+        let said = self.changes.roll_back(program, &mut self.link)?;
+        if is_entered {
+            self.leave_version(place, program);
+        }
+        Ok(said)
+    }
+
+    /// What is forced means places in the version that runs.
+    fn may_leave_version(&self, place: u8) -> Result<(), Refusal> {
+        let reason = self.writes.keep_version_of(place);
+        reason.map_or(Ok(()), |text| Err(Refusal::new(ErrorKind::Refused, text)))
+    }
+
+    /// So does what is watched.
+    fn leave_version(&mut self, place: u8, program: &str) {
+        let text = format!(
+            "values of {program} are watched no longer, because it changes to another version: ask for the status, and \
+             watch anew"
+        );
+        let clients = self.watching.leave(place).into_iter();
+        self.ended.extend(clients.map(|client| (client, text.clone())));
     }
 
     fn on_tick(
         &mut self,
         now: Nanos,
         id: usize,
+        banks: Option<&Banks>,
         turn: &mut Turn,
-        results: &mut Vec<(usize, u64, ChangeResult)>,
+        results: &mut Vec<(usize, u64, WriteResult)>,
     ) {
         let restarted = self.link.has_restarted();
         if restarted {
             self.figures.forget();
             self.watching.send_again();
-            let ended = self.changes.forget();
+            self.changes.guest_has_started();
+            let ended = self.writes.forget();
             turn.events.extend(ended.map(|text| (id, EventKind::Released, text)));
         }
-        let Self { link, figures, watching, changes, .. } = self;
+        let Self { link, figures, limits, watching, writes, ended, changes } = self;
         link.receive(|received| match received {
             Received::Answer(number, answer) => {
                 figures.take(answer);
-                let result = changes.take(number, answer, now);
+                changes.take(number, answer, banks);
+                let result = writes.take(number, answer, now);
                 results.extend(result.map(|(ticket, result)| (id, ticket, result)));
             }
             Received::Sample(head, bytes) => {
                 watching.take(head, bytes, now, |sampled| turn.samples.push((id, sampled)));
             }
         });
-        let late = changes.late(now, restarted);
+        for (place, hash, state_bytes) in changes.exchanged() {
+            figures.runs(place, hash);
+            if let Some(limits) = limits.get_mut(place) {
+                limits.areas[0] = state_bytes;
+            }
+            turn.exchanged = true;
+        }
+        turn.events.extend(changes.news().map(|text| (id, EventKind::Change, text)));
+        turn.unwatched.append(ended);
+        let late = writes.late(now, restarted);
         results.extend(late.into_iter().map(|(ticket, result)| (id, ticket, result)));
         watching.send(link);
         figures.ask(link, now);
+        changes.ask(link);
     }
 }

@@ -9,19 +9,19 @@ use takt_channel::{Load, Policy, QueuingDestination, QueuingSource, Store, Tsc};
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::Nanos;
 
-use super::{Link, NotSent, Running, Turn};
+use super::{Link, NotSent, ProgramChanges, Running, Turn};
 use crate::channels::Channels;
 use crate::config::{Channel, ChannelKind, End, Owner, WhenFull};
 use crate::host_ports::pages::{Own, Peer};
 
 /// The regions of a partition's queues, and Takt's ends.
-struct Case {
-    running: Running,
+pub(super) struct Case {
+    pub(super) running: Running,
     channels: Channels<'static>,
 }
 
 impl Case {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         let guest = Owner::Partition(PartitionId(0));
         let channel = |name: &str, depth, from, to| Channel {
             name: name.to_owned(),
@@ -43,17 +43,17 @@ impl Case {
         let mut region = Own::map(&answers.source).unwrap();
         answers.geometry.format_source(&mut region).unwrap();
         let link = Link::open(orders, answers).unwrap();
-        Self { running: Running::new(link, Vec::new()), channels }
+        Self { running: Running::new(link, Vec::new(), ProgramChanges::of(&[])), channels }
     }
 
     fn tick(&mut self, now: Nanos) -> Turn {
         let mut turn = Turn::default();
-        self.running.on_tick(now, 0, &mut turn, &mut Vec::new());
+        self.running.on_tick(now, 0, None, &mut turn, &mut Vec::new());
         turn
     }
 
     /// The ends of a guest that behaves.
-    fn guest(&self) -> (QueuingDestination<Peer, Own>, QueuingSource<Own, Peer>) {
+    pub(super) fn guest(&self) -> (QueuingDestination<Peer, Own>, QueuingSource<Own, Peer>) {
         let [orders, answers] = self.channels.live() else { panic!("two queues") };
         let own = Own::map(orders.destination.as_ref().unwrap()).unwrap();
         let peer = Peer::map(&orders.source).unwrap();

@@ -90,6 +90,15 @@ impl Watching {
         ));
     }
 
+    /// Ends the watches that look at a program, whose places are about to hold no longer. Returns whose they were.
+    pub fn leave(&mut self, program: u8) -> Vec<u64> {
+        let is_of = |s: &Subscription| s.ranges.iter().any(|range| range.program == program);
+        let clients: Vec<u64> =
+            self.subscriptions.iter().filter(|s| is_of(s)).map(|s| s.client).collect();
+        self.keep(|client| !clients.contains(&client));
+        clients
+    }
+
     fn use_layout(&mut self, layout: Vec<Range>) {
         for subscription in &mut self.subscriptions {
             let place = |range: &Range| place(&layout, range);
@@ -279,6 +288,18 @@ mod tests {
         assert!(all.watch(2, vec![range(2, 0, 1)], Nanos::ZERO, &limits).is_err());
         all.keep(|client| client == 2);
         assert_eq!(all.layout, [range(0, 4, 8), range(1, 0, 4)]);
+    }
+
+    #[test]
+    fn who_watches_a_program_that_changes_watches_no_longer() {
+        let mut all = Watching::default();
+        all.watch(1, vec![range(0, 0, 4), range(1, 0, 4)], Nanos::ZERO, &limits(100)).unwrap();
+        all.watch(2, vec![range(1, 8, 4)], Nanos::ZERO, &limits(100)).unwrap();
+        (all.serial, all.unsent) = (5, false);
+        assert_eq!(all.leave(0), [1]);
+        assert_eq!((&all.layout[..], all.unsent), (&[range(1, 8, 4)][..], true));
+        assert!(taken(&mut all, head(5, 0, true), &[0; 12], 0).is_empty(), "the list before");
+        assert!(all.leave(0).is_empty());
     }
 
     fn head(serial: u32, part: u16, last: bool) -> SampleHead {

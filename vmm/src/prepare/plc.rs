@@ -16,6 +16,7 @@ use crate::boot::touch::{TouchError, touch};
 use crate::config::Partition;
 use crate::doorbell;
 use crate::interrupts::apic;
+use crate::live::Banks;
 use crate::machine::{self, MachineError};
 use crate::memory::GuestMemory;
 use crate::passthrough::Granted;
@@ -84,6 +85,7 @@ impl Preparation<'_> {
         let guest = PlcGuest::new(&memory, bytes, tsc.khz(), frame, console)
             .ok_or(MachineError::Missing("the PLC guest's pages"))?
             .with_devices(devices);
+        let banks = programs.clone().map(|programs| Banks { memory: memory.clone(), programs });
         let loader = PlcLoader {
             memory: memory.clone(),
             image,
@@ -105,6 +107,7 @@ impl Preparation<'_> {
         let processor = Processor { vcpu: machine.vcpu, ready };
         let mut prepared = self.spawn(partition, processor, memory, guest, output, revivals)?;
         prepared.account.restart = Some(restart);
+        prepared.account.banks = banks;
         Ok(prepared)
     }
 }

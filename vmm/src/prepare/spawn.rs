@@ -164,6 +164,7 @@ impl Preparation<'_> {
             watchdog: None,
             kernel: None,
             deadlines: None,
+            banks: None,
             restart: None,
             restarts: 0,
             finished: None,

@@ -50,6 +50,9 @@ impl Loader for PlcLoader {
         let entry = self.image.reload(&self.memory, start.mode).map_err(RunError::Reload)?;
         if let Some(programs) = &self.programs {
             programs.load(&self.memory)?;
+            if let Some(mut page) = self.memory.program_table() {
+                page.write(programs.table());
+            }
         }
         for region in &self.channels {
             region.format(&self.memory)?;

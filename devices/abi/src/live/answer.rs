@@ -1,12 +1,14 @@
 //! What the kernel answers: claims of a guest, all of them.
 
 use super::bytes::{Reader, Writer};
+use super::change::ChangeRecord;
 use super::{Buffer, MESSAGE_BYTES};
 use crate::program::{PROGRAMS_MAX, TASKS_MAX};
 
 const REPLY: u16 = 1;
 const PROGRAMS: u16 = 2;
 const TASKS: u16 = 3;
+const CHANGE: u16 = 17;
 
 /// Most tasks of one answer.
 pub const TASKS_EACH: usize = 8;
@@ -40,6 +42,8 @@ pub enum Answer {
         /// The tasks.
         tasks: [TaskRecord; TASKS_EACH],
     },
+    /// How the change of a program stands.
+    Change(ChangeRecord),
 }
 
 /// Why an order was refused.
@@ -56,11 +60,25 @@ pub enum Refusal {
     Full = 4,
     /// The point is not forced.
     NotForced = 5,
+    /// Another change is under way, or there is none to go on with.
+    NotNow = 16,
+    /// Values of the program are forced: in another version their places can be those of other values.
+    Forced = 17,
+    /// The program changes to another version, or has one on trial: its places do not hold.
+    Changing = 18,
 }
 
 impl Refusal {
-    const ALL: [Self; 5] =
-        [Self::Unknown, Self::NoProgram, Self::NoPlace, Self::Full, Self::NotForced];
+    const ALL: [Self; 8] = [
+        Self::Unknown,
+        Self::NoProgram,
+        Self::NoPlace,
+        Self::Full,
+        Self::NotForced,
+        Self::NotNow,
+        Self::Forced,
+        Self::Changing,
+    ];
 }
 
 /// What a program does.
@@ -146,6 +164,7 @@ impl Answer {
             Answer::Reply(_) => REPLY,
             Answer::Programs { .. } => PROGRAMS,
             Answer::Tasks { .. } => TASKS,
+            Answer::Change(_) => CHANGE,
         };
         to.u16(kind);
         to.u16(0);
@@ -167,6 +186,7 @@ impl Answer {
                 to.u8(*count);
                 tasks.iter().take(usize::from(*count)).for_each(|task| task.write(&mut to));
             }
+            Answer::Change(record) => record.write(&mut to),
         }
         to.end()
     }
@@ -206,6 +226,7 @@ pub fn decode_answer(message: &[u8]) -> Option<(u32, Answer)> {
             }
             Answer::Tasks { first, count, tasks }
         }
+        CHANGE => Answer::Change(ChangeRecord::read(&mut from)?),
         _ => return None,
     };
     from.end((number, answer))
@@ -266,7 +287,7 @@ impl TaskRecord {
 mod tests {
     use super::*;
 
-    fn answers() -> [Answer; 4] {
+    fn answers() -> [Answer; 5] {
         let program = ProgramRecord { state: ProgramState::Running, hash: [7; 32] };
         let task = TaskRecord {
             program: 1,
@@ -278,7 +299,10 @@ mod tests {
         };
         let programs = [program; PROGRAMS_MAX];
         let count = PROGRAMS_MAX as u8;
+        let phase = super::super::ChangePhase::Trial;
+        let change = ChangeRecord { program: 2, phase, took: 1 << 33, ..ChangeRecord::default() };
         [
+            Answer::Change(change),
             Answer::Reply(Ok(())),
             Answer::Reply(Err(Refusal::NoProgram)),
             Answer::Programs { programs, count, tasks: 64, forced: 3, dropped: 5 },

@@ -14,6 +14,7 @@
 
 mod answer;
 mod bytes;
+mod change;
 mod order;
 mod place;
 mod sample;
@@ -21,7 +22,8 @@ mod sample;
 pub use answer::{
     Answer, ProgramRecord, ProgramState, Refusal, TASKS_EACH, TaskRecord, TaskState, decode_answer,
 };
-pub use order::{Order, RANGES_EACH, Ranges, decode_order};
+pub use change::{ChangePhase, ChangeReason, ChangeRecord};
+pub use order::{ChangeStep, Order, RANGES_EACH, Ranges, decode_order};
 pub use place::{Area, Point, Range};
 pub use sample::{PAYLOAD_BYTES, RANGES_EACH_PART, SampleHead};
 

@@ -11,6 +11,8 @@ const WRITE: u16 = 5;
 const FORCE: u16 = 6;
 const RELEASE: u16 = 7;
 const RELEASE_ALL: u16 = 8;
+const PREPARE: u16 = 16;
+const CHANGE: u16 = 17;
 
 /// Most ranges of one order.
 pub const RANGES_EACH: usize = 120;
@@ -57,6 +59,24 @@ pub enum Order {
     },
     /// Keep no value any longer.
     ReleaseAll,
+    /// Another version of a program lies in its free bank, with its change plans: get ready to change to it.
+    Prepare {
+        /// Place of the program in the program table.
+        program: u8,
+        /// Length of the image, which begins with the bank.
+        image_bytes: u32,
+        /// Length of the plan to the new version, which begins at the page behind the image.
+        forward_bytes: u32,
+        /// Length of the plan back, which begins at the next multiple of 8 behind that.
+        back_bytes: u32,
+    },
+    /// Go on with the change of this program.
+    Change {
+        /// Place of the program in the program table.
+        program: u8,
+        /// How.
+        step: ChangeStep,
+    },
 }
 
 /// Some ranges of an order.
@@ -96,6 +116,22 @@ impl Ranges {
     }
 }
 
+/// How a change goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum ChangeStep {
+    /// Only tell how it stands.
+    Tell = 0,
+    /// Change to the version that is prepared, as soon as no task of the program has a job.
+    Commit = 1,
+    /// Change back; a version that is only prepared is given up.
+    RollBack = 2,
+}
+
+impl ChangeStep {
+    const ALL: [Self; 3] = [Self::Tell, Self::Commit, Self::RollBack];
+}
+
 impl Order {
     /// Writes it, with its number; `None` if it has no room.
     #[must_use]
@@ -110,6 +146,8 @@ impl Order {
             Order::Force { .. } => FORCE,
             Order::Release { .. } => RELEASE,
             Order::ReleaseAll => RELEASE_ALL,
+            Order::Prepare { .. } => PREPARE,
+            Order::Change { .. } => CHANGE,
         };
         to.u16(kind);
         to.u16(0);
@@ -127,6 +165,14 @@ impl Order {
                 to.u64(value);
             }
             Order::Release { point } => point.write(&mut to),
+            Order::Prepare { program, image_bytes, forward_bytes, back_bytes } => {
+                to.u8(program);
+                [image_bytes, forward_bytes, back_bytes].into_iter().for_each(|n| to.u32(n));
+            }
+            Order::Change { program, step } => {
+                to.u8(program);
+                to.u8(step as u8);
+            }
         }
         to.end()
     }
@@ -154,6 +200,17 @@ fn body(kind: u16, from: &mut Reader<'_>) -> Option<Order> {
         FORCE => Order::Force { point: Point::read(from)?, value: from.u64()? },
         RELEASE => Order::Release { point: Point::read(from)? },
         RELEASE_ALL => Order::ReleaseAll,
+        PREPARE => Order::Prepare {
+            program: from.u8()?,
+            image_bytes: from.u32()?,
+            forward_bytes: from.u32()?,
+            back_bytes: from.u32()?,
+        },
+        CHANGE => {
+            let (program, code) = (from.u8()?, from.u8()?);
+            let step = ChangeStep::ALL.into_iter().find(|step| *step as u8 == code)?;
+            Order::Change { program, step }
+        }
         _ => return None,
     };
     from.end(order)
@@ -178,6 +235,25 @@ mod tests {
             Order::Release { point },
             Order::ReleaseAll,
         ]
+    }
+
+    #[test]
+    fn orders_of_a_change_are_read_as_they_were_written() {
+        let prepare =
+            Order::Prepare { program: 3, image_bytes: 70_000, forward_bytes: 96, back_bytes: 112 };
+        let change = |step| Order::Change { program: 15, step };
+        for order in [prepare, change(ChangeStep::Tell), change(ChangeStep::RollBack)] {
+            let mut buffer = [0; MESSAGE_BYTES];
+            let message = order.encode(2, &mut buffer).unwrap();
+            assert_eq!(decode_order(message), Ok((2, order)));
+            for length in 8..message.len() {
+                assert_eq!(decode_order(&message[..length]), Err(Some(2)));
+            }
+        }
+        let mut buffer = [0; MESSAGE_BYTES];
+        let message = change(ChangeStep::Commit).encode(2, &mut buffer).unwrap().to_vec();
+        let unknown = [&message[..9], &[3]].concat();
+        assert_eq!(decode_order(&unknown), Err(Some(2)));
     }
 
     #[test]

@@ -11,10 +11,9 @@ use super::footprint::shared;
 use super::likeness::{Likeness, base, same_name};
 use super::refusal::Refusal;
 use crate::conversion::{Conversion, alike};
-use crate::plan::RECORDS;
 
-/// Most pairs of parts that are looked at: many more than a plan can have.
-const LOOKS: u32 = 16 * RECORDS;
+/// Most pairs of parts that are looked at: all variables of the largest image, and many parts.
+const LOOKS: u32 = 1 << 20;
 /// Most things that engineers are told.
 const ENTRIES: usize = 100_000;
 

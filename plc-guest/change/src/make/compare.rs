@@ -203,12 +203,18 @@ impl Comparison {
             |image: &Image<'_>, name: &str| image.variable(name).is_some_and(|v| is_point(&v));
         for point in new.variables().filter(is_point) {
             let Some(before) = old.variable(point.name).filter(is_point) else {
-                let text = format!(
-                    "{} at {} is new; it begins with what is there",
-                    point.name,
-                    place(&point)
-                );
-                self.note(NoteKind::Point, text);
+                let place = place(&point);
+                match point.area {
+                    // Which task's outputs leave the partition is settled at the program's start.
+                    Area::Output => self.missing(format!("output {} at {place}", point.name), true),
+                    _ => {
+                        let text = format!(
+                            "{} at {place} is new; it begins with what is there",
+                            point.name
+                        );
+                        self.note(NoteKind::Point, text);
+                    }
+                }
                 continue;
             };
             if place(&before) != place(&point) {
@@ -225,16 +231,18 @@ impl Comparison {
             };
             let (a, b) = (writer(old, &before), writer(new, &point));
             if a != b {
-                self.note(
-                    NoteKind::Point,
-                    format!("{}: written by {a} before, by {b} now", point.name),
-                );
+                self.differs(format!("the writer of {}", point.name), a, b);
             }
         }
         for point in old.variables().filter(|v| is_point(v) && !there(new, v.name)) {
-            let text =
-                format!("{} at {} is gone; it keeps its last value", point.name, place(&point));
-            self.note(NoteKind::Point, text);
+            let place = place(&point);
+            match point.area {
+                Area::Output => self.missing(format!("output {} at {place}", point.name), false),
+                _ => {
+                    let text = format!("{} at {place} is gone", point.name);
+                    self.note(NoteKind::Point, text);
+                }
+            }
         }
     }
 }

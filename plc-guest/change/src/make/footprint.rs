@@ -1,7 +1,7 @@
 //! Which bytes of the state variables name.
 //!
 //! Structured Text has no state but its variables. Programs in C and Rust can have `static` data that no table
-//! names. Nobody can say where such bytes belong in another version, so a program with them is not changed
+//! names. It is not known where such bytes belong in another version, so a program with them is not changed
 //! while it runs. Gaps that alignment makes are no state; what hides in a gap of that kind cannot be seen.
 
 use core::ops::Range;

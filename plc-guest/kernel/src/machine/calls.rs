@@ -8,6 +8,7 @@
 use super::context::Context;
 use super::kernel::Kernel;
 use super::memory::Area;
+use takt_abi::live::ChangeReason;
 use takt_abi::program as table;
 use takt_kernel::objects::{ObjectId, Received, Seen, Sent};
 use takt_kernel::task::{ProgramId, TaskId};
@@ -219,6 +220,10 @@ impl Kernel {
                 program.task_name(place.number)
             ));
         }
+        if self.trial_fails(task, ChangeReason::Fault) {
+            return;
+        }
+        self.change.forget(place.program);
         self.scheduler.stop(ProgramId(place.program));
         self.stop_outputs(place.program);
     }

@@ -33,9 +33,10 @@ impl Program {
     }
 }
 
-/// What follows from an error.
-fn consequence(wanted: u32) -> &'static str {
+/// What follows from an error: first of all that a version on trial is left.
+fn consequence(leaves: bool, wanted: u32) -> &'static str {
     match wanted {
+        _ if leaves => "the version before comes back",
         action::LOG => "it goes on",
         action::SKIP => "its job ends",
         action::RESTART_PROGRAM => "the program starts anew",
@@ -49,6 +50,7 @@ impl Kernel {
     pub fn tell_fault(&mut self, id: TaskId, fault: &Fault) {
         let place = self.places[id.index()];
         let now = self.now();
+        let on_trial = self.change.is_on_trial(place.program);
         let Some(program) = &mut self.programs[usize::from(place.program)] else { return };
         // A program that starts anew and fails, again and again, must not fill the console.
         let Some(untold) = program.fault_lines.take(now) else { return };
@@ -62,12 +64,12 @@ impl Kernel {
             What(fault, program),
             fault.frame.rip,
             Where(fault.frame.rip, program),
-            consequence(program.entry.on_fault),
+            consequence(on_trial, program.entry.on_fault),
         ));
     }
 
-    /// Tells of a limit that a job did not keep.
-    pub fn tell_violation(&mut self, id: TaskId, what: &str, wanted: u32) {
+    /// Tells of a limit that a job did not keep; `leaves` if its version is on trial and is left for it.
+    pub fn tell_violation(&mut self, id: TaskId, what: &str, wanted: u32, leaves: bool) {
         let place = self.places[id.index()];
         let now = self.now();
         let Some(program) = &mut self.programs[usize::from(place.program)] else { return };
@@ -79,7 +81,7 @@ impl Kernel {
             "program {}, task {}: {what}: {}",
             program.name(),
             program.task_name(place.number),
-            consequence(wanted),
+            consequence(leaves, wanted),
         ));
     }
 }

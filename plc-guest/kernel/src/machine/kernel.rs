@@ -19,6 +19,7 @@
 //!
 //! The time that a task is charged ends with its window: what passes until the next one is not its.
 
+use super::change::Change;
 use super::context::{self, Context, Entry};
 use super::events::Events;
 use super::figures::Figures;
@@ -29,6 +30,7 @@ use super::ports::Ports;
 use super::program::Program;
 use super::{PROGRAMS, Scheduler, TASKS, processor};
 use takt_abi::Information;
+use takt_abi::live::ChangeReason;
 use takt_abi::program::action;
 use takt_kernel::scheduler::{Picked, Violation};
 use takt_kernel::task::{Release, TaskId, Wake};
@@ -80,7 +82,7 @@ pub struct Kernel {
     pub start: Start,
     window: Window,
     /// The program whose tables are in use, and the task whose view of the process image is in them.
-    space: Option<(u8, u16)>,
+    pub space: Option<(u8, u16)>,
     /// What is mapped to inputs and outputs.
     pub io: Io,
     /// Tasks whose jobs have not read their inputs yet, a bit for each.
@@ -88,6 +90,8 @@ pub struct Kernel {
     pub figures: Figures,
     /// Orders from Takt, and answers.
     pub live: Live,
+    /// The change of a program to another version.
+    pub change: Change,
     /// Where the pages of programs come from; none before the first.
     pub pages: Option<Pages>,
     /// The page to which tasks return.
@@ -111,6 +115,7 @@ impl Kernel {
         unread: 0,
         figures: Figures::START,
         live: Live::CLOSED,
+        change: Change::NONE,
         pages: None,
         call_page: Area::NONE,
     };
@@ -194,7 +199,8 @@ impl Kernel {
                 let now = self.now();
                 self.scheduler.start(id, now);
             }
-        } else if !self.take_sample(release, self.window.release_tsc, self.window.end_tsc)
+        } else if !self.change_some(self.window.end_tsc)
+            && !self.take_sample(release, self.window.release_tsc, self.window.end_tsc)
             && !self.serve_order(release, self.window.end_tsc)
         {
             if next_window_is_far(self.window.end_tsc) {
@@ -210,6 +216,12 @@ impl Kernel {
         let Picked { task, begins, wake } = picked;
         self.live.watch.give_up();
         let place = self.places[task.index()];
+        if self.change.is_leaving(place.program) {
+            // The version has failed, and what it replaced is about to come back.
+            let now = self.now();
+            self.scheduler.skip(task, now);
+            return;
+        }
         if begins {
             self.begin_job(task, place);
         }
@@ -256,7 +268,9 @@ impl Kernel {
         match entry {
             Entry::Fault(fault) => {
                 self.tell_fault(task, &fault);
-                self.act(task, self.entry_of(task).on_fault);
+                if !self.trial_fails(task, ChangeReason::Fault) {
+                    self.act(task, self.entry_of(task).on_fault);
+                }
                 true
             }
             Entry::Call if self.contexts[task.index()].rax == u64::from(Call::Stop as u32) => {
@@ -373,6 +387,7 @@ impl Kernel {
         let tsc = cycle::now();
         self.apply_forces(self.places[id.index()].program);
         pages::publish_done(tsc);
+        self.change.job_ends(self.places[id.index()].program);
         if let Some(violation) = self.scheduler.end(self.clock.instant(tsc)) {
             self.violated(id, violation);
         }
@@ -397,7 +412,12 @@ impl Kernel {
             Violation::Budget => ("has used up its budget", entry.on_overrun),
             Violation::Deadline => ("was not complete at its deadline", entry.on_deadline),
         };
-        self.tell_violation(id, what, action);
+        let leaves = violation == Violation::Budget
+            && self.change.is_on_trial(self.places[id.index()].program);
+        self.tell_violation(id, what, action, leaves);
+        if violation == Violation::Budget && self.trial_fails(id, ChangeReason::Budget) {
+            return;
+        }
         self.act(id, action);
     }
 
@@ -414,6 +434,7 @@ impl Kernel {
                 }
             }
             action::RESTART_PROGRAM => {
+                self.change.forget(place.program);
                 self.fail(id);
                 if let Some(program) = &mut self.programs[usize::from(place.program)] {
                     program.reload(self.window.release);
@@ -424,7 +445,10 @@ impl Kernel {
                 print(format_args!("the partition ends itself, as its file says"));
                 port::exit(STOPPED_BY_PROGRAM);
             }
-            _ => self.fail(id),
+            _ => {
+                self.change.forget(place.program);
+                self.fail(id);
+            }
         }
     }
 }

@@ -128,16 +128,16 @@ impl Kernel {
             }
             Order::WatchAdd(ranges) => ranges
                 .iter()
-                .try_for_each(|range| self.area(range).and_then(|_| self.live.watch.add(range))),
+                .try_for_each(|range| self.place(range).and_then(|_| self.live.watch.add(range))),
             Order::WatchBegin { serial, interval_ns } => {
                 self.live.watch.begin(serial, Span(interval_ns));
                 self.live.part = 0;
                 Ok(())
             }
             Order::Write { point, value } => {
-                self.area(point.range).map(|area| put(area, point, value))
+                self.place(point.range).map(|area| put(area, point, value))
             }
-            Order::Force { point, value } => self.area(point.range).and_then(|area| {
+            Order::Force { point, value } => self.place(point.range).and_then(|area| {
                 self.live.forces.set(point, value)?;
                 put(area, point, value);
                 Ok(())
@@ -147,6 +147,9 @@ impl Kernel {
                 self.live.forces.clear();
                 Ok(())
             }
+            Order::Prepare { program, image_bytes, forward_bytes, back_bytes } => self
+                .prepare_change(program, [image_bytes, forward_bytes, back_bytes].map(u64::from)),
+            Order::Change { program, step } => return self.go_on_with_change(program, step),
         };
         Answer::Reply(reply)
     }
@@ -156,6 +159,14 @@ impl Kernel {
         let program = self.programs.get(usize::from(range.program)).and_then(Option::as_ref);
         let area = program.ok_or(Refusal::NoProgram)?.live_area(range.area);
         area.part(range.offset.into(), range.bytes.into()).ok_or(Refusal::NoPlace)
+    }
+
+    /// The same for an order, which has to mean the version that runs: none is taken of a program that changes.
+    fn place(&self, range: Range) -> Result<Area, Refusal> {
+        if self.change.is_unsettled(range.program) {
+            return Err(Refusal::Changing);
+        }
+        self.area(range)
     }
 
     /// Puts the forced values of a program into their places.

@@ -10,11 +10,13 @@
 //! | [`program`], [`space`], [`memory`] | a program's memory, its page tables, and the RAM |
 //! | [`process`], [`io`] | process images, and what is mapped to inputs and outputs |
 //! | [`ports`] | ends of channels |
+//! | [`change`], [`version`] | another version of a program takes its place |
 //! | [`live`] | orders from Takt while the PLC runs |
 //! | [`faults`], [`figures`], [`lines`] | what is told of errors and figures, and how much programs may log |
 //! | [`processor`] | control registers |
 
 pub mod calls;
+pub mod change;
 pub mod context;
 pub mod events;
 pub mod faults;
@@ -30,6 +32,7 @@ pub mod processor;
 pub mod program;
 pub mod space;
 pub mod start;
+pub mod version;
 
 /// Most tasks of all programs together, with one for the start of each that has an initialisation.
 pub const TASKS: usize = takt_kernel::scheduler::TASKS_MAX;

@@ -11,6 +11,7 @@ use core::fmt;
 use takt_abi::live;
 use takt_abi::memory::PAGE;
 use takt_abi::program as table;
+use takt_change::cost::{GATHER_BYTES, SAVED_BYTES};
 use takt_kernel::scheduler::OBJECTS_EACH_MAX;
 use takt_kernel::task::ProgramId;
 use takt_program::{Area as Kind, Image, ImageError, ObjectKind, SectionKind, TaskInformation};
@@ -36,9 +37,13 @@ pub struct Region {
 const NO_REGION: Region = Region { address: 0, area: Area::NONE, rights: Rights::Constants };
 /// Code, constants, state, markers, the information of the tasks.
 const FIXED: usize = 5;
-const STATE: usize = 2;
 const MARKER: usize = 3;
 const REGIONS: usize = FIXED + limit::TASKS as usize;
+/// Places of regions that a change of the version replaces.
+pub const CODE: usize = 0;
+pub const CONSTANTS: usize = 1;
+pub const STATE: usize = 2;
+const ROOM_BYTES: u64 = GATHER_BYTES as u64 + SAVED_BYTES as u64;
 
 /// Why a program cannot be run.
 #[derive(Debug)]
@@ -106,7 +111,13 @@ pub struct Program {
     pub entry: table::Program,
     /// Memory for the messages of each object.
     pub messages: [Area; OBJECTS_EACH_MAX as usize],
-    regions: [Region; REGIONS],
+    /// The bank in use, and the other one.
+    pub banks: [Area; 2],
+    /// All memory for the state, of which a version may use a part.
+    pub state_memory: Area,
+    /// For the values that a change moves, and then for those that it puts aside.
+    pub room: Area,
+    pub regions: [Region; REGIONS],
     information: Area,
     /// What is known to have been used of each stack, in bytes.
     stacks_used: [u64; limit::TASKS as usize],
@@ -132,9 +143,10 @@ impl Program {
     ) -> Result<Self, LoadError> {
         let bank = ram.area(entry.image, entry.bank_bytes).ok_or(LoadError::Table)?;
         let file = bank.part(0, entry.image_bytes).ok_or(LoadError::Table)?;
+        let other = ram.area(entry.second_bank, entry.bank_bytes).ok_or(LoadError::Table)?;
         let state = ram.area(entry.state, entry.state_bytes).ok_or(LoadError::Table)?;
-        // SAFETY: the host writes images before the start only, and no program has a right to write
-        // there.
+        // SAFETY: the host writes to the bank in use before the start only, and no program has a right to
+        // write there.
         let image = Image::parse(unsafe { file.bytes_for_ever() }).map_err(LoadError::Image)?;
         if image.tasks().len() == 0 {
             return Err(LoadError::NoTasks);
@@ -142,8 +154,11 @@ impl Program {
         let mut program = Self {
             id,
             image,
-            space: Space::new(pages)?,
+            space: Space::new(pages, entry.bank_bytes)?,
             process: Process::new(pages, &image)?,
+            banks: [bank, other],
+            state_memory: state,
+            room: pages.take(ROOM_BYTES)?,
             entry: *entry,
             messages: [Area::NONE; OBJECTS_EACH_MAX as usize],
             regions: [NO_REGION; REGIONS],
@@ -156,6 +171,7 @@ impl Program {
         };
         program.map_fixed(pages, bank, state, call_page)?;
         ram.write_protect(pages, bank)?;
+        ram.write_protect(pages, other)?;
         program.map_stacks(pages)?;
         program.take_messages(pages)?;
         Ok(program)

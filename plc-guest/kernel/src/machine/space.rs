@@ -12,7 +12,7 @@
 use super::memory::{Area, OutOfMemory, Pages, ROOT_ENTRY};
 use core::arch::asm;
 use takt_abi::memory::PAGE;
-use takt_program::address::{INPUT, MARKER, OUTPUT};
+use takt_program::address::{CODE, INPUT, MARKER, OUTPUT, STATE, TASK_INFORMATION};
 
 const PRESENT: u64 = 1;
 const WRITABLE: u64 = 1 << 1;
@@ -46,11 +46,16 @@ impl Rights {
 }
 
 /// The tables of a program.
+///
+/// All areas of a program lie in one GiB, so one word leads to all of its pages. There are two tables below that
+/// word, one for each bank. They differ in code and constants only.
 #[derive(Clone, Copy, Debug)]
 pub struct Space {
     root: Area,
-    /// That with the entry for the process image.
-    directory: Area,
+    /// Where that word is.
+    pointers: Area,
+    /// The table in use, and the one for the other bank.
+    directories: [Area; 2],
 }
 
 /// What of a program's address space each of its tasks sees differently: the part of 2 MiB that begins with the inputs.
@@ -74,9 +79,17 @@ impl View {
     }
 }
 
+/// Entries of a directory for code and constants: from the first of the GiB to the state.
+const CODE_ENTRIES: u64 = (STATE - CODE) / LARGE_PAGE;
+const LARGE_PAGE: u64 = 2 << 20;
+/// The GiB in which a program lies, as an entry of `pointers`.
+const PROGRAM: u64 = 8 * (CODE >> 30);
+const ENTRIES: u64 = 512;
+const _: () = assert!(CODE & ((1 << 30) - 1) == 0 && TASK_INFORMATION >> 30 == CODE >> 30);
+
 impl Space {
-    /// With the kernel and nothing else.
-    pub fn new(pages: &mut Pages) -> Result<Self, OutOfMemory> {
+    /// With the kernel and nothing else, and room for the code and constants of a bank of this size, twice.
+    pub fn new(pages: &mut Pages, bank_bytes: u64) -> Result<Self, OutOfMemory> {
         let root = pages.take(PAGE)?;
         let pointers = pages.take(PAGE)?;
         let first = pages.take(PAGE)?;
@@ -90,14 +103,64 @@ impl Space {
         }
         root.set_word(0, pointers.start() | PRESENT | WRITABLE | USER);
         root.set_word(8 * ROOT_ENTRY as u64, kernel_root.entry(ROOT_ENTRY as u64));
-        let inner = Self::table(root, index(INPUT, 39), pages)?;
-        let directory = Self::table(inner, index(INPUT, 30), pages)?;
-        Ok(Self { root, directory })
+        let mut directory = || -> Result<Area, OutOfMemory> {
+            let directory = pages.take(PAGE)?;
+            for entry in 0..Self::code_tables(bank_bytes) {
+                let table = pages.take(PAGE)?;
+                directory.set_word(8 * entry, table.start() | PRESENT | WRITABLE | USER);
+            }
+            Ok(directory)
+        };
+        let directories = [directory()?, directory()?];
+        let space = Self { root, pointers, directories };
+        space.link();
+        Ok(space)
     }
 
     /// Exchanges the view. It holds when the tables are entered the next time.
     pub fn show(self, view: View) {
-        self.directory.set_word(index(INPUT, 21), view.0.start() | PRESENT | WRITABLE | USER);
+        let entry = view.0.start() | PRESENT | WRITABLE | USER;
+        self.directories[0].set_word(index(INPUT, 21), entry);
+    }
+
+    /// Tables for the code and constants of a bank.
+    fn code_tables(bank_bytes: u64) -> u64 {
+        bank_bytes.div_ceil(LARGE_PAGE).min(CODE_ENTRIES)
+    }
+
+    fn link(&self) {
+        let entry = self.directories[0].start() | PRESENT | WRITABLE | USER;
+        self.pointers.set_word(PROGRAM, entry);
+    }
+
+    /// How many pages [`set_other`](Self::set_other) knows.
+    pub fn other_pages(bank_bytes: u64) -> u64 {
+        Self::code_tables(bank_bytes) * ENTRIES
+    }
+
+    /// Maps one page of code or constants for the other bank, or none.
+    pub fn set_other(&self, pages: &Pages, page: u64, to: Option<(u64, Rights)>) {
+        let entry = self.directories[1].word(8 * (page / ENTRIES));
+        if let Some(table) = pages.at(entry & ADDRESS) {
+            let entry = to.map_or(0, |(address, rights)| address | rights.bits());
+            table.set_word(8 * (page % ENTRIES), entry);
+        }
+    }
+
+    /// What is not code or constants is the same for both banks.
+    pub fn complete_other(&self) {
+        let [current, other] = self.directories;
+        let rest = (8 * CODE_ENTRIES, PAGE - 8 * CODE_ENTRIES);
+        if let (Some(from), Some(to)) = (current.part(rest.0, rest.1), other.part(rest.0, rest.1)) {
+            to.copy_from(from);
+        }
+    }
+
+    /// The other bank's code and constants take the place of those in use, from the next
+    /// [`enter`](Self::enter) on.
+    pub fn exchange(&mut self) {
+        self.directories.swap(0, 1);
+        self.link();
     }
 
     /// Maps an area, which begins at a page, to addresses of the program.

@@ -7,7 +7,7 @@ use std::path::Path;
 use crate::{Measured, partition};
 
 /// Folders of code that runs on the host while guests do, and what each is.
-const TRUSTED: [(&str, &str); 11] = [
+const TRUSTED: [(&str, &str); 12] = [
     ("vmm/src", "the program `takt`"),
     ("vmm/plan/src", "the partition file"),
     ("vmm/host/src", "what the host tells"),
@@ -19,6 +19,7 @@ const TRUSTED: [(&str, &str); 11] = [
     ("devices/channel/src", "channels"),
     ("devices/abi/src", "what host and PLC guest share"),
     ("plc-guest/program/src", "images of control programs"),
+    ("plc-guest/change/src", "changes of control programs"),
 ];
 
 /// Memory and start.

@@ -31,12 +31,25 @@ fn every_example_is_what_is_really_said() {
         }
     }
     let requests = [
-        "status", "stop", "start", "restart", "schedule", "events", "trace", "watch", "write",
-        "force", "release",
+        "status",
+        "stop",
+        "start",
+        "restart",
+        "schedule",
+        "events",
+        "trace",
+        "watch",
+        "write",
+        "force",
+        "release",
+        "load",
+        "commit",
+        "roll-back",
+        "versions",
     ];
     let answers = [
         "status", "done", "events", "event", "trace", "window", "switch", "traced", "error",
-        "watching", "values",
+        "watching", "values", "versions",
     ];
     let all = requests.map(|r| format!("request {r}")).into_iter();
     let all: BTreeSet<String> = all.chain(answers.map(|a| format!("answer {a}"))).collect();

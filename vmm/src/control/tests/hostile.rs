@@ -173,6 +173,39 @@ fn a_change_is_answered_when_it_is_done_and_holds_up_nobody_else() {
 }
 
 #[test]
+fn a_place_of_a_version_that_is_left_is_refused_until_the_status_is_asked_for() {
+    let mut served = Served::new();
+    let mut client = served.client();
+    served.serve();
+    served.run.answered = u64::MAX;
+    served.server.unwatch(1, "it changes");
+    served.serve();
+    assert!(matches!(client.answer(), Answer::Error(refusal) if refusal.text == "it changes"));
+    served.server.places_have_changed();
+    let watch = |ranges: &str| {
+        format!(r#"{{"version":2,"request":"watch","partition":"plc","ranges":[{ranges}]}}"#) + "\n"
+    };
+    for line in [force(), watch("[0,1,0,8]").into_bytes()] {
+        client.send(&line);
+        served.serve();
+        let Answer::Error(refusal) = client.answer() else { panic!("refused") };
+        assert!(refusal.text.contains("ask for it"), "{}", refusal.text);
+    }
+    assert!(served.run.asked.is_empty(), "{:?}", served.run.asked);
+    // What ends something means no place that could be another's.
+    client.send(watch("").as_bytes());
+    served.serve();
+    assert!(matches!(client.answer(), Answer::Watching { bytes: 0, .. }));
+    client.send(&Request::Status.line());
+    served.serve();
+    assert!(matches!(client.answer(), Answer::Status { .. }));
+    client.send(&force());
+    served.serve();
+    served.serve();
+    assert!(matches!(client.answer(), Answer::Done { .. }));
+}
+
+#[test]
 fn who_does_not_read_misses_values_and_is_told_how_many() {
     let mut served = Served::new();
     let mut silent = served.client();

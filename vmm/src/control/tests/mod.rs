@@ -17,12 +17,13 @@ use std::time::Duration;
 use takt_scheduler::time::Nanos;
 
 use super::protocol::{
-    Answer, ChannelStatus, Contents, ErrorKind, ForcedStatus, Message, Mode, PartitionStatus,
-    ProgramState, ProgramStatus, Range, Refusal, ReleaseStatus, ScheduleStatus, State, Status,
-    TaskState, TaskStatus, TraceStart, TracedPartition, VERSION, WindowStatus,
+    Answer, ChannelStatus, Contents, ErrorKind, ForcedStatus, ImageVersion, Load, Message, Mode,
+    PartitionStatus, ProgramState, ProgramStatus, Range, Refusal, ReleaseStatus, ScheduleStatus,
+    State, Status, TaskState, TaskStatus, TraceStart, TracedPartition, VERSION, VersionStatus,
+    WindowStatus,
 };
 use super::{Operator, Server};
-use crate::live::Change;
+use crate::live::ValueOrder;
 use crate::report::Summary;
 use crate::unix_socket::{Listener, SocketKind};
 
@@ -105,8 +106,8 @@ impl Operator for FakeRun {
         Ok(ranges.iter().map(|range| u64::from(range.bytes)).sum())
     }
 
-    fn change(&mut self, partition: &str, change: Change) -> Result<u64, Refusal> {
-        self.order(format!("{change:?}"), partition)?;
+    fn order_values(&mut self, partition: &str, order: ValueOrder) -> Result<u64, Refusal> {
+        self.order(format!("{order:?}"), partition)?;
         Ok(self.asked.len() as u64)
     }
 
@@ -115,8 +116,45 @@ impl Operator for FakeRun {
         answered.then(|| Ok(format!("ticket {ticket}")))
     }
 
+    fn load(&mut self, load: Load) -> Result<String, Refusal> {
+        let Load { program, part, parts, data, .. } = load;
+        self.order(format!("load {program} {part}/{parts} {data:?}"), &load.partition)
+    }
+
+    fn commit(&mut self, partition: &str, program: &str) -> Result<String, Refusal> {
+        self.order(format!("commit {partition} {program}"), partition)
+    }
+
+    fn roll_back(&mut self, partition: &str, program: &str) -> Result<String, Refusal> {
+        self.order(format!("roll back {partition} {program}"), partition)
+    }
+
+    fn versions(&mut self, partition: &str) -> Result<Vec<VersionStatus>, Refusal> {
+        self.order(format!("versions {partition}"), partition).map(|_| vec![versions()])
+    }
+
     fn trace(&self) -> TraceStart {
         trace_start()
+    }
+}
+
+/// The versions of a program whose new version is on trial.
+fn versions() -> VersionStatus {
+    let image = |version: &str, digits: &str| ImageVersion {
+        version: version.into(),
+        hash: digits.repeat(32),
+    };
+    VersionStatus {
+        program: "tank".into(),
+        running: image("1.3.0", "7a"),
+        other: Some(image("1.2.0", "5e")),
+        phase: "trial".into(),
+        reason: None,
+        jobs: 12,
+        references_gone: 0,
+        took_ns: 3120,
+        at_ns: 10_000_462_118,
+        cycle: 10_000,
     }
 }
 

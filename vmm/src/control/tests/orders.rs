@@ -49,6 +49,7 @@ fn account() -> (Account, Revivals<PlcGuest>) {
         watchdog: None,
         kernel: None,
         deadlines: None,
+        banks: None,
         restart: Some(restart),
         restarts: 0,
         finished: None,

@@ -19,9 +19,9 @@ const UNDER_WAY_MAX: usize = 32;
 /// Values that are kept by name: as many as a kernel keeps.
 const FORCED_MAX: usize = takt_abi::live::FORCES;
 
-/// A change that a client asks for.
+/// What a client asks to become of values.
 #[derive(Clone, Debug)]
-pub enum Change {
+pub enum ValueOrder {
     /// Write once.
     Write(PointValue),
     /// Keep from now on.
@@ -30,24 +30,24 @@ pub enum Change {
     Release(Option<Point>),
 }
 
-/// What came of a change: for the client, and the event that it is.
-pub type ChangeResult = Result<(EventKind, String), Refusal>;
+/// What came of an order: for the client, and the event that it is.
+pub type WriteResult = Result<(EventKind, String), Refusal>;
 
 struct UnderWay {
     number: u32,
     ticket: u64,
-    change: Change,
+    change: ValueOrder,
     until: Nanos,
 }
 
-/// All changes of a partition.
+/// What is ordered of the values of a partition, and what is forced in it.
 #[derive(Default)]
-pub struct Changes {
+pub struct Writes {
     under_way: VecDeque<UnderWay>,
     forced: Vec<(Point, ForcedStatus)>,
 }
 
-impl Changes {
+impl Writes {
     /// Orders a change, of which the client will hear by its ticket.
     ///
     /// # Errors
@@ -55,7 +55,7 @@ impl Changes {
     pub fn order(
         &mut self,
         ticket: u64,
-        change: Change,
+        change: ValueOrder,
         link: &mut Link,
         now: Nanos,
     ) -> Result<(), Refusal> {
@@ -64,10 +64,10 @@ impl Changes {
             return Err(refused("the PLC's kernel has not answered the orders before this one"));
         }
         let order = match &change {
-            Change::Write(value) => Order::Write { point: value.point, value: value.value },
-            Change::Force(value) => Order::Force { point: value.point, value: value.value },
-            Change::Release(Some(point)) => Order::Release { point: *point },
-            Change::Release(None) => Order::ReleaseAll,
+            ValueOrder::Write(value) => Order::Write { point: value.point, value: value.value },
+            ValueOrder::Force(value) => Order::Force { point: value.point, value: value.value },
+            ValueOrder::Release(Some(point)) => Order::Release { point: *point },
+            ValueOrder::Release(None) => Order::ReleaseAll,
         };
         let number = link.send(&order).map_err(|error| match error {
             NotSent::NoGuest => refused("the PLC's kernel does not run"),
@@ -78,12 +78,7 @@ impl Changes {
     }
 
     /// Takes an answer; the ticket of the change that it is about, and what came of it.
-    pub fn take(
-        &mut self,
-        number: u32,
-        answer: &Answer,
-        now: Nanos,
-    ) -> Option<(u64, ChangeResult)> {
+    pub fn take(&mut self, number: u32, answer: &Answer, now: Nanos) -> Option<(u64, WriteResult)> {
         let Answer::Reply(reply) = answer else { return None };
         let at = self.under_way.iter().position(|order| order.number == number)?;
         let UnderWay { ticket, change, .. } = self.under_way.remove(at)?;
@@ -91,12 +86,12 @@ impl Changes {
         Some((ticket, result))
     }
 
-    fn done(&mut self, change: Change, now: Nanos) -> (EventKind, String) {
+    fn done(&mut self, change: ValueOrder, now: Nanos) -> (EventKind, String) {
         match change {
-            Change::Write(PointValue { named: Named { name, text }, .. }) => {
+            ValueOrder::Write(PointValue { named: Named { name, text }, .. }) => {
                 (EventKind::Written, format!("{name} := {text}, written by an operator"))
             }
-            Change::Force(PointValue { point, value, named: Named { name, text }, .. }) => {
+            ValueOrder::Force(PointValue { point, value, named: Named { name, text }, .. }) => {
                 let told = format!("{name} := {text}, forced by an operator");
                 self.forced.retain(|(forced, _)| *forced != point);
                 self.forced.truncate(FORCED_MAX - 1);
@@ -105,13 +100,13 @@ impl Changes {
                 self.forced.push((point, status));
                 (EventKind::Forced, told)
             }
-            Change::Release(Some(point)) => {
+            ValueOrder::Release(Some(point)) => {
                 let at = self.forced.iter().position(|(forced, _)| *forced == point);
                 let name = at.map(|at| self.forced.remove(at).1.name);
                 let name = name.unwrap_or_else(|| "a value".to_owned());
                 (EventKind::Released, format!("{name} is forced no longer, by an operator"))
             }
-            Change::Release(None) => {
+            ValueOrder::Release(None) => {
                 let count = std::mem::take(&mut self.forced).len();
                 let text =
                     format!("nothing is forced any longer, by an operator; it were {count} values");
@@ -121,7 +116,7 @@ impl Changes {
     }
 
     /// Orders that were not answered in time, or are too old for the kernel that runs.
-    pub fn late(&mut self, now: Nanos, restarted: bool) -> Vec<(u64, ChangeResult)> {
+    pub fn late(&mut self, now: Nanos, restarted: bool) -> Vec<(u64, WriteResult)> {
         let text = match restarted {
             true => "the PLC has started anew, and what it was ordered before is void",
             false => {
@@ -145,6 +140,24 @@ impl Changes {
         })
     }
 
+    /// Why a program must keep its version: in another one the places of these values can be those of other values.
+    pub fn keep_version_of(&self, program: u8) -> Option<String> {
+        let is_of = |point: &Point| point.range.program == program;
+        let is_under_way = self.under_way.iter().any(|order| match &order.change {
+            ValueOrder::Write(value) | ValueOrder::Force(value) => is_of(&value.point),
+            ValueOrder::Release(_) => false,
+        });
+        let forced = self.forced.iter().filter(|(point, _)| is_of(point)).count();
+        match forced {
+            0 if is_under_way => Some(
+                "the PLC's kernel has not answered an order to write or force a value of it"
+                    .to_owned(),
+            ),
+            0 => None,
+            count => Some(format!("{count} of its values are forced: release them first")),
+        }
+    }
+
     /// What is forced.
     pub fn forced(&self) -> Vec<ForcedStatus> {
         self.forced.iter().map(|(_, status)| status.clone()).collect()
@@ -158,6 +171,11 @@ fn refusal(refusal: KernelRefusal) -> Refusal {
         KernelRefusal::NoPlace => "the program has no such place",
         KernelRefusal::Full => "the PLC's kernel keeps 256 values forced at most",
         KernelRefusal::NotForced => "this value is not forced",
+        KernelRefusal::Changing => {
+            "the program changes to another version, or has one on trial: no value of it is written or forced until \
+             the trial is over"
+        }
+        KernelRefusal::NotNow | KernelRefusal::Forced => "the PLC's kernel takes no such order now",
     };
     Refusal::new(ErrorKind::Refused, text)
 }
@@ -169,7 +187,7 @@ mod tests {
 
     #[test]
     fn what_is_forced_is_known_by_name_until_it_is_released() {
-        let mut changes = Changes::default();
+        let mut writes = Writes::default();
         let range = Range { program: 0, area: Area::Output, offset: 0, bytes: 1 };
         let value = |bit, text: &str| PointValue {
             partition: "plc".into(),
@@ -179,17 +197,17 @@ mod tests {
         };
         let now = Nanos::from_millis(5);
         for (bit, text) in [(0, "TRUE"), (1, "TRUE"), (0, "FALSE")] {
-            changes.done(Change::Force(value(bit, text)), now);
+            writes.done(ValueOrder::Force(value(bit, text)), now);
         }
-        let names = |changes: &Changes| -> Vec<String> {
-            changes.forced().iter().map(|f| format!("{} {}", f.name, f.text)).collect()
+        let names = |writes: &Writes| -> Vec<String> {
+            writes.forced().iter().map(|f| format!("{} {}", f.name, f.text)).collect()
         };
-        assert_eq!(names(&changes), ["tank.q1 TRUE", "tank.q0 FALSE"]);
-        let (kind, text) = changes.done(Change::Release(Some(value(1, "").point)), now);
+        assert_eq!(names(&writes), ["tank.q1 TRUE", "tank.q0 FALSE"]);
+        let (kind, text) = writes.done(ValueOrder::Release(Some(value(1, "").point)), now);
         assert_eq!(kind, EventKind::Released);
         assert_eq!(text, "tank.q1 is forced no longer, by an operator");
-        assert_eq!(names(&changes), ["tank.q0 FALSE"]);
-        assert!(changes.forget().unwrap().starts_with("1 values"));
-        assert_eq!((changes.forget(), names(&changes).len()), (None, 0));
+        assert_eq!(names(&writes), ["tank.q0 FALSE"]);
+        assert!(writes.forget().unwrap().starts_with("1 values"));
+        assert_eq!((writes.forget(), names(&writes).len()), (None, 0));
     }
 }
