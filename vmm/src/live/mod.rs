@@ -170,6 +170,10 @@ impl Live {
             ValueOrder::Release(point) => point.map(|point| point.range),
         };
         if let Some(range) = value {
+            // First, since how many bytes there are is only known of the version that runs.
+            if !matches!(order, ValueOrder::Release(_)) {
+                changes.is_settled(range.program)?;
+            }
             let refused = |text| Refusal::new(ErrorKind::Refused, text);
             let limits = ProgramLimits::find(limits, &range).map_err(refused)?;
             if !limits.force {
@@ -179,9 +183,6 @@ impl Live {
                     limits.name
                 );
                 return Err(Refusal::new(ErrorKind::Unsupported, text));
-            }
-            if !matches!(order, ValueOrder::Release(_)) {
-                changes.is_settled(range.program)?;
             }
         }
         writes.order(ticket, order, link, now)?;
