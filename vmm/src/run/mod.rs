@@ -19,7 +19,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use takt_scheduler::switch::ScheduleState;
 use takt_scheduler::table::Cpu;
@@ -105,7 +105,9 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     // Dropped after all threads have been let go.
     let groups = Groups::set_up(file.partitions())?;
     steps.pass()?;
+    let before = Instant::now();
     let pages = huge_pages::choose(file.partitions(), options.role)?;
+    let choosing = before.elapsed();
     let bell = eventfd()?;
     let schedules = file.schedules();
     let spawn = |name: &str, kind, work: Box<dyn FnOnce() + Send>| {
@@ -124,7 +126,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         closing: Arc::default(),
         board: board.clone(),
         frequency: None,
-        clearing: Duration::ZERO,
+        clearing: choosing,
         console: None,
         doorbell: eventfd()?,
         interrupts: Interrupts::new()?,
