@@ -37,7 +37,7 @@ bochs_machine() {
     exec {output}>"$work/results" {errors}>"$work/bochs.log"
 }
 
-# make_disk: the disk to start from, which is nothing but the loader.
+# make_disk: the disk to start from, which holds only the loader.
 make_disk() {
     local entry
     entry=$(pvh_entry)

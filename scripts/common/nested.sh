@@ -24,7 +24,7 @@ run_appliance() {
     append_files
     # loglevel=3 leaves the console to takt unless the kernel is dying. The kernel's tests of its
     # own cryptography would take longer than all the rest of its start, and two more of its parts
-    # that nobody here needs a tenth of it. In a ramfs, files are what they are in the page cache of a
+    # that are not needed here a tenth of it. In a ramfs, files are what they are in the page cache of a
     # disk; tmpfs takes twice as long for each page, for it keeps in mind which to swap out.
     words="console=ttyS0 loglevel=3 panic=-1 nokaslr cryptomgr.notests"
     words+=" rootfstype=ramfs initcall_blacklist=init_kprobe_trace,cubictcp_register"

@@ -38,7 +38,7 @@ bare=(-o Dir::State::status=/dev/null -o Debug::NoLocking=1
     # apt would rather download as a user of its own, who cannot write here, and says so.
     -o APT::Sandbox::User=root)
 
-# look_at SUITE TYPE: sets $apt as use_suite does, to look at nothing but the packages (TYPE deb) or
+# look_at SUITE TYPE: sets $apt as use_suite does, to look only at the packages (TYPE deb) or
 # their sources (deb-src) of this suite, by $lists of their own.
 look_at() {
     lists=$root/target/lists/$1-$2
