@@ -78,7 +78,7 @@ impl PortBus {
         self.unclaimed
     }
 
-    /// The device that owns all of the access; an access that leaves its range is nobody's.
+    /// The device that owns all of the access; an access that leaves its range has no device.
     fn find(&mut self, port: u16, width: usize) -> Option<(u16, &mut dyn PortDevice)> {
         let last = usize::from(port) + width.max(1) - 1;
         let owns = |r: &RangeInclusive<u16>| r.contains(&port) && last <= usize::from(*r.end());

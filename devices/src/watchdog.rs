@@ -22,7 +22,7 @@ use crate::ports::PortDevice;
 pub const PERIOD_MS: u32 = 10;
 const PERIOD_NS: u64 = PERIOD_MS as u64 * 1_000_000;
 
-/// Nobody waits for a sign of life.
+/// No heartbeat is waited for.
 const OFF: u64 = u64::MAX;
 
 /// The timer itself.
@@ -68,7 +68,7 @@ impl Timer {
         self.0.due.store(OFF, Ordering::SeqCst);
     }
 
-    /// True if the time is up, and nobody has been told yet.
+    /// True if the time is up, and this has not been reported yet.
     #[must_use]
     pub fn expires(&self, now: u64) -> bool {
         let due = self.0.due.load(Ordering::SeqCst);
@@ -119,7 +119,7 @@ pub struct Watchdog<C> {
 pub const COUNT: u16 = 0;
 /// Offset of what is left of it, in counts; read only.
 pub const LEFT: u16 = 4;
-/// Offset of the control register: 1 is a sign of life; reads as 1, since the timer runs.
+/// Offset of the control register: 1 is a heartbeat; reads as 1, since the timer runs.
 pub const CONTROL: u16 = 8;
 /// Offset of the status register: 1 if the machine was restarted for its silence; 0 clears it.
 pub const STATUS: u16 = 12;
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_but_a_sign_of_life_is_one() {
+    fn only_a_heartbeat_is_one() {
         let (timer, now, mut watchdog) = running();
         now.store(500 * MS, Ordering::SeqCst);
         for offset in (0..=PORTS).chain([u16::MAX]).filter(|offset| *offset != COUNT) {

@@ -52,7 +52,7 @@ impl Sender {
     /// Sends a message, and rings. `stamp` is now.
     ///
     /// # Errors
-    /// [`SendError`]; then nobody is woken, since there is nothing new.
+    /// [`SendError`]; then no peer is woken, since there is nothing new.
     pub fn send(&mut self, bytes: &[u8], stamp: Tsc) -> Result<(), SendError> {
         self.source.send(bytes, stamp)?;
         self.doorbell.ring();
@@ -150,7 +150,7 @@ pub fn receiver(name: &str, maximum: u32) -> Result<Receiver, ReturnCode> {
     QueuingDestination::open(peer, own, &queuing(port)?).map_err(|error| error.code())
 }
 
-/// The port of that name, if it is what is asked for and nobody has taken it yet.
+/// The port of that name, if it is what is asked for and was not taken yet.
 fn take(name: &str, kind: u32, direction: u32, maximum: u32) -> Result<Taken, ReturnCode> {
     let found = (0..).zip(ports()).find(|(_, port)| is_named(port, name));
     let (number, port) = found.ok_or(ReturnCode::InvalidConfig)?;
@@ -178,7 +178,7 @@ fn queuing(port: &Port) -> Result<Geometry, ReturnCode> {
 fn own(port: &Port) -> Result<OwnPages<'static>, ReturnCode> {
     let (start, bytes) = region(port.own, port.own_pages)?;
     // SAFETY: the host provides these pages as memory for as long as the guest runs, `boot` has
-    // mapped them writable, and `take` hands each port out once, so nobody else in the guest
+    // mapped them writable, and `take` hands each port out once, so nothing else in the guest
     // writes them.
     unsafe { OwnPages::new(start, bytes) }.map_err(|_| ReturnCode::InvalidConfig)
 }

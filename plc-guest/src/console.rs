@@ -24,8 +24,8 @@ impl Line {
     #[must_use]
     pub fn new(text: fmt::Arguments) -> Self {
         let mut body = Body { line: Self { bytes: [0; LINE], length: 0 }, cut: false };
-        // A line that is too long has been marked, and a value whose formatting fails has nobody
-        // to tell: what there is of it is printed.
+        // A line that is too long has been marked. If the formatting of a value fails, what there is
+        // of it is printed.
         let _ = body.write_fmt(text);
         let Body { mut line, cut } = body;
         line.append(if cut { CUT } else { b"\n" }, LINE);

@@ -6,8 +6,8 @@
 //! calls the host, which does not run the guest again. Registers are not saved.
 //!
 //! One of a program at ring 3 is that program's error only. A guest that runs such programs gives a
-//! handler for it ([`set_user_handler`]). Non-maskable interrupts, double faults and machine checks are
-//! nobody's: they end the guest wherever they come from.
+//! handler for it ([`set_user_handler`]). Non-maskable interrupts, double faults and machine checks
+//! end the guest wherever they come from.
 
 use crate::{pages, port};
 use core::arch::{asm, naked_asm};

@@ -12,7 +12,7 @@
 //! save nothing, since an image is well below 1 MiB and protection needs the fine grain.
 //!
 //! The devices' area is mapped whole, in pages of 2 MiB, and uncached: the processor may neither
-//! keep a register's value nor read one that nobody asked for. What in it is a device only the
+//! keep a register's value nor read one ahead of the program. What in it is a device only the
 //! partition file says, and the host keeps to that: an access elsewhere is refused there and
 //! counted. A list of devices in the interface would turn it into an exception, which is not worth
 //! a list.

@@ -158,7 +158,7 @@ fn what_it_promises_holds_for_arrivals_of_every_kind() {
 }
 
 #[test]
-fn whoever_waits_for_the_guard_to_narrow_makes_ever_fewer_releases_late() {
+fn a_host_that_waits_for_the_guard_to_narrow_makes_ever_fewer_releases_late() {
     // Nothing until the guard has fallen below what the next spike needs, and then that spike.
     let mut guard = guard();
     let mut mistakes = Vec::new();

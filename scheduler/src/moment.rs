@@ -1,7 +1,7 @@
 //! Both clocks at one moment.
 //!
-//! The schedule lies on the TSC, and the kernel's timers go by CLOCK_MONOTONIC. Whoever sets one for an instant
-//! of the schedule needs what both say at the same time. An interrupt between the two readings sets them
+//! The schedule lies on the TSC, and the kernel's timers go by CLOCK_MONOTONIC. To set one for an instant
+//! of the schedule, a thread needs what both say at the same time. An interrupt between the two readings sets them
 //! apart by as much as it takes, so this is the one place that reads them.
 
 use crate::time::{Nanos, Tsc, TscFrequency};

@@ -1,14 +1,14 @@
-//! Time in which nothing but a window's owner should be served on its CPU.
+//! Time in which only a window's owner should be served on its CPU.
 //!
-//! A host's CPU is interrupted by its timers whoever runs on it. Most of those are somebody's to
-//! choose: a Linux guest's deadlines, which KVM keeps as timers of the host, and Takt's own. An
+//! A host's CPU is interrupted by its timers, whatever runs on it. Most of those can be placed:
+//! a Linux guest's deadlines, which KVM keeps as timers of the host, and Takt's own. An
 //! interrupt that falls onto a release moves it, one that falls into a window makes a scan longer.
 //! So each window has a *quiet time*, from its guard to its end, and what can be chosen is chosen
 //! outside of all of them: [`QuietTimes::defer`] for the deadlines of a guest,
 //! [`QuietTimes::roomy`] for timers of our own, [`tick_phase`] for the host's tick, which is where
 //! it is, so that the epoch has to be chosen.
 //!
-//! A deadline is only ever moved to later, to the first instant that is in nobody's quiet time,
+//! A deadline is only ever moved to later, to the first instant that is in no quiet time,
 //! also across frames and a switch of schedules. Where there is none it stays where it is.
 
 use crate::switch::Switch;
@@ -69,7 +69,7 @@ impl QuietTimes {
     }
 
     /// Where a guest's `deadline` is to be put, if not where it is: the first instant after it in
-    /// nobody's quiet time. Both instants are given since the epoch.
+    /// no quiet time. Both instants are given since the epoch.
     ///
     /// `now` is when the guest was seen to run. A window that is open then has been given back, since
     /// its owner would run instead: the rest of it is free. A deadline that has passed is never moved,

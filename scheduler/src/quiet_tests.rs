@@ -215,7 +215,7 @@ fn walk(schedules: [&[(u64, u64)]; 2], lead: u64, turn: u64, at: u64) -> Vec<[i6
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
-    /// Never early, in nobody's quiet time, and the first such instant.
+    /// Never early, in no quiet time, and the first such instant.
     #[test]
     fn a_deferred_deadline_is_the_first_free_instant(
         before in windows(),
@@ -243,7 +243,7 @@ proptest! {
         prop_assert_eq!(found.map(|t| t.0 as i64), expected);
     }
 
-    /// A timer of our own lies in nobody's quiet time and at most some gaps later.
+    /// A timer of our own lies in no quiet time and at most some gaps later.
     #[test]
     fn a_roomy_instant_is_free(
         before in windows(),

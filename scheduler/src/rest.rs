@@ -10,7 +10,7 @@ use crate::quiet::QuietTimes;
 use crate::switch::ScheduleState;
 use crate::time::{Timebase, Tsc};
 
-/// Whoever wants to know that the clock was found steered.
+/// Called when the clock is found steered.
 pub type Listener = Box<dyn Fn() + Send>;
 
 /// What a sleeping thread knows of its CPU.

@@ -31,7 +31,7 @@ pub enum SchedulesError {
         /// What is wrong with it.
         error: TableError,
     },
-    /// A schedule beside others has no window: there would be nobody to leave it again.
+    /// A schedule beside others has no window: no partition could ask for another one again.
     #[error("the schedule has no window")]
     Empty {
         /// The schedule.
@@ -195,7 +195,7 @@ impl Schedules {
         self.timetable(|table| table.windows_on(cpu).collect())
     }
 
-    /// When nothing but the owners of windows should be served on a CPU, under all schedules; without
+    /// When only the owners of windows should be served on a CPU, under all schedules; without
     /// the windows of `except`. `None` where there are none.
     #[must_use]
     pub fn quiet_on(&self, cpu: Cpu, except: Option<PartitionId>) -> Option<QuietTimes> {

@@ -22,7 +22,7 @@
 //! piece while the clock is trusted, and it is told by others when the clock is found steered
 //! ([`Rest::on_steered`]).
 //!
-//! Where nobody can steer the clock ([`Steering::Impossible`]) none of that is needed: its rate differs from the
+//! Where the clock cannot be steered ([`Steering::Impossible`]) none of that is needed: its rate differs from the
 //! counter's by what the two were measured wrong, a millionth. A sleep of up to [`WHOLE`] is one piece then, and
 //! if the clock is found steered all the same, sleeps are divided as on any other host.
 //!
@@ -47,7 +47,7 @@ pub const SHORTER: Nanos = Nanos::from_micros(64);
 /// 1 us longer.
 pub const LAZY: Nanos = Nanos::from_millis(2);
 
-/// The longest sleep that is not divided where nobody can steer the clock: 0.1 us of error at a millionth.
+/// The longest sleep that is not divided where the clock cannot be steered: 0.1 us of error at a millionth.
 pub const WHOLE: Nanos = Nanos::from_millis(100);
 
 /// Whether the rate of the clock by which the kernel sleeps may change.
@@ -59,8 +59,8 @@ pub enum Steering {
     Impossible,
 }
 
-/// For so many sleeps a clock that was found steered is not trusted: whoever has changed its rate changes it
-/// back.
+/// For so many sleeps a clock that was found steered is not trusted: a daemon that has changed its rate changes
+/// it back.
 pub const DISTRUST: u32 = 10_000;
 
 /// A piece that is shorter than this is not worth its wake-up.

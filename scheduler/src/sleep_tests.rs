@@ -148,7 +148,7 @@ fn a_millisecond_under_a_clock_as_it_should_be_is_two_pieces_and_for_the_lazy_on
 }
 
 #[test]
-fn where_nobody_can_steer_the_clock_a_sleep_is_one_piece_until_it_is_found_steered() {
+fn where_the_clock_cannot_be_steered_a_sleep_is_one_piece_until_it_is_found_steered() {
     let unsteered = || Sleeper::new(FREQUENCY).by_a_clock_whose_steering_is(Steering::Impossible);
     let (own, wake_ups) = pieces(unsteered(), 0);
     assert!(own.iter().all(|pieces| *pieces == 1), "{own:?}");

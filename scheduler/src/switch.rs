@@ -146,7 +146,7 @@ impl ScheduleState {
         }
         let frame = self.frame_at(now.plus(LEAD)) + 2;
         let new = Switch { before: old.after, after: ScheduleId(wanted), frame };
-        // Who loses finds the switch of another thread, which had the same reason.
+        // A thread that loses finds the switch of another, which had the same reason.
         let won = self
             .word
             .compare_exchange(word, new.pack(), Ordering::SeqCst, Ordering::SeqCst)
@@ -194,7 +194,7 @@ mod tests {
     fn a_request_takes_effect_at_the_end_of_the_next_frame() {
         let board = ScheduleState::new(FRAME, 2);
         board.request(id(1), ms(33)).unwrap();
-        assert_eq!(board.switch().schedule_of(1 << 40), id(0), "nobody has adopted it");
+        assert_eq!(board.switch().schedule_of(1 << 40), id(0), "it has not been adopted");
         board.adopt(ms(34));
         let switch = board.switch();
         assert_eq!((switch.schedule_of(4), switch.schedule_of(5)), (id(0), id(1)));

@@ -185,7 +185,7 @@ impl System<'_> {
             .window("plc", 0, 300)
     }
 
-    /// Runs it for a time, with nobody at the console.
+    /// Runs it for a time, without input at the console.
     #[must_use]
     pub fn run(&self, name: &str, duration: &str) -> Outcome {
         self.file().run(name).lasting(duration).run()

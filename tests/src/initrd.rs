@@ -33,7 +33,7 @@ pub fn initrd_and(name: &str, archive: &[u8]) -> String {
     format!("tests/{name}.img")
 }
 
-/// Makes an initial RAM disk of nothing but busybox and this script, which is the first process. It
+/// Makes an initial RAM disk of only busybox and this script, which is the first process. It
 /// finds nothing mounted, and no folder but `/dev` with a console, which every kernel has of itself.
 #[must_use]
 pub fn initrd_of(name: &str, script: &str) -> PathBuf {

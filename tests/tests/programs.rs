@@ -63,15 +63,15 @@ fn apart() -> Loopback {
     folder
 }
 
-/// Puts memory in the place of `resource1` that nobody can map for writing, as a read-only slot
-/// lets nobody write it. It is there for as long as the file lives.
+/// Puts memory in the place of `resource1` that cannot be mapped for writing, as a read-only slot
+/// cannot be written. It is there for as long as the file lives.
 fn make_read_only(folder: &Loopback) -> fs::File {
     let path = folder.path().join("resource1");
     let content = fs::read(&path).unwrap();
     // SAFETY: the name is a string with its zero.
     let memory = unsafe { libc::memfd_create(c"resource1".as_ptr(), libc::MFD_ALLOW_SEALING) };
     assert!(memory >= 0);
-    // SAFETY: a new descriptor that nobody else has.
+    // SAFETY: a new descriptor that has no other owner.
     let memory = unsafe { fs::File::from_raw_fd(memory) };
     memory.write_all_at(&content, 0).unwrap();
     // SAFETY: no memory is involved.

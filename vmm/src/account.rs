@@ -70,7 +70,7 @@ pub struct Account {
     pub samples: Option<Recorder>,
     /// How the load of its Linux goes, if that is wanted.
     pub load: Option<load::Recorder>,
-    /// Time from its wake-ups to its leaving its windows, which was nobody else's.
+    /// Time from its wake-ups to its leaving its windows, which no other partition could use.
     pub occupied: Nanos,
     /// What notices that its guest is silent.
     pub watchdog: Option<Timer>,

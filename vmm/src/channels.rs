@@ -295,13 +295,13 @@ mod tests {
     fn each_region_is_writable_for_one_partition_only() {
         let channels = channels();
         let all = Channels::new(&channels).unwrap();
-        let [source, both, reader, nobody] = [0, 1, 2, 3].map(|p| all.of(PartitionId(p), &PLC));
+        let [source, both, reader, without] = [0, 1, 2, 3].map(|p| all.of(PartitionId(p), &PLC));
         let page = |n| CHANNELS + n * PAGE;
         // Its state; what it has read of the orders, and the orders.
         assert_eq!(rights(&source), [(page(0), true), (page(1), true), (page(2), false)]);
         assert_eq!(rights(&both), [(page(0), false), (page(1), true), (page(2), false)]);
         assert_eq!(rights(&reader), [(page(0), false)]);
-        assert_eq!((nobody.views.len(), nobody.table.count), (0, 0));
+        assert_eq!((without.views.len(), without.table.count), (0, 0));
         assert_eq!((source.own.len(), both.own.len(), reader.own.len()), (2, 1, 0));
     }
 

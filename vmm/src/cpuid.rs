@@ -3,7 +3,7 @@
 //! Nested virtualisation and performance counters are the largest parts of KVM that a guest could
 //! reach and that neither kind of partition uses: the first is a second hypervisor inside of the first,
 //! the second programs counters of the host that interrupt it, in windows of others too. KVM offers them
-//! to whoever copies what it supports. It believes what a guest has been told, so what is not told is
+//! to a VMM that copies all that is supported. KVM goes by what a guest has been told, so what is not told is
 //! refused: `nested_vmx_allowed`, `EFER.SVME` (`__kvm_valid_efer`), and the counters beyond AMD's
 //! first four, which [`switch_counters_off`] takes.
 

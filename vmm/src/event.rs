@@ -19,7 +19,7 @@ impl From<EventError> for io::Error {
     }
 }
 
-/// A new one. To read from it when nobody has written is refused, and does not wait.
+/// A new one. A read before the first write is refused, and does not wait.
 ///
 /// # Errors
 /// What the host says.

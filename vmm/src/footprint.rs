@@ -2,7 +2,7 @@
 //!
 //! A restart that leaves a descriptor or a mapping behind does no harm the first time, and ends a
 //! plant that has run for a year. The report therefore tells what was held when the guests started
-//! and what was held at the end of the run, for whoever wants to see that it does not grow.
+//! and what was held at the end of the run, so that growth can be seen.
 
 use std::fs;
 

@@ -8,7 +8,7 @@
 //! They are those that the host's owner has set aside (hugetlb). What the kernel makes by itself (THP) is no choice:
 //! a PREEMPT_RT kernel has none, and one that has some joins and splits pages while guests run.
 //!
-//! Who insists on them is served first, then those that take what is left, each in the order of the file.
+//! Partitions that require them are served first, then those that take what is left, each in the order of the file.
 //! What is given out here can be gone when it is mapped; that is an error like any other want of memory.
 
 use takt_host::huge_pages::{self, Pool};
@@ -92,7 +92,7 @@ pub fn choose(partitions: &[Partition], role: Role) -> Result<Vec<Pages>, HugePa
     choose_from(&asked, |size| huge_pages::pool(size.bytes()))
 }
 
-/// In the appliance nobody else does it, and nobody else has a use for the memory. What cannot be set
+/// The appliance has no other program that would do it, or would use the memory. What cannot be set
 /// aside is missing later, and told then.
 fn set_aside(asked: &[Asked<'_>]) {
     for size in HugePageSize::ALL {

@@ -117,7 +117,7 @@ pub struct Machine {
 }
 
 /// A machine for a PLC guest. Without interrupts it has no interrupt controller, so nothing is ever
-/// injected, and a halt is an exit. With them it has that of the processor and nothing else: no I/O
+/// injected, and a halt is an exit. With them it has only that of the processor: no I/O
 /// APIC, no timer of a board; see `docs/decisions/0008-interrupts-of-passed-through-devices.md`.
 ///
 /// # Errors

@@ -237,7 +237,7 @@ impl GuestMemory {
         Ok(())
     }
 
-    /// RAM and nothing else: for devices that read and write where the guest says. What the guest
+    /// Only RAM: for devices that read and write where the guest says. What the guest
     /// may only read is memory like any other to Takt.
     ///
     /// # Errors
@@ -331,7 +331,7 @@ fn memfd(bytes: u64) -> Result<File, MemoryError> {
     if fd < 0 {
         return Err(allocate(io::Error::last_os_error()));
     }
-    // SAFETY: `fd` was just made and belongs to nobody else.
+    // SAFETY: `fd` was just made and has no other owner.
     let file = unsafe { File::from_raw_fd(fd) };
     file.set_len(bytes).map_err(allocate)?;
     // A file that cannot shrink cannot turn an access of ours into a SIGBUS.

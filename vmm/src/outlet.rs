@@ -2,7 +2,7 @@
 //!
 //! A write to any of these can wait for ever, and a descriptor that others have too, as standard output,
 //! must not be made one that never waits: the setting is theirs as well. So each outlet has a thread
-//! whose only work is to write, and a bounded queue before it. Who puts something into the queue never
+//! whose only work is to write, and a bounded queue before it. A thread that puts something into the queue never
 //! waits: what finds no room is refused, and the caller counts it.
 //!
 //! ```text
@@ -206,7 +206,7 @@ impl Shared {
         for message in messages {
             match message {
                 Message::Settled(tell) => {
-                    // Who has given up waiting needs no answer.
+                    // A sender that has given up waiting needs no answer.
                     let _ = tell.send(());
                 }
                 Message::Piece { lane, bytes } => {
@@ -295,7 +295,7 @@ impl Sink for StandardOutput {
                     rest = rest.get(count..).unwrap_or_default();
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                // Somebody else has made it a descriptor that never waits.
+                // Another process has made it a descriptor that never waits.
                 Err(error) if error.kind() == ErrorKind::WouldBlock => wait_for_room(&self.0)?,
                 Err(error) => return Err(error),
             }
@@ -303,7 +303,7 @@ impl Sink for StandardOutput {
         Ok(())
     }
 
-    /// A reader may come back, and nobody may be left to read, which is no reason to end a run.
+    /// A reader may come back. That there is none is no reason to end a run.
     fn goes_on(&self) -> bool {
         true
     }

@@ -81,7 +81,7 @@ pub enum RunError {
     #[error("two devices of the Linux machine collide: {0}")]
     Ports(#[from] Overlap),
     #[error(
-        "cannot serve the host's watchdog, /dev/watchdog: {0}; is its driver loaded, and does nobody else serve it?"
+        "cannot serve the host's watchdog, /dev/watchdog: {0}; is its driver loaded, and is it free of other users?"
     )]
     Watchdog(std::io::Error),
     #[error(

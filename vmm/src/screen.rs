@@ -1,4 +1,4 @@
-//! The screen: one for all guests and Takt itself, whoever reads it, and if nobody does.
+//! The screen: one for all guests and Takt itself, with or without a reader.
 //!
 //! Linux's output appears as it comes; a PLC's, and Takt's own, a line at a time with its name in
 //! front, never in the middle of another line of theirs.

@@ -1,10 +1,10 @@
-//! Whether anybody can steer the clock by which the kernel sleeps.
+//! Whether the clock by which the kernel sleeps can be steered.
 //!
 //! Sleeps are divided because a time daemon may change the rate of CLOCK_MONOTONIC by up to a tenth in the
 //! middle of one ([`takt_scheduler::sleep`]). Each division is a wake-up, and 11 us of what a PLC leaves to the
-//! background. In the appliance nobody does that, and so that nobody can, its process 1 takes the privilege
-//! for it out of its bounding set before it starts any other process: what is not in there no process gets
-//! that descends from it, by whatever program. All do but the kernel's own threads.
+//! background. The appliance has no time daemon. So that none can be started, its process 1 takes the privilege
+//! for it out of its bounding set before it starts any other process: no descendant can then get it, by
+//! any program. All processes descend from it but the kernel's own threads.
 //!
 //! Everywhere else the bounding set of process 1 has it, or this is a container whose process 1 says nothing of
 //! the host. Then the clock is taken for one that may be steered.

@@ -29,7 +29,7 @@ fn the_socket_is_its_owners_alone_and_goes_with_the_listener() {
         let file = fs::symlink_metadata(path).unwrap();
         assert!(file.file_type().is_socket());
         assert_eq!(file.permissions().mode() & 0o777, 0o600);
-        assert!(listener.accept().is_none(), "it waits for nobody");
+        assert!(listener.accept().is_none(), "there is no client yet");
         let _client = connect(path, kind).unwrap();
         assert!(listener.accept().is_some());
         drop(listener);

@@ -33,7 +33,7 @@ fn terminal_on_stdin() -> std::fs::File {
     assert_eq!(opened, 0);
     // SAFETY: both are open; standard input is this test's alone.
     assert_eq!(unsafe { libc::dup2(slave, libc::STDIN_FILENO) }, libc::STDIN_FILENO);
-    // SAFETY: the descriptor is new and nobody else's.
+    // SAFETY: the descriptor is new and has no other owner.
     unsafe { std::fs::File::from_raw_fd(master) }
 }
 

@@ -100,8 +100,8 @@ pub mod port {
     /// goes on if its partition's table lets it.
     pub const ERROR: u16 = 0x7a14;
     /// 32-bit write of a port's place in the [`PortTable`](crate::PortTable), if that port is a
-    /// source with a doorbell: whoever waits for its messages is woken. The host's kernel does it,
-    /// within the instruction.
+    /// source with a doorbell: the partitions that wait for its messages are woken. The host's kernel
+    /// does it, within the instruction.
     pub const DOORBELL: u16 = 0x7a10;
     /// 32-bit write of a vector that the partition file gives to a device: the device may interrupt
     /// once more. To be written when the guest is ready for the first interrupt, and then after each
@@ -275,7 +275,7 @@ pub struct Port {
     pub peer: u64,
     /// Pages of [`peer`](Self::peer).
     pub peer_pages: u32,
-    /// 1 if the source rings a doorbell after a message, and somebody waits for it; else 0.
+    /// 1 if the source rings a doorbell after a message, and a partition waits for it; else 0.
     pub doorbell: u32,
     /// Zero.
     pub reserved: [u32; 2],

@@ -3,8 +3,8 @@
 //! Takt reads and validates the images, and places them before the guest's first instruction; how an
 //! image itself is built is the business of the crate `takt-program`. The guest learns from this table
 //! alone where things lie. All addresses are guest-physical and multiples of
-//! [`crate::memory::PAGE`], all areas are in RAM and do not overlap, and nothing but the
-//! images has been written to them since the start: the rest of each area is zero.
+//! [`crate::memory::PAGE`], all areas are in RAM and do not overlap, and only the
+//! images have been written to them since the start: the rest of each area is zero.
 //!
 //! The page is there if the partition has programs, and only then.
 

@@ -194,8 +194,8 @@ impl Geometry {
         ]
     }
 
-    /// Writes the header of the source's region, and nothing else. A new region must be zeroed by
-    /// whoever makes it. To be called before the first start of the owner, and again before each
+    /// Writes only the header of the source's region. A new region must be zero when it is
+    /// handed over. To be called before the first start of the owner, and again before each
     /// further one, in case the owner has damaged it; what lies behind the header must then stay as
     /// it is.
     ///

@@ -5,7 +5,7 @@
 //! type: [`PeerPages`] has no way to write.
 //!
 //! Every load acquires and every store releases. On x86-64 that costs nothing and makes the
-//! arguments in `slots` short: whoever sees a store sees everything its writer did before it.
+//! arguments in `slots` short: a reader that sees a store sees everything its writer did before it.
 //! Loads are relaxed with a fence behind them, not acquire loads, because only relaxed atomic loads are
 //! guaranteed to work on pages mapped read-only (documentation of `core::sync::atomic`, "Atomic
 //! accesses to read-only memory").
@@ -111,8 +111,8 @@ impl<'a> OwnPages<'a> {
     /// [`Misaligned`].
     ///
     /// # Safety
-    /// As for [`PeerPages::new`], and the memory must be writable. That nobody else writes it is
-    /// what the channel needs to make sense, but no matter of soundness.
+    /// As for [`PeerPages::new`], and the memory must be writable. A second writer would spoil the
+    /// channel's messages, but not soundness.
     pub unsafe fn new(start: NonNull<u8>, bytes: usize) -> Result<Self, Misaligned> {
         // SAFETY: this function's contract includes that of `words_at`.
         Ok(OwnPages(unsafe { words_at(start, bytes) }?))

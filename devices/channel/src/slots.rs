@@ -10,8 +10,8 @@
 //! copy, sees `2m + 1` or something later, and not `2n + 2`. Words of an earlier message are ruled
 //! out by the first look in the same way.
 //!
-//! **Restart.** A writer that dies half-way leaves an odd number, or an even one that nobody was
-//! told of. Its next life writes the same `n` again; no reader looks for `n` before the counter of
+//! **Restart.** A writer that dies half-way leaves an odd number, or an even one that was not
+//! published. Its next life writes the same `n` again; no reader looks for `n` before the counter of
 //! written messages has passed it.
 //!
 //! A reader cannot hold a writer up and a writer cannot hold a reader up: a failed look is

@@ -27,7 +27,7 @@ pub enum PortsError {
         /// What the kernel says.
         source: io::Error,
     },
-    /// The table of ports is not one that this program can use.
+    /// This program cannot use the table of ports.
     #[error("the table of ports: {0}")]
     Table(#[from] TableError),
 }

@@ -20,7 +20,7 @@ pub struct Sender<'p> {
 
 impl Sender<'_> {
     /// Sends a message, stamped with now, and waits for room if the queue is full and must refuse.
-    /// Nobody rings for room: it is looked for every [`POLL_INTERVAL`](crate::POLL_INTERVAL).
+    /// Room rings no doorbell: it is looked for every [`POLL_INTERVAL`](crate::POLL_INTERVAL).
     ///
     /// # Errors
     /// [`CallError::TimedOut`] if there is no room in time; with [`Timeout::Zero`],

@@ -50,7 +50,7 @@ impl<R: Registers> Controller<R> {
     /// [`StartError`] if it is not there, or does not behave like an SJA1000.
     pub fn start(registers: R, rate: BitRate, filter: Filter) -> Result<Self, StartError> {
         let mut this = Self { registers, mode: filter.mode(), overruns: 0 };
-        if this.registers.read(MODE) == mode::NOBODY {
+        if this.registers.read(MODE) == mode::ABSENT {
             return Err(StartError::Absent);
         }
         this.enter_reset()?;
@@ -66,7 +66,7 @@ impl<R: Registers> Controller<R> {
     }
 
     /// Hands a frame over for transmission. It is sent as soon as the bus allows, and again until
-    /// somebody has acknowledged it.
+    /// another node has acknowledged it.
     ///
     /// At most 15 accesses; 1 if it is not taken.
     ///
@@ -91,7 +91,7 @@ impl<R: Registers> Controller<R> {
 
     /// Takes the oldest frame that has been received.
     ///
-    /// At most 16 accesses; 1 if there is none. Who receives in a loop must bound it: a controller
+    /// At most 16 accesses; 1 if there is none. A loop of calls needs a bound: a controller
     /// may claim for ever that there is one more.
     ///
     /// # Errors
@@ -118,8 +118,8 @@ impl<R: Registers> Controller<R> {
         Ok(buffer::decode(&bytes))
     }
 
-    /// How often [`receive`](Self::receive) has found that frames were lost because nobody had
-    /// taken those before them. How many were lost each time, the controller does not know.
+    /// How often [`receive`](Self::receive) has found that frames were lost because those before them
+    /// had not been taken. How many were lost each time, the controller does not know.
     pub const fn overruns(&self) -> u64 {
         self.overruns
     }
@@ -130,7 +130,7 @@ impl<R: Registers> Controller<R> {
         let status = self.registers.read(STATUS);
         let counters = self.error_counters();
         let reset = mode & mode::RESET != 0;
-        if mode == mode::NOBODY {
+        if mode == mode::ABSENT {
             BusState::Absent
         } else if status & status::BUS_OFF != 0 {
             if reset { BusState::BusOff } else { BusState::Recovering }

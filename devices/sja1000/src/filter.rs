@@ -1,9 +1,9 @@
 //! The acceptance filter: which frames the controller keeps at all.
 //!
-//! Frames that nobody here wants still fill the receive buffer, which has room for 64 bytes, and
+//! Frames that the program does not want still fill the receive buffer, which has room for 64 bytes, and
 //! cost a scan the accesses of reading them. The filter is a sieve for that and no more: the same
 //! bits are laid over standard and extended frames alike (data sheet, section 6.4.15), so a filter
-//! for one format lets those frames of the other pass whose bits happen to fit. Who receives looks
+//! for one format lets those frames of the other pass whose bits happen to fit. A receiver looks
 //! at [`Frame::id`](crate::Frame::id) in any case.
 //!
 //! The controller has one filter of 32 bits, or two of 16. Only the long one covers an extended

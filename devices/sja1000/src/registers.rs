@@ -45,7 +45,7 @@ pub(crate) mod mode {
     /// One acceptance filter of 32 bits instead of two shorter ones.
     pub(crate) const SINGLE_FILTER: u8 = 1 << 3;
     /// What the register reads as if nothing answers; its upper three bits are always 0.
-    pub(crate) const NOBODY: u8 = 0xff;
+    pub(crate) const ABSENT: u8 = 0xff;
 }
 
 /// Bits of [`COMMAND`].

@@ -18,7 +18,7 @@ pub enum BusState {
     BusOff,
     /// Told to come back, and waiting for 128 times 11 recessive bits.
     Recovering,
-    /// In reset mode, though it had been started: somebody else has reset it.
+    /// In reset mode, though it had been started: it was reset from outside.
     Reset,
     /// Does not answer any more.
     Absent,

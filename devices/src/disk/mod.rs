@@ -3,8 +3,8 @@
 //!
 //! What is the guest's and what is the disk's are two threads. The guest's reads and writes of
 //! registers are few and cheap, and are answered where they are made, on the thread of its vCPU.
-//! Requests wait for a file, so they are served on a thread of the disk's own, of the ordinary
-//! class: whoever has a window never waits for a file.
+//! Requests wait for a file, so they are served on a thread of the disk's own, of SCHED_OTHER:
+//! no window waits for a file.
 //!
 //! ```text
 //!   vCPU's thread                                       disk's thread
@@ -14,7 +14,7 @@
 //!
 //! Between them is one queue that changes hands ([`handover`]). The disk's thread holds it by a lease,
 //! which a reset ends at once, and touches the guest's memory only while the lease holds: it copies
-//! between that and a buffer of its own, so that a slow file holds up nothing but the disk.
+//! between that and a buffer of its own, so that a slow file holds up only the disk.
 //!
 //! All that a guest writes is hostile: registers, rings, descriptors and what they point at. The
 //! rules, of which each has a test that drives the rings by hand:

@@ -32,7 +32,7 @@ pub struct Disk<M> {
 pub struct Server<M> {
     /// Between the guest's vCPU and this.
     shared: Arc<Handover>,
-    /// The guest's RAM. Nothing else that the guest sees belongs in here: what it may only read, the
+    /// Only the guest's RAM. The rest of what the guest sees does not belong in here: what it may only read, the
     /// disk would write for it.
     memory: GuestMemoryMmap,
     disk: Disk<M>,

@@ -198,7 +198,7 @@ impl Link {
 /// The side of an interface that is the guest's.
 pub struct NetDevice {
     description: Description,
-    /// The guest's RAM, and nothing else that it sees.
+    /// Only the guest's RAM, not the rest of what it sees.
     memory: GuestMemoryMmap,
     link: Arc<Link>,
 }

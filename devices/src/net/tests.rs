@@ -275,7 +275,7 @@ proptest! {
     /// Whatever is written wherever: what the carrier gets is the guest's own, and it gets nothing twice
     /// without having given it back.
     #[test]
-    fn the_carrier_gets_nothing_but_the_guests_ram(
+    fn the_carrier_gets_only_the_guests_ram(
         writes in prop::collection::vec(
             (prop::sample::select(vec![
                 0x20u64, 0x24, 0x30, 0x38, 0x44, 0x44, 0x64, 0x70, 0x70, 0x80, 0x84, 0x90, 0x94, 0xa0, 0xa4,

@@ -21,13 +21,13 @@
 //! - nothing is acknowledged. An edge that comes while the handler runs waits in the local APIC,
 //!   and several that come before it are one.
 //! - the status register shows an interrupt always. `uio_pci_generic` asks for it in its handler
-//!   (`pci_check_and_mask_intx`) and wakes nobody without it; the pin is nobody else's, so whenever
-//!   the handler runs it is because somebody has rung.
+//!   (`pci_check_and_mask_intx`) and wakes no reader without it; no other device has the pin, so whenever
+//!   the handler runs, a peer has rung.
 //! - the disable bit of the command register is stored and read back, which is all that Linux looks
 //!   for (`pci_intx_mask_broken`), and holds nothing back. The driver sets it at the first interrupt
 //!   and a program need not clear it.
 //!
-//! Either way an interrupt too many costs no more than a look: whoever waits looks at its channel,
+//! Either way an interrupt too many costs no more than a look: a reader that waits looks at its channel,
 //! and waits again if there is nothing new.
 
 use super::bar::{self, Bar, WindowFull};
@@ -74,7 +74,7 @@ impl Bars {
 pub struct Function {
     bars: Bars,
     command: u16,
-    /// Linux notes here what it was told of the interrupt's number; nobody else cares.
+    /// Linux notes here what it was told of the interrupt's number. The device does not use it.
     interrupt_number: u8,
 }
 

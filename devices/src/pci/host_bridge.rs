@@ -1,4 +1,4 @@
-//! The host bridge: nothing but its name.
+//! The host bridge, which has only an identity.
 //!
 //! Linux looks for a function of this class before it trusts the configuration ports
 //! (`pci_sanity_check` in `arch/x86/pci/direct.c`). What a real bridge would have to configure, the

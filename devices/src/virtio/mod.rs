@@ -34,7 +34,7 @@ pub trait Device: Send {
     /// made ready. A device that cannot go on with that breaks down.
     fn start(&mut self, accepted: u64, queues: Vec<Option<Queue>>);
 
-    /// The driver takes a queue away, and nothing else. When this returns nothing of its memory is touched.
+    /// The driver takes a single queue away. When this returns nothing of its memory is touched.
     fn recall(&mut self, queue: usize);
 
     /// The driver takes all away, and interrupts and defects are forgotten. When this returns nothing of its

@@ -79,7 +79,7 @@ fn a_release_that_comes_late_keeps_its_instant_and_moves_no_other() {
     assert_eq!(at(&mut s, 37), Some(0));
     assert_eq!(s.task(TaskId(0)).released(), Instant(0));
     s.end(Instant(40));
-    // Nobody looked between 100 and 350.
+    // The scheduler was not called between 100 and 350.
     assert_eq!(at(&mut s, 350), Some(0));
     let task = s.task(TaskId(0));
     assert_eq!((task.released(), task.elapsed()), (Instant(300), Span(300)));

@@ -8,7 +8,7 @@
 //!
 //! Reading needs no allocator, so the kernel can use it. [`Image::parse`] checks everything before it
 //! gives anything: all ranges, names, types and limits. [`Image::verify`] (feature `hash`) also
-//! checks the hash and, with the feature `signature`, the signature. Whoever takes an image from
+//! checks the hash and, with the feature `signature`, the signature. A program that takes an image from
 //! outside calls `verify`; the kernel calls `parse` on what Takt has verified.
 //!
 //! The feature `build` has `build::Builder`, which makes images.

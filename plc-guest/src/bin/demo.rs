@@ -79,7 +79,7 @@ impl Program for Demo {
             ));
             line.print();
             if let Some(port) = &mut self.log {
-                // If nobody takes them, the console has them all the same.
+                // If the port does not take them, the console has them all the same.
                 let _ = port.send(line.text(), Tsc(cycle::now()));
             }
             if let Some(other) = newest(&mut self.other_level) {

@@ -28,7 +28,7 @@ const REPORT: u64 = 500;
 const FIRST_LIFE: u64 = 250;
 
 struct Interrupts {
-    /// Nobody was here before.
+    /// This is the first start.
     first: bool,
     status: Register<u32>,
     raise: Register<u32>,

@@ -1,4 +1,4 @@
-//! Sources that nobody would write: the cases, cut into words and put together again at random.
+//! Sources that no person would write: the cases, cut into words and put together again at random.
 //!
 //! They reach deeper than random bytes, and `tests/fuzz` goes on from there with a fuzzer.
 //! `TAKT_TEST_LONG=1` makes it five hundred times as many.

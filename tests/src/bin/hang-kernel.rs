@@ -4,7 +4,7 @@
 //!     hang-kernel
 //!
 //! What a kernel does that waits for a lock with interrupts off is done here by another "kernel", of a
-//! loop and nothing else, which this one loads and enters by kexec(2). It must come with interrupts
+//! loop only, which this one loads and enters by kexec(2). It must come with interrupts
 //! off, and so has them off for ever.
 //!
 //! Exit status 1: the kernel refuses.

@@ -3,7 +3,7 @@
 //!     packets serve                     echoes on TCP and UDP port 7 until it is killed; says "serving"
 //!     packets tcp ADDRESS BYTES         sends so many bytes to such a server, and compares what comes back
 //!     packets udp ADDRESS COUNT         as many datagrams, one after the other; those lost are sent again
-//!     packets flood ADDRESS COUNT       as many datagrams as fast as they can be sent, to port 9, where no one is
+//!     packets flood ADDRESS COUNT       as many datagrams as fast as they can be sent, to port 9, which is closed
 //!
 //! Exit status 0: what came back was right.
 
@@ -117,7 +117,7 @@ fn echo(socket: &UdpSocket, datagram: &[u8]) -> io::Result<()> {
 fn flood(target: SocketAddr, count: usize) -> io::Result<()> {
     let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
     for number in 0..count as u64 {
-        // There is no one at the port, and the answer that says so is an error of the next call.
+        // The port is closed, and the answer that says so is an error of the next call.
         let _ = socket.send_to(&number.to_le_bytes(), target);
     }
     Ok(())

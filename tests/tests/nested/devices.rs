@@ -1,6 +1,6 @@
 //! Devices of the emulated machine, as a partition's table has them.
 
-/// A parallel port, on which the byte 0xa5 is printed when nobody drives it any more. Whoever drove it may
+/// A parallel port, on which the byte 0xa5 is printed when its owner has ended. The owner may
 /// have been stopped with the strobe on, so that goes off first.
 pub const PRINTER: &str = r#"
 [[partition.port_io]]

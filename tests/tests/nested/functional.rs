@@ -42,7 +42,7 @@ fn the_console_is_usable_linux_switches_off_and_the_escape_ends_the_run() {
 }
 
 #[test]
-fn a_second_kernel_boots_with_nothing_but_the_path_changed() {
+fn a_second_kernel_boots_with_only_the_path_changed() {
     let second = System { kernel: "guest/vmlinuz-generic", memory: "256MiB", ..System::default() };
     let outcome = second.run_typing("second-kernel", Some("20s"), &[("linux# ", "\x1dq")]);
     assert_eq!(outcome.status, 0, "{}", outcome.output);

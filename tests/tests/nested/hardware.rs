@@ -29,7 +29,7 @@ fn memory_in_huge_pages_is_ready_sooner_and_is_cleared_at_each_start() {
         for name in ["good", "warm", "linux"] {
             assert_eq!(outcome.number(name, "memory_page_bytes"), page, "{}", outcome.output);
         }
-        // Three starts are allowed, and each finds what is retained and nothing else.
+        // Three starts are allowed, and each finds only what is retained.
         assert_eq!(outcome.number("warm", "restarts"), 3, "{}", outcome.output);
         for retained in 0..=3 {
             outcome.assert_shows(&format!(", retained {retained}"));

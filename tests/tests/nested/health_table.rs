@@ -11,9 +11,9 @@ use takt_tests::{File, Host, Outcome, erring_kernel, long, plc_image};
 
 /// Other PLCs than the good one that a file has room for, beside one that ends the run.
 const PLCS: usize = 13;
-/// How long a file runs that nobody ends.
+/// How long a file runs that is not ended by an error.
 const DURATION: &str = "400ms";
-/// When a run is over that somebody ends.
+/// When a run is over that an error ends.
 const ENDED_NS: u64 = 350_000_000;
 /// How far a kernel counts: some milliseconds, or longer than all the others of a file need.
 const COUNT: u32 = 2_000_000;
@@ -25,7 +25,7 @@ const QUARTER: u64 = FRAME / 4;
 const WINDOW: u64 = 70;
 const APART: u64 = 250;
 
-/// What `takt check` says of an error that is not one, or an action.
+/// What `takt check` says of an unknown error, or an unknown action.
 macro_rules! said {
     ($what:literal) => {
         include_str!(concat!(
@@ -213,7 +213,7 @@ impl Row {
             "cold-start" | "warm-start" => {
                 vec![action, (IDLE, ": started again 1 time within 60s")]
             }
-            other => panic!("nobody has said what follows from {other}"),
+            other => panic!("this test does not say what follows from {other}"),
         }
     }
 
@@ -294,7 +294,7 @@ fn lines_with<'a>(outcome: &'a Outcome, begins: &[&str]) -> Vec<&'a str> {
 #[test]
 fn what_follows_from_each_error_is_what_its_row_says() {
     let all = Rows::all();
-    // All of them are written, whichever run: an error that nobody can make is found at once.
+    // All of them are written, whichever run: an error that no guest here makes is found at once.
     let files: Vec<PathBuf> = (0..).zip(&all).map(|(number, rows)| rows.file(number)).collect();
     let count = if long() { all.len() } else { 1 };
     let (all, files) = (&all[..count], &files[..count]);

@@ -43,7 +43,7 @@ fn bad_neighbours_are_confined_counted_and_reported() {
     let share = outcome.share("never-done");
     assert!((0.10..0.13).contains(&share), "its share is {share}\n{}", outcome.output);
 
-    // Faults come with their frame, and end nobody else.
+    // Faults come with their frame, and end no other partition.
     assert_eq!(outcome.status, 4, "{}", outcome.output);
     outcome.assert_shows(
         "[takt] fault: memory-violation: page fault (vector 14, error code 0x2) at rip 0x1",

@@ -103,7 +103,7 @@ fn a_flood_from_either_end_moves_no_release() {
 /// A driver that hands over queues that lie nowhere, loop and wrap, and resets the interface while the host floods
 /// it. Then Linux's own driver finds it as at power-on.
 #[test]
-fn a_hostile_driver_breaks_nothing_but_its_own_interface() {
+fn a_hostile_driver_breaks_only_its_own_interface() {
     let steps = if long() { 20_000 } else { 2_000 };
     let driver = "/sys/bus/platform/drivers/virtio-mmio";
     let exec = format!(

@@ -2,7 +2,7 @@
 
 use takt_tests::{File, Host, long, plc_image};
 
-/// A parallel port, and what is to be on it when nobody drives it.
+/// A parallel port, and what is to be on it when its owner has ended.
 const DEVICES: &str = r#"
 [[partition.port_io]]
 ports = "0x378-0x37a"

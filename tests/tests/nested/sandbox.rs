@@ -396,7 +396,7 @@ fn check_process(text: &str, threads: &[&str]) {
     assert_eq!(policies, ["0", "0", "0", "0", "6", "6", "6"], "{text}");
     assert!(text.contains("Max core file size        0                    0"), "{text}");
 
-    // Both are nobody else's to change, and the socket nobody else's to use.
+    // Another user can change neither, and cannot use the socket.
     assert_eq!(of("file:"), ["600 0 /tmp/takt.sock", "644 0 /out/report.json"], "{text}");
 
     let memory = of("guest memory: VmFlags:");
@@ -427,7 +427,7 @@ fn check_process(text: &str, threads: &[&str]) {
     assert_eq!(descriptors, BTreeMap::from(expected), "{text}");
 }
 
-/// What a PLC's thread calls from one sleep to the next: nothing but its guest, KVM's count, and the
+/// What a PLC's thread calls from one sleep to the next: only its guest, KVM's count, and the
 /// next sleep, each once.
 fn check_cycles(calls: &[Call]) {
     let of = |number: i64| calls.iter().filter(move |call| call.number == number);

@@ -50,7 +50,7 @@ fn a_reader_that_stops_costs_what_it_does_not_read_and_nothing_else() {
 
     assert_nothing_late(&outcome, "good", 200 * seconds);
 
-    // The signal is answered though nobody reads: within 100 ms, a frame, and what the script takes.
+    // The signal is answered without a reader: within 100 ms, a frame, and what the script takes.
     let end: u64 = left("stalled-reader", "end").trim().parse().expect("a number");
     assert!(end <= 12, "the run ended {end}0 ms after the signal");
     let unread = outcome.report["output"]["unread_bytes"].as_u64().unwrap_or(0);

@@ -13,7 +13,7 @@ use takt_tests::{BUSY, File, Outcome, Run, Value, long, plc_image, root, target}
 /// the rest: then that run has shown the tick's jitter and not the guard's.
 const PLACES: [u64; 2] = [0, 170];
 
-/// A run at the first place where nothing but the guard decides when `plc` starts.
+/// A run at the first place where only the guard decides when `plc` starts.
 fn apart_from_ticks(run: impl Fn(u64) -> Outcome) -> Outcome {
     let [first, second] = PLACES;
     let outcome = run(first);
@@ -180,7 +180,7 @@ fn linux_has_its_minimum(outcome: &Outcome) {
 }
 
 #[test]
-fn an_overrun_ends_at_its_windows_end_and_moves_nobody() {
+fn an_overrun_ends_at_its_windows_end_and_moves_no_release() {
     let outcome = apart_from_ticks(|at| monopolist(at).run("overrun").lasting("3s").run());
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     let overruns = outcome.number("greedy", "overruns");
@@ -256,7 +256,7 @@ fn a_switch_of_schedules_takes_effect_at_a_frames_end_with_each_change_action() 
     ];
     let outcome = file.run("switch").lasting("20s").traced().typing(&dialogue).run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
-    // Nobody loses a release by a switch, and the one that ignores it does not start anew.
+    // No partition loses a release by a switch, and the one that ignores it does not start anew.
     for (name, restarts) in [("stays", 0), ("warm", 2), ("cold", 1)] {
         outcome.assert_kept_its_time(name, 100);
         outcome.assert_punctual(name);

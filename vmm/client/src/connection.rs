@@ -21,7 +21,7 @@ impl Connection {
     /// Connects.
     ///
     /// # Errors
-    /// If nobody listens there.
+    /// If no Takt listens there.
     pub fn open(socket: &Path) -> Result<Connection, ClientError> {
         let stream = UnixStream::connect(socket)
             .map_err(|source| ClientError::NoTakt { socket: socket.to_owned(), source })?;

@@ -35,7 +35,7 @@ pub enum ClientError {
         /// What is wrong with it.
         source: io::Error,
     },
-    /// Nobody listens.
+    /// No Takt listens there.
     #[error("no Takt at {}: {source}; {}", socket.display(), remedy(source))]
     NoTakt {
         /// The socket.

@@ -314,7 +314,7 @@ fn orders_are_given_by_the_file_or_by_the_socket() {
     assert_eq!(plant.says(&["--json", "takt.sock", "stop", "plc"]), good(json));
     let refused = "takt-ctl: refused: there is no partition of this name\n";
     let expected = (1, String::new(), refused.to_owned());
-    assert_eq!(plant.says(&["takt.sock", "stop", "nobody"]), expected);
+    assert_eq!(plant.says(&["takt.sock", "stop", "unknown"]), expected);
 }
 
 #[test]
@@ -359,7 +359,7 @@ fn a_trace_is_a_file_for_viewers_or_lines_for_programs() {
 
 #[test]
 fn without_a_takt_the_status_is_3_and_the_message_says_what_to_look_for() {
-    let plant = Plant::new("nobody");
+    let plant = Plant::new("no-takt");
     for place in ["plant.toml", "takt.sock"] {
         let (status, out, error) = plant.says(&[place, "status"]);
         assert_eq!((status, out.as_str()), (3, ""), "{error}");

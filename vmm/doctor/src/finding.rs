@@ -1,6 +1,6 @@
 //! What a check says.
 //!
-//! A number alone helps nobody in front of a control cabinet. So a finding that is not good also
+//! A number alone is of no help in front of a control cabinet. So a finding that is not good also
 //! tells what it costs the PLC, and what to type.
 
 use serde::Serialize;

@@ -2,8 +2,8 @@
 //!
 //! A partitioning hypervisor on KVM is as punctual as the host below it, and a host has some dozens
 //! of settings that each cost microseconds and show nowhere until a release is late. This program
-//! looks at them and measures the rest. It never changes the host, so whoever runs a plant on it
-//! may ask at any time, though not beside a running `takt`: what it measures on the PLC's CPU takes
+//! looks at them and measures the rest. It never changes the host, so it may be started on the host of
+//! a plant at any time, though not beside a running `takt`: what it measures on the PLC's CPU takes
 //! as much of that CPU as a PLC does.
 //!
 //! It is no part of `takt`, because nothing of it is needed to run partitions.

@@ -22,7 +22,7 @@ impl Progress {
     /// What is being done. The part behind a colon changes while it is.
     pub fn say(&self, text: &str) {
         let mut err = io::stderr().lock();
-        // Nobody may be there to read it, and that changes nothing.
+        // An error is ignored: the findings do not depend on a reader of the progress.
         if self.terminal {
             let _ = write!(err, "\r\x1b[Ktakt-doctor: {text}");
             let _ = err.flush();

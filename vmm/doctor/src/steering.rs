@@ -10,7 +10,7 @@ pub const NTP_PPM: f64 = 500.0;
 
 /// Nominal length of a tick, in us: that of `USER_HZ`, which is 100 on this processor.
 const TICK_US: i64 = 10_000;
-/// `STA_UNSYNC`: nobody keeps the clock.
+/// `STA_UNSYNC`: no daemon keeps the clock.
 const UNSYNCHRONISED: i64 = 0x40;
 
 /// The steering of a clock.

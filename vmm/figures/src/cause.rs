@@ -1,7 +1,7 @@
 //! Why a release started late, or a scan took long.
 //!
-//! A worst case that nobody can explain is of little use. The stamps of a window cut the time that
-//! is to be explained into stretches, each of which is somebody's:
+//! A worst case without an explanation is of little use. The stamps of a window cut the time that
+//! is to be explained into stretches, each of which has its cause:
 //!
 //! ```text
 //!      release      woken       entered    left   entered       start
@@ -20,8 +20,7 @@
 //! A start has nothing to do but to happen, so all of its latency is explained. Of a scan only
 //! what is beyond the usual: the least time that any scan of this partition spent in the guest.
 //!
-//! When a scan started and ended is the guest's claim. A lying guest spoils its own explanations
-//! and nobody else's.
+//! When a scan started and ended is the guest's claim. A lying guest spoils only its own explanations.
 
 use std::fmt;
 

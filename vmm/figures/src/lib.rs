@@ -1,8 +1,8 @@
 //! What is counted and measured in a run, and the forms in which it is told.
 //!
 //! The input is the records of windows ([`takt_record`]) and what consoles say; the output is the
-//! [`report`], the [`samples`] and the [`trace`]. Whoever writes these and whoever reads them use the
-//! same types, so that a schema is written once. Nothing here makes a system call.
+//! [`report`], the [`samples`] and the [`trace`]. Their writers and their readers use the same types,
+//! so that a schema is written once. Nothing here makes a system call.
 
 pub mod cause;
 pub mod load;

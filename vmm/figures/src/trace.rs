@@ -3,7 +3,7 @@
 //! `takt run --trace` writes all of a run, `takt ctl FILE trace` a part of it elsewhere.
 //!
 //! A run writes it through a queue that its own thread empties: a disk that does not keep up costs windows
-//! in the picture, which are counted and marked, and nothing else.
+//! in the picture, which are counted and marked, and no other harm.
 //!
 //! The file is in the Chrome trace-event format (JSON, the form that is one array), which
 //! <https://ui.perfetto.dev> and `chrome://tracing` open. It is written while the run lasts, so

@@ -1,7 +1,7 @@
 //! Limits that make a measurement a test.
 //!
 //! They hold for every partition that has releases. A measurement without figures keeps no limit:
-//! one release that nobody has seen may be the one that was too late. Nor does one whose load is not
+//! one release that was not recorded may be the one that was too late. Nor does one whose load is not
 //! proved: what it says was not asked.
 
 use serde::Serialize;
@@ -36,7 +36,7 @@ pub enum Kind {
 pub struct Breach {
     /// Of what.
     pub kind: Kind,
-    /// By whom; empty if by nobody in particular.
+    /// The partition that broke it; empty if it is not about one.
     pub partition: String,
     /// What was found, and what was allowed.
     pub text: String,

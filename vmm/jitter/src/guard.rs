@@ -2,7 +2,7 @@
 //!
 //! A guard must be longer than the latest wake-up and the way into the guest together, but every
 //! microsecond of it is taken from the background. How late wake-ups are is a property of the host
-//! and of its load, which nobody can know without measuring.
+//! and of its load, and can only be measured.
 
 use takt_scheduler::time::Nanos;
 

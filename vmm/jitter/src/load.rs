@@ -22,7 +22,7 @@ pub enum Load {
     Io,
     /// Run stress-ng: timers at 20 kHz, page faults, forks, system calls.
     Stress,
-    /// Nothing but what the partition file says.
+    /// Only what the partition file says.
     None,
 }
 

@@ -184,7 +184,7 @@ fn show(
     let (raw, figures) = figures::read(report, samples)?;
     let measurement = Measurement::new(figures, command, common.load, common.limits());
     let text = terminal::text(&measurement);
-    // Nobody may be left to read it; the status and the files still tell.
+    // An error is ignored: without a reader, the status and the files still tell.
     let _ = std::io::stdout().write_all(text.as_bytes());
     if let Some(folder) = &common.out {
         output::write(folder, &measurement, raw, samples)?;

@@ -68,7 +68,7 @@ impl Folder {
     /// If it cannot be made.
     pub fn new() -> Result<Self, JitterError> {
         let path = std::env::temp_dir().join(format!("takt-jitter-{}", std::process::id()));
-        // Fails if there is one: nobody else may have prepared it.
+        // Fails if there is one: another user may have prepared it.
         DirBuilder::new().mode(0o700).create(&path).map_err(writing(&path))?;
         Ok(Self(path))
     }
@@ -151,7 +151,7 @@ fn read(mut console: ChildStdout, lines: &Sender<String>) {
         match console.read(&mut buffer) {
             Ok(0) => return,
             Ok(read) => cut.add(&buffer[..read], |line| {
-                // Nobody cares any more: then the console is only emptied.
+                // The receiver may be gone: then the console is only emptied.
                 let _ = lines.send(String::from_utf8_lossy(line).into_owned());
             }),
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}

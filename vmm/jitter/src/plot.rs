@@ -70,7 +70,7 @@ pub fn histogram(distribution: &Distribution) -> Result<String, JitterError> {
 pub fn cumulative(distribution: &Distribution) -> Result<String, JitterError> {
     let axis = Axis::of(distribution);
     let total = distribution.total() as f64;
-    // The last release has nobody beyond it: it is drawn as half a release short of all.
+    // No release lies beyond the last: it is drawn as half a release short of all.
     let nines = |below: u64| -((total - below as f64).max(0.5) / total).log10();
     let top = nines(distribution.total()).max(1.0) * 1.05;
     let mut line = vec![(axis.from, 0.0)];

@@ -12,7 +12,7 @@ use super::{Kind, PartitionFile};
 /// Why words cannot be added to the command line of the file's Linux.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum AppendError {
-    /// Nobody has a command line.
+    /// No partition has a command line.
     #[error("--append: the file has no partition of kind \"linux\"")]
     NoLinux,
     /// The kernel would cut it.

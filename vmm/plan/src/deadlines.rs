@@ -2,8 +2,8 @@
 //!
 //! A file whose tasks cannot be in time is as wrong as one whose windows overlap, and is refused
 //! like it: both are mistakes in a plan, and both would show only in operation. That goes for a
-//! set that the analysis cannot prove, too. The way out is the same as for one that fails, and
-//! nobody has to know later which of the two it was.
+//! set that the analysis cannot prove, too. The remedy is the same as for one that fails, so the
+//! two are not told apart.
 //!
 //! Each schedule is judged by itself; `docs/analysis.md` says what that leaves out.
 

@@ -1,6 +1,6 @@
 //! How a defect in a partition file is shown: as a compiler would, with the line itself.
 //!
-//! Whoever reads these messages stands before a machine that did not start. So each one is the
+//! The reader of these messages stands before a machine that did not start. So each one is the
 //! same four things: the place, what was found, the line with the value underlined, what is
 //! allowed; and where two lines contradict each other, both are shown.
 //!

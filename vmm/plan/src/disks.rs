@@ -1,6 +1,6 @@
 //! The disks of a Linux: files that it sees whole, as block devices.
 //!
-//! What a guest may write must be nobody else's meanwhile, so a file is named once. That no other
+//! What a guest may write must have no second user meanwhile, so a file is named once. That no other
 //! program has it open is seen when the run starts, by a lock.
 
 use std::fs;

@@ -230,7 +230,7 @@ impl Partition {
         self.health
     }
 
-    /// How long a Linux may give no sign of life; `None` if nobody looks for one.
+    /// How long a Linux may be without a heartbeat; `None` if it has no watchdog.
     #[must_use]
     pub fn watchdog(&self) -> Option<Nanos> {
         self.watchdog

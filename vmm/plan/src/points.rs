@@ -1,8 +1,8 @@
 //! Who writes what: outputs of programs, and the channels that programs use.
 //!
-//! Two writers of one output are a mistake in a plan as windows that overlap are: the value is that of whoever came
-//! last, and nobody can say who that is. So each bit of an output image has one task that writes it, and each
-//! port of the partition one program that uses it.
+//! Two writers of one output are a mistake in a plan as windows that overlap are: the last one's
+//! value remains, and the plan does not say which that is. So each bit of an output image has one task that writes it,
+//! and each port of the partition one program that uses it.
 
 use takt_program::{Area, Direction, EventSource, Image, Port, TaskKind, Variable};
 

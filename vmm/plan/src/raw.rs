@@ -262,7 +262,7 @@ pub struct Health {
 }
 
 /// A table that is written with keys. serde's derived structs also take an array of the values in
-/// the order in which the struct has them, which is nobody's idea of a partition file.
+/// the order in which the struct has them, which a partition file must not depend on.
 #[derive(Debug)]
 pub struct Keys<T>(pub T);
 

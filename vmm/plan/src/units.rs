@@ -96,7 +96,7 @@ pub fn parse_duration(text: &str) -> Result<Nanos, UnitError> {
     parse(text, DURATION_UNITS).map(Nanos)
 }
 
-/// Takes a text and nothing else, and words its errors as serde does: "found, expected this".
+/// Takes only a text, and words its errors as serde does: "found, expected this".
 struct Quantity {
     units: Units,
     form: &'static str,

@@ -1,7 +1,7 @@
 //! Puts a window back together from what its ring brings.
 //!
-//! A window comes as some detours and, after them, one record. Whoever looks for a cause, or draws
-//! the window, wants both at once. A full ring drops what does not fit, so detours may arrive whose
+//! A window comes as some detours and, after them, one record. The search for a cause, and a drawing
+//! of the window, need both at once. A full ring drops what does not fit, so detours may arrive whose
 //! window never does: those must not be taken for detours of the next one.
 
 use crate::{DETOURS_MAX, Detour, Record, WindowRecord};

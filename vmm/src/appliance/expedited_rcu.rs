@@ -4,7 +4,7 @@
 //! takes a grace period: KVM waits until no processor can still see what was there before. A kernel
 //! with PREEMPT_RT takes its time for that, some timer ticks each, because hurrying means to interrupt
 //! the other processors (`rcu_normal`, which it sets for itself; kernel/rcu/update.c). While a run is
-//! prepared in the appliance there is nobody on them, so there it hurries, and no longer when the
+//! prepared in the appliance no guest runs on them, so grace periods are expedited there until the
 //! first guest starts.
 //!
 //! In a hurry the kernel asks again and again whether everybody is through who may still see the old

@@ -1,21 +1,21 @@
 //! PID 1 of the appliance: a machine on which nothing runs beside `takt`.
 //!
-//! The appliance image holds a kernel, a few modules and this program. With no shell and no
-//! service manager there is nobody else to mount file systems, load KVM, carry the results out
-//! and switch the machine off, so that is done here, before and after the ordinary command line.
+//! The appliance image holds a kernel, a few modules and this program. It has no shell and no
+//! service manager, so this program mounts file systems, loads KVM, carries the results out
+//! and switches the machine off, before and after the ordinary command line.
 //! A small init program could do the same, but it would be a second thing to build, to trust and
 //! to keep in step with `takt`.
 //!
 //! The command line itself is executed by a child, this program once more. It gives all its
 //! privileges away ([`crate::sandbox`]), and what is needed after the run, to use a port and
-//! to switch the machine off, stays with a process that does nothing but wait for it, and has given
+//! to switch the machine off, stays with a process that only waits for it, and has given
 //! away everything else. One that is
 //! killed leaves its results too, and the machine then starts again, as it does when process 1 dies.
 //!
 //! Results leave through an emulator's debug console port as one cpio archive. A disk or a network would
 //! need drivers, and with them interrupts and kernel threads beside the partitions, only to carry
-//! a few files after the run. The archive ends with the file `status`, so whoever finds that
-//! file knows that the archive is whole.
+//! a few files after the run. The archive ends with the file `status`: an archive that has that
+//! file is whole.
 //!
 //! Only kernel interfaces are mounted. `/out` and `/tmp` are plain folders, since the root of an
 //! initramfs is memory anyway and a mount on `/tmp` would hide partition files put there.
@@ -265,8 +265,8 @@ fn load_for(role: Role, list: &str) -> io::Result<()> {
 }
 
 /// The detector of lockups wakes a thread on each CPU every four seconds that comes before
-/// SCHED_DEADLINE (kernel/watchdog.c). Here it has nobody to tell, and what hangs is seen by Takt and the
-/// hardware's watchdog.
+/// SCHED_DEADLINE (kernel/watchdog.c). The appliance has no reader for its message, and what hangs is
+/// seen by Takt and the hardware's watchdog.
 fn switch_lockup_detection_off() {
     // A kernel without it has no such file.
     let _ = fs::write(LOCKUP_DETECTION, "0");

@@ -24,7 +24,7 @@ use vm_memory::{Bytes, GuestAddress};
 use super::long_mode::{self, Entry, STACK_TOP, StartError};
 use crate::memory::{GuestMemory, Pages};
 
-/// Where the code lies: in the page of the first stack, which nobody has used yet.
+/// Where the code lies: in the page of the first stack, which is not used yet.
 const CODE_START: u64 = STACK_TOP & !(PAGE - 1);
 
 /// `1: mov al, [rdi]; add rdi, 4096; dec rsi; jnz 1b; mov dx, 0x7a00; out dx, eax`. Not a halt, which

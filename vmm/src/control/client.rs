@@ -159,7 +159,7 @@ impl Client {
     /// Sends a window, if the client traces and there is room for it. It is not made otherwise.
     pub fn trace_window(&mut self, window: impl FnOnce() -> TracedWindow) {
         if self.output.len() >= TRACE_BACKLOG_MAX {
-            // There can be many windows in one turn. Who is gone is let go of at the next.
+            // There can be many windows in one turn. A client that is gone is dropped at the next.
             if self.push().is_some_and(|sent| sent > 0) {
                 self.stalled = 0;
             }

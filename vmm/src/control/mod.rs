@@ -9,13 +9,13 @@
 //!         <--lines----------- Server, Journal            <--Answer---
 //! ```
 //!
-//! Who may do that is a matter of the file's permissions: the socket belongs to whoever started
-//! Takt, and nobody else can open it (mode 0600). A client is not trusted beyond that. It may hang,
-//! flood or send garbage, and none of it may become a matter of time for a partition. So:
+//! Who may do that is a matter of the file's permissions: the socket belongs to the user who started
+//! Takt, and other users cannot open it (mode 0600). A client is not trusted beyond that. It may hang,
+//! flood or send garbage, and none of it may delay a partition. So:
 //!
 //! * The event thread serves all clients on its tick and is never woken by one. However often a
 //!   client writes, it is looked at fifty times a second, for a bounded number of requests.
-//! * Every buffer has an end. Who sends a line that is too long, or does not read what it asked
+//! * Every buffer has an end. A client that sends a line that is too long, or does not read what it asked
 //!   for, is let go of.
 //! * vCPU threads take no part in it. An order to one is a flag and a kick, as at the run's end.
 

@@ -36,7 +36,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Nobody yet.
+    /// Without a client.
     #[must_use]
     pub fn new(listener: Listener) -> Server {
         let kept = VecDeque::with_capacity(KEPT);
@@ -103,7 +103,7 @@ impl Server {
         self.clients.retain_mut(|client| !client.follows || client.tell(&line));
     }
 
-    /// Tells who traces of a window that is over. It is not made if nobody does.
+    /// Tells the client that traces of a window that is over. Without such a client it is not made.
     pub fn window(&mut self, window: impl FnOnce() -> TracedWindow) {
         if let Some(client) = self.clients.iter_mut().find(|client| client.trace.is_some()) {
             client.trace_window(window);

@@ -2,7 +2,7 @@
 //!
 //! Windows come as fast as frames are short, and a client reads as fast as it likes. What does not
 //! fit into a bounded backlog is not kept for later but counted: a gap in a picture does no harm if
-//! it is known, and one client's gap is nobody else's. A trace has an end from its beginning, so
+//! it is known, and one client's gap is not another's. A trace has an end from its beginning, so
 //! that a client that is never heard of again does not cost for ever.
 
 use takt_scheduler::time::Nanos;

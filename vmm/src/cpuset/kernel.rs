@@ -65,7 +65,7 @@ impl Entry {
     /// # Errors
     /// What the kernel says.
     pub fn enter(&self) -> io::Result<()> {
-        // 0 is whoever writes (kernel/cgroup/cgroup.c, `cgroup_procs_write_start`).
+        // 0 is the writer itself (kernel/cgroup/cgroup.c, `cgroup_procs_write_start`).
         overwrite(&self.threads, "0")
     }
 }

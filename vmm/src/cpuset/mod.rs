@@ -6,7 +6,7 @@
 //! Takt pins every thread: on a host with several CPUs, each CPU with windows needs a root domain
 //! of its own.
 //!
-//! Who needs one is found by trying, since there are many ways to have it already (one CPU,
+//! Whether one is needed is found by trying, since there are many ways to have it already (one CPU,
 //! `isolcpus`, an administrator's cpuset, admission control switched off): a throw-away thread
 //! pins itself and asks for a small reservation (`kernel`). Where it is refused, `setup` makes
 //! a cgroup v2 cpuset of that CPU and turns it into a *partition*, which is what makes the kernel
@@ -198,7 +198,7 @@ impl Drop for Domains {
                     tell(&format!("CPU {cpu} is back in the host's scheduling domain"));
                 }
             }
-            // The run is over and its report is good: this is told and changes nothing else.
+            // The run is over and its report is good: this is told, and its status stays.
             Err(error) => tell(&format!(
                 "the host's scheduling domains are not as they were: {error}; the next run with this file, or a restart, removes what is left"
             )),

@@ -12,8 +12,8 @@
 //!  guest ends --------------------------------->     Monitor: what follows, escalation
 //! ```
 //!
-//! An error that the guest survives costs its thread a count and an entry in a ring; nobody waits
-//! and nothing is printed there. Whether a partition is started again is decided where there is
+//! An error that the guest survives costs its thread a count and an entry in a ring; the thread does not
+//! wait and does not print. Whether a partition is started again is decided where there is
 //! time for it, and only there: [`Monitor`] knows how often that has happened already.
 
 pub mod bus_locks;

@@ -219,7 +219,7 @@ mod tests {
             let end = reporter.raise(LOST, 3);
             assert_eq!(end, (!action.goes_on()).then_some(End::Raised(LOST)), "{action}");
             assert_eq!(notes.pop().is_ok(), action == Action::Log, "{action}");
-            // The end is the same error, and not one more.
+            // The end is the same error, and does not count again.
             end.into_iter().for_each(|end| reporter.end(end));
             assert_eq!(counts.of(Fault::DeadlineMissed), 3);
         }
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn an_access_that_nothing_answers_is_found_whoever_answers_the_others() {
+    fn an_access_that_nothing_answers_is_found_among_answered_ones() {
         use crate::vcpu::linux::LinuxGuest;
         use takt_devices::ports::PortBus;
         use takt_devices::power::{KeyboardController, PowerLine};

@@ -1,7 +1,7 @@
 //! Takt as the source or a destination of a channel.
 //!
 //! It is an end like any other: it opens its port with the geometry of the partition file, believes
-//! nothing of the other end, and gives nobody else's region a value. What an end on the host adds
+//! nothing of the other end, and writes to its own region only. What an end on the host adds
 //! is a notion of *news*: a socket is told of each message, and does not look whenever it likes as
 //! the destination of a sampling channel may.
 

@@ -191,7 +191,7 @@ pub fn read_ahead(
                 Err(broken) => Err(broken),
             };
             let last = message.is_err();
-            // Nobody is there once the run is over.
+            // The receiver is gone once the run is over.
             if ahead.send(message).is_err() || last {
                 return;
             }
@@ -363,7 +363,7 @@ mod tests {
         assert!(port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).is_ok());
         let waiting = guest.status().waiting;
         assert!(port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).is_ok());
-        assert_eq!(guest.status().waiting, waiting, "a message was taken for nobody");
+        assert_eq!(guest.status().waiting, waiting, "a message was taken without a client");
     }
 
     #[test]

@@ -123,7 +123,7 @@ impl HostPorts {
     /// Opens all of them; `None` if there are none. No guest may run yet, and the headers of all
     /// partitions' regions must have been written. `results` is the folder of the appliance that is
     /// carried out of it: recordings then go there, each under its channel's name, and sockets, to
-    /// which nobody could connect, are left out. `spawn` starts the threads of files.
+    /// which no program could connect, are left out. `spawn` starts the threads of files.
     ///
     /// # Errors
     /// See [`HostPortError`].
@@ -164,7 +164,7 @@ impl HostPorts {
         let way = match port {
             HostPort::Socket(_) if results.is_some() => {
                 self.news.push(format!(
-                    "channel {}: no socket in the appliance, where nobody could connect to it",
+                    "channel {}: no socket in the appliance, where no program could connect to it",
                     channel.name
                 ));
                 return Ok(());
@@ -231,7 +231,7 @@ impl HostPorts {
     /// Takes the last messages, after all guests have stopped, and waits for their files.
     pub fn finish(&mut self, clock: &Timebase, now: Tsc) {
         for port in &mut self.ports {
-            // Nobody adds to what waits, so this comes to an end.
+            // The sources have ended, so no message comes in while these are taken: the loop ends.
             while let Way::FileDestination(file) = &mut port.way {
                 let before = file.taken;
                 port.budget = Budget::TICK;

@@ -20,7 +20,7 @@ pub enum Sent {
     Yes,
     /// The client has too much to read already.
     NotNow,
-    /// There is nobody any more.
+    /// The client is gone.
     Gone,
 }
 
@@ -81,7 +81,7 @@ impl Connection {
     fn recv(&self, buffer: &mut [u8], flags: c_int) -> io::Result<usize> {
         let flags = flags | libc::MSG_DONTWAIT;
         let (start, length) = (buffer.as_mut_ptr().cast(), buffer.len());
-        // SAFETY: the buffer is live, that long, and nobody else's.
+        // SAFETY: the buffer is live, that long, and borrowed mutably.
         let length = unsafe { libc::recv(self.0.as_raw_fd(), start, length, flags) };
         usize::try_from(length).map_err(|_| io::Error::last_os_error())
     }

@@ -1,7 +1,7 @@
 //! Ends that are reached by a socket.
 //!
 //! Clients are programs of all kinds, among them ones that hang, flood and lie. Each of them costs
-//! a bounded share of each tick (see [`Budget`]) and its own messages, and nothing else. There are few
+//! only a bounded share of each tick (see [`Budget`]) and its own messages. There are few
 //! clients at a time, Takt never waits for one, and closes the connection of one that sends what is no message.
 
 use std::collections::VecDeque;

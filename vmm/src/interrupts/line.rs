@@ -63,7 +63,7 @@ impl Line {
         }
     }
 
-    /// What can be read when the device has interrupted; `None` if nobody needs to.
+    /// What can be read when the device has interrupted; `None` if the line needs no reader.
     #[must_use]
     pub fn teller(&self) -> Option<&File> {
         match self {

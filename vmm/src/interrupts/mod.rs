@@ -71,7 +71,7 @@ struct Source {
 enum State {
     /// It is done; so many more are until the next tick.
     Open(u32),
-    /// It stays where it is until the next tick, and nobody wakes up for it.
+    /// It stays where it is until the next tick, and wakes no thread.
     Spent,
     /// The device has failed.
     GivenUp,

@@ -16,7 +16,7 @@ fn source() -> (Source, File, File) {
     // SAFETY: the call fills in the array it is given.
     let made = unsafe { libc::pipe2(ends.as_mut_ptr(), libc::O_NONBLOCK | libc::O_CLOEXEC) };
     assert_eq!(made, 0);
-    // SAFETY: both were just made and belong to nobody else.
+    // SAFETY: both were just made and have no other owner.
     let [uio, device] = ends.map(|end| File::from(unsafe { OwnedFd::from_raw_fd(end) }));
     // SAFETY: the name is a literal; the descriptor is new.
     let config =
@@ -141,7 +141,7 @@ fn a_line_that_cannot_be_read_any_more_is_given_up_too() {
 }
 
 #[test]
-fn a_line_of_vfios_is_opened_by_an_eventfd_at_the_same_rate_and_tells_nobody() {
+fn a_line_of_vfios_is_opened_by_an_eventfd_at_the_same_rate_and_is_not_read() {
     let (mut source, _device, _config) = source();
     // SAFETY: the name is a literal; the descriptor is new.
     let file =

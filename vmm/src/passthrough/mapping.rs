@@ -93,8 +93,8 @@ impl Mapping {
 
 impl Drop for Mapping {
     fn drop(&mut self) {
-        // SAFETY: the mapping is this value's own, and nobody has a reference into it. A failure
-        // leaves it mapped, which harms nobody.
+        // SAFETY: the mapping is this value's own, and no reference leads into it. A failure
+        // leaves it mapped, which does no harm.
         unsafe { libc::munmap(self.start.cast(), self.bytes) };
     }
 }

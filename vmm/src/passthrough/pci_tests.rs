@@ -159,7 +159,7 @@ fn the_interrupt_of_a_function_is_off_until_it_is_asked_for() {
     line.arm().unwrap();
     assert_eq!(sysfs.command(), 3);
 
-    // Nobody on the host would end an interrupt that the guest has left behind.
+    // No driver on the host would end an interrupt that the guest has left behind.
     drop((line, function));
     assert_eq!(sysfs.command(), 0x407);
     assert_eq!(

@@ -62,8 +62,8 @@ fn read(path: &str, device: impl Fn() -> String) -> Result<String, DeviceError> 
 }
 
 /// The name of an entry that touches the range, of those whose name begins like one of `names`. An
-/// entry that cannot be read counts as one that does. (The lists hide all numbers as zeros from
-/// whoever is not root, who cannot use ports or open `/dev/mem` either.)
+/// entry that cannot be read counts as one that does. (A user other than root sees all numbers in the
+/// lists as zeros, but cannot use ports or open `/dev/mem` either.)
 fn owner<'a>(list: &'a str, first: u64, last: u64, names: &[&str]) -> Option<&'a str> {
     list.lines().find_map(|line| {
         let (range, name) = line.split_once(" : ")?;

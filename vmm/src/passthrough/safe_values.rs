@@ -1,4 +1,4 @@
-//! Safe values: what the outputs of a partition are set to when nobody drives them any more.
+//! Safe values: what the outputs of a partition are set to when their owner has ended.
 //!
 //! The thread that ran the guest writes them, at the moment at which the guest has left for the
 //! last time: it has the privilege for the ports already, it is a deadline thread, and no other
@@ -10,7 +10,7 @@
 //! end the process, and [last work](super::emergency_stop) comes before. What takes the process away
 //! without asking is the [guardian](super::guardian)'s business.
 //!
-//! Writing allocates nothing, waits for nobody, and may be repeated.
+//! Writing allocates nothing, does not wait, and may be repeated.
 
 use std::sync::Arc;
 

@@ -87,7 +87,7 @@ pub struct Preparation<'a> {
     pub domains: &'a Domains,
     /// What threads ring when they have told of their ends.
     pub bell: EventFd,
-    /// Set when the run is over: nobody takes console output any more.
+    /// Set when the run is over: console output is not taken any more.
     pub closing: Arc<AtomicBool>,
     /// Which schedule holds.
     pub board: Arc<ScheduleState>,

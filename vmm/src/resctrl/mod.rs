@@ -122,7 +122,7 @@ impl Drop for Groups {
         let Some(setup) = &mut self.setup else { return };
         match setup.undo() {
             Ok(()) => tell("cache and memory bandwidth are the host's again"),
-            // The run is over and its report is good: this is told and changes nothing else.
+            // The run is over and its report is good: this is told, and its status stays.
             Err(error) => tell(&format!(
                 "cache and memory bandwidth are not as they were: {error}; the next run of takt removes what is left"
             )),

@@ -6,7 +6,7 @@
 //! run starts no threads later. The partition's thread only sets registers, or takes over another processor.
 //!
 //! Even that is time, and a deadline thread that is woken for it at some instant takes it from
-//! whoever has a window then. So a thread with windows is not woken: it looks for the word in each
+//! the window of another partition. So a thread with windows is not woken: it looks for the word in each
 //! of its own windows ([`Windowed::next_window`](crate::vcpu::windowed::Windowed::next_window)).
 
 mod linux;

@@ -42,7 +42,7 @@ pub(super) fn provoke(
         "kicker" => kickers.first().map(|kicker| &kicker.control),
         _ => account.map(|account| &account.control),
     };
-    // Whoever is none of them is the process itself: its first thread has its number.
+    // Any other name means the process itself: its first thread has its number.
     let thread = control.map_or(std::process::id() as i32, |control| control.thread());
     sandbox::provoke::arm(thread)
         .map_err(|source| RunError::Host { what: "set up the test's timer", source })

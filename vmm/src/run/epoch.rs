@@ -4,7 +4,7 @@
 //! (`tick_init_jiffy_update`, kernel/time/tick-sched.c; not before Linux 6.4 and what was taken from it
 //! for older ones). It cannot be moved, so the epoch is: by less than a frame, to where the tick is
 //! farthest from all windows ([`tick_phase`]). Where it then goes is the clock's doing. That
-//! clock runs with the TSC unless somebody steers it, and a steered one creeps over the margin sooner or
+//! clock runs with the TSC unless a daemon steers it, and a steered one creeps over the margin sooner or
 //! later; how far it has crept, the report tells.
 
 use takt_scheduler::moment::Moment;

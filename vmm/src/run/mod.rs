@@ -210,7 +210,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     if let Some(file) = report_file {
         file.write(serde_json::to_string_pretty(&report))?;
     }
-    // Nobody is left to read it if what came before it has not been read.
+    // If what came before it was not read, the table would not be read either.
     if report.output.unread_bytes == 0 {
         let table = format!("\n{}", report.table());
         // Finds room: all before it has been written.
@@ -295,7 +295,7 @@ impl Run<'_> {
             thread.join();
         }
         let mut supervisor = supervised?;
-        // All guests have left, and nobody feeds it any more.
+        // All guests have left: from here on the watchdog is not fed.
         supervisor.watchdog = None;
         if supervisor.ended_by_signal {
             self.patience = Patience::SHORT;
@@ -325,7 +325,7 @@ impl Run<'_> {
         Ok(self.report(&supervisor, &linux, &epoch, duration, host_ports, process))
     }
 
-    /// Waits for who reads what Takt has to say, if anybody does.
+    /// Waits for the reader of Takt's own output, if there is one.
     fn settle(&self) {
         self.console_outlet.settle(self.patience.stalled, self.patience.slow);
     }

@@ -114,8 +114,8 @@ impl Run<'_> {
             aligning_ns: epoch.aligning.0,
         };
         let base = epoch.base;
-        // No window may begin whose end nobody has been told of, and who has no windows may take the
-        // processor from this thread as soon as he is told.
+        // A window may begin only once the enforcer of its end has started, and a thread without windows
+        // may take the processor from this one as soon as it is started.
         let threads = kickers.into_iter().chain(windowed).chain(others);
         let running: Vec<_> = threads.map(|thread| Ready::start(thread, base)).collect();
         let disks = disk_threads.into_iter().map(|thread| Ready::start(thread, base)).collect();

@@ -1,4 +1,4 @@
-//! Descriptors that whoever started Takt has left open.
+//! Descriptors that the process which started Takt has left open.
 
 use std::io;
 
@@ -8,7 +8,7 @@ use std::io;
 /// # Errors
 /// What the kernel says: it has this call since Linux 5.9.
 pub fn close_inherited() -> io::Result<()> {
-    // SAFETY: takes integers only. Nobody in this process owns what is closed, see above.
+    // SAFETY: takes integers only. No value in this process owns what is closed, see above.
     let result = unsafe { libc::syscall(libc::SYS_close_range, 3u32, u32::MAX, 0u32) };
     if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }

@@ -104,7 +104,7 @@ pub fn restrict(allowed: &[Allowed]) -> io::Result<bool> {
         let size = size_of_val(&handled);
         libc::syscall(libc::SYS_landlock_create_ruleset, &raw const handled, size, 0u32)
     })?;
-    // SAFETY: the descriptor is new and nobody else's. It is small, as all descriptors are.
+    // SAFETY: the descriptor is new and has no other owner. It is small, as all descriptors are.
     let ruleset = unsafe { OwnedFd::from_raw_fd(ruleset as i32) };
     for (path, rights) in allowed.iter().map(Allowed::parts) {
         let folder: File = OpenOptions::new().read(true).custom_flags(libc::O_PATH).open(path)?;

@@ -86,7 +86,7 @@ fn each_kind_may_do_its_own() {
 }
 
 #[test]
-fn nobody_may_start_anything_or_take_privileges() {
+fn no_thread_may_start_anything_or_take_privileges() {
     let calls = [
         libc::SYS_execve,
         libc::SYS_execveat,
@@ -117,7 +117,7 @@ fn nobody_may_start_anything_or_take_privileges() {
 }
 
 #[test]
-fn nobody_but_the_guardian_takes_ports() {
+fn only_the_guardian_takes_ports() {
     for kind in KINDS {
         let takes = allows(kind, libc::SYS_ioperm, [0x378, 3, 1, 0, 0, 0]);
         assert_eq!(takes, kind == Kind::Guardian, "{kind:?}");

@@ -1,7 +1,7 @@
 //! How much a partition may show.
 //!
 //! Somebody has to read it: a person, a journal, a serial line. So a partition has as many bytes a
-//! second as five serial lines of 115,200 baud carry, which no one reads along with, and as many lines as a
+//! second as five serial lines of 115,200 baud carry, more than a person can read, and as many lines as a
 //! scan of 1 ms has that prints one each time. What it does not use it saves, up to that of one second: the
 //! messages of a booting kernel come in one go.
 

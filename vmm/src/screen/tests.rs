@@ -20,7 +20,7 @@ struct Paper {
 impl Sink for Paper {
     fn put(&mut self, piece: &[u8], written: &mut dyn FnMut(usize)) -> io::Result<()> {
         if let Some(stopped) = &self.stopped {
-            // Whoever lets go of the other end lets it flow.
+            // It flows again once the other end is dropped.
             let _ = stopped.recv();
         }
         self.seen.lock().unwrap().extend_from_slice(piece);
@@ -131,7 +131,7 @@ fn bytes_are_bounded_like_lines() {
 }
 
 #[test]
-fn takts_own_lines_have_room_beside_guests_that_nobody_reads() {
+fn takts_own_lines_have_room_beside_guests_that_are_not_read() {
     let (go, stopped) = channel();
     let mut shown = Shown::new(false, Some(stopped));
     let mut lost = [0; 2];

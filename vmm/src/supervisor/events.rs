@@ -32,8 +32,8 @@ impl MutEventSubscriber for Supervisor {
                 self.running = false;
             }
         }
-        // Not every standard input can be waited for: /dev/null and files cannot. Then nobody
-        // types.
+        // Not every standard input can be waited for: /dev/null and files cannot. Then nothing
+        // is typed.
         self.listens = ops.add(Events::new_raw(STDIN, EventSet::IN)).is_ok();
         self.has_keys = self.listens;
     }
@@ -130,7 +130,7 @@ impl Supervisor {
 
     fn deliver_typed(&mut self) {
         let console = self.console.as_ref();
-        // Without a console nobody listens.
+        // Without a console it is discarded.
         self.typing.deliver(|bytes| console.map_or(bytes.len(), |c| c.type_bytes(bytes)));
     }
 

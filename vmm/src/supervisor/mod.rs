@@ -5,7 +5,7 @@
 //! things wake it in between: a key, a signal, the end of a partition, a client of a channel, and a
 //! device's interrupt.
 //!
-//! It waits for nothing else, since it is the one that ends a run, starts guests again and feeds the host's
+//! It waits only for its events, since it ends a run, starts guests again and feeds the host's
 //! watchdog. What may wait is done by threads of their own: writing to standard output and to files
 //! ([`outlet`](crate::outlet)), reading files, loading guests ([`restart`](crate::restart)). What it does in
 //! one turn is bounded, whatever guests and clients do.

@@ -1,6 +1,6 @@
 //! The signals that end a run, as something to read.
 //!
-//! A handler could do nothing but note that there was one. Read from a descriptor, a signal is an
+//! A handler could only note that there was one. Read from a descriptor, a signal is an
 //! event like the others, and a run that it ends is ended in the same way as by the keyboard.
 
 use std::fs::File;
@@ -31,6 +31,6 @@ pub fn take_signals() -> Result<File, SupervisorError> {
     if fd < 0 {
         return Err(cannot("read signals from a descriptor")(io::Error::last_os_error()));
     }
-    // SAFETY: the descriptor is new and nobody else's.
+    // SAFETY: the descriptor is new and has no other owner.
     Ok(unsafe { File::from_raw_fd(fd) })
 }

@@ -1,4 +1,4 @@
-//! What is typed, on its way to the guest: bounded, whoever types.
+//! What is typed, on its way to the guest: bounded, whether a person or a program types.
 //!
 //! A guest takes what it likes, and a program can type without end. So no more than [`PER_TICK`] is read
 //! in a tick, and no more than [`PENDING`] is kept. What happens then depends on who types. A program
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn with_nobody_to_type_to_no_more_is_read_than_in_a_tick() {
+    fn without_a_guest_to_type_to_no_more_is_read_than_in_a_tick() {
         let mut typing = Typing::of(Yes, false);
         for _ in 0..100 {
             assert_eq!(turn(&mut typing, usize::MAX), PER_TICK);

@@ -54,7 +54,7 @@ impl ExitCount {
         if fd < 0 {
             return None;
         }
-        // SAFETY: the descriptor is new and nobody else's.
+        // SAFETY: the descriptor is new and has no other owner.
         let statistics = unsafe { File::from_raw_fd(fd) };
         let mut header = [0; HEADER_LEN];
         statistics.read_exact_at(&mut header, 0).ok()?;

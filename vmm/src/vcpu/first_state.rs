@@ -17,7 +17,7 @@
 //! interface, and the adjustment of the time stamp counter. At a restart only what differs is written,
 //! since some writes have effects of their own. Two registers of AMD's KVM does not let anybody put
 //! back, so a PLC cannot change them ([`machine::for_plc`]). It is done by the partition's thread in a window of its
-//! partition's, so it takes time from nobody else.
+//! partition's, so it takes no time from others.
 
 use std::sync::Arc;
 

@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ring_that_kvm_does_not_take_is_for_nobody() {
+    fn a_ring_that_kvm_does_not_take_wakes_no_partition() {
         let (mut guest, _memory, _end) = guest();
         for number in [0u32, 1, 41, 42, u32::MAX] {
             let ring = VcpuExit::IoOut(port::DOORBELL, &number.to_le_bytes());
@@ -358,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_answers_reads_as_ones_and_is_counted() {
+    fn what_no_device_answers_reads_as_ones_and_is_counted() {
         let (mut guest, _memory, _end) = guest();
         let mut data = [0; 4];
         assert_eq!(guest.handle(VcpuExit::IoIn(0x60, &mut data)), Step::Resume);

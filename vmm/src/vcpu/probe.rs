@@ -3,7 +3,7 @@
 //! Only the thread that owns a vCPU can look at its state, and only while the guest is out. So the
 //! supervisor notes a question and kicks; the thread looks, leaves the answer in some atomics, and
 //! goes back into the guest. A question is not asked again before its answer was taken, so the answer
-//! has one writer at a time. Nobody waits: the answer of a thread that gets no processor is late.
+//! has one writer at a time. Neither side waits: the answer of a thread that gets no processor is late.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 

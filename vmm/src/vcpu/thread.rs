@@ -74,7 +74,7 @@ pub enum ThreadError {
         source: io::Error,
     },
     /// The thread could not enter its CPU's scheduling domain.
-    #[error("thread {name} cannot enter the scheduling domain of CPU {cpu}: {source}; has somebody changed Takt's cgroups?", cpu = cpu.0)]
+    #[error("thread {name} cannot enter the scheduling domain of CPU {cpu}: {source}; were Takt's cgroups changed?", cpu = cpu.0)]
     Enter {
         /// The thread.
         name: String,
@@ -85,7 +85,7 @@ pub enum ThreadError {
     },
     /// The thread could not enter its group.
     #[error(
-        "thread {name} cannot enter its group of the resctrl file system: {source}; has somebody changed Takt's groups?"
+        "thread {name} cannot enter its group of the resctrl file system: {source}; were Takt's groups changed?"
     )]
     Group {
         /// The thread.
@@ -165,7 +165,7 @@ pub enum ThreadError {
 fn remedy(error: &io::Error) -> &'static str {
     match error.raw_os_error() {
         Some(libc::EPERM) => {
-            "run as root (CAP_SYS_NICE); if this is root, somebody has changed the CPU's scheduling domain (cpuset.cpus.partition) since Takt looked"
+            "run as root (CAP_SYS_NICE); if this is root, the CPU's scheduling domain (cpuset.cpus.partition) was changed since Takt looked"
         }
         Some(libc::EBUSY) => {
             "the CPU's real-time bandwidth is taken: end other SCHED_DEADLINE threads or make the windows shorter"

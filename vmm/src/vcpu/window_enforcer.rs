@@ -1,6 +1,6 @@
 //! Ending windows.
 //!
-//! One thread per CPU sleeps from one window's end to the next and kicks whoever is still inside.
+//! One thread per CPU sleeps from one window's end to the next and kicks a vCPU that is still inside.
 //! It is a SCHED_DEADLINE thread with an earlier deadline than any vCPU's, so it preempts the
 //! offender at once, also where both share their only CPU. Timers that deliver a signal would be
 //! simpler, but on a PREEMPT_RT kernel they expire in a thread that the vCPU itself starves;
@@ -40,8 +40,8 @@ pub struct Windows {
 pub fn run(windows: &Windows, base: &Timebase, own: &Control) {
     let Windows { timetable, owners, board, quiet, steering, deadlines } = windows;
     let mut slot = timetable.first(board.switch());
-    // Most of its wake-ups find nobody, so it saves those between: of a clock that is steered it is told by
-    // a kick, and looks at it again.
+    // Most of its wake-ups find no vCPU to kick, so it saves those between: of a clock that is steered it is told
+    // by a kick, and looks at it again.
     let sleeper = Sleeper::new(base.frequency).lazy();
     let mut sleeper = sleeper.by_a_clock_whose_steering_is(*steering);
     if let Some(quiet) = quiet {

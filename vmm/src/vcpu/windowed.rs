@@ -196,7 +196,7 @@ impl Windowed {
             let expired = matches!(ran.outcome, Outcome::Expired);
             self.tick.window_over(kickable.vcpu(), expired);
             let ended = match ran.outcome {
-                // Nobody wants to know of a window that the end of the run has cut.
+                // A window that the end of the run has cut is not recorded.
                 Outcome::Ended(End::Stopped) => return End::Stopped,
                 Outcome::Ended(end) => Some(end),
                 Outcome::Done | Outcome::Expired => None,

@@ -141,7 +141,7 @@ impl Policy {
         several.map(|(name, versions)| format!("{name}: several versions: {versions:?}")).collect()
     }
 
-    /// An exception that is left over would let in what nobody has decided upon.
+    /// An exception that is left over would let in what was not decided upon.
     fn unused(&self, packages: &[Package]) -> Vec<String> {
         let count = |name: &str| packages.iter().filter(|p| p.name == name).count();
         let skips = self.bans.skip.iter().filter(|skip| {

@@ -1,4 +1,4 @@
-//! Owners that follow each other at one end: nothing is made void, and nobody notices.
+//! Owners that follow each other at one end: no message is made void, and the other end does not notice.
 
 use takt_channel::{
     Geometry, Policy, QueuingDestination, QueuingSource, ReadError, ReceiveError,

@@ -1,4 +1,4 @@
-//! What a bystander sees, that nobody notices it, and that no lie takes it in.
+//! What a bystander sees, that neither end notices it, and that no lie takes it in.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -68,7 +68,7 @@ fn what_was_overwritten_is_told_until_the_destination_has_noticed() {
 }
 
 #[test]
-fn nobody_notices_a_bystander() {
+fn neither_end_notices_a_bystander() {
     let queue = Queue::new(MAXIMUM, 2, Policy::Overwrite);
     let mut source = queue.source();
     (1..=7).for_each(|n| source.send(b"x", Tsc(n)).unwrap());

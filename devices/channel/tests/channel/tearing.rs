@@ -14,7 +14,7 @@ use takt_channel::{
 use crate::memory::{Queue, Region, Watched, number_of, whole};
 
 const MAXIMUM: usize = 20;
-/// Looks of the longest operation that meets nobody.
+/// Looks of the longest operation that meets no other.
 const LOOKS: usize = 16;
 
 #[test]

@@ -32,7 +32,7 @@ pub struct Inside {
     pub bus_off: bool,
     /// Frames that have been sent, as bytes of the transmit buffer.
     pub sent: Vec<[u8; 13]>,
-    /// Nobody acknowledges: what is to be sent stays in the buffer.
+    /// No other node acknowledges: what is to be sent stays in the buffer.
     pub alone: bool,
     /// Keeps its receive buffer in reset mode, as QEMU's does.
     pub keeps_received: bool,

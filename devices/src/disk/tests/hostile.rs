@@ -1,4 +1,4 @@
-//! What no driver does. The server touches nothing but the guest's RAM, never panics, does a queue's
+//! What no driver does. The server touches only the guest's RAM, never panics, does a queue's
 //! worth of work at most, and serves the next guest as if nothing had been.
 
 use std::sync::mpsc::{Receiver, Sender, channel};

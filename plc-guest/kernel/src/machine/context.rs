@@ -66,7 +66,7 @@ const _: () = assert!(FRAME_END.is_multiple_of(16), "the processor aligns the st
 
 /// Interrupts on, and the bit that is always set.
 const FLAGS: u64 = 1 << 9 | 1 << 1;
-/// Flags of the kernel: none but the bit that is always set.
+/// Flags of the kernel: only the bit that is always set.
 const KERNEL_FLAGS: u64 = 1 << 1;
 /// State of the x87 unit and of SSE after a reset: all exceptions masked.
 const X87_CONTROL: u16 = 0x37f;

@@ -88,7 +88,7 @@ const ENTRIES: u64 = 512;
 const _: () = assert!(CODE & ((1 << 30) - 1) == 0 && TASK_INFORMATION >> 30 == CODE >> 30);
 
 impl Space {
-    /// With the kernel and nothing else, and room for the code and constants of a bank of this size, twice.
+    /// With only the kernel, and room for the code and constants of a bank of this size, twice.
     pub fn new(pages: &mut Pages, bank_bytes: u64) -> Result<Self, OutOfMemory> {
         let root = pages.take(PAGE)?;
         let pointers = pages.take(PAGE)?;

@@ -165,7 +165,7 @@ pub enum Event {
 }
 
 impl Task {
-    /// A task of priority 0 with 16 KiB of stack and nothing else.
+    /// A task of priority 0 with 16 KiB of stack and default values otherwise.
     #[must_use]
     pub fn new(name: &str, when: When, entry: CodeOffset) -> Self {
         Self {

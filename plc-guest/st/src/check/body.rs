@@ -12,7 +12,7 @@ use crate::hir::{
 use crate::source::Span;
 use crate::syntax::ast::{self, Name};
 
-/// A unit while it is checked, or nothing but the names at the top for the constants of a declaration.
+/// A unit while it is checked, or only the names at the top for the constants of a declaration.
 pub(super) struct Body<'c, 'a> {
     pub(super) checker: &'c mut Checker<'a>,
     /// The unit's index.

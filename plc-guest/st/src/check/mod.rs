@@ -86,7 +86,7 @@ pub fn check(
 enum Progress {
     /// Not begun.
     Waiting,
-    /// Begun: whoever needs it now is a part of it.
+    /// Begun: a declaration that needs it now is a part of it.
     Begun,
     /// Done, perhaps with errors.
     Done,

@@ -437,7 +437,7 @@ impl<'w, 'a> Layout<'w, 'a> {
         self.last_word().is_some_and(Word::ends_line)
     }
 
-    /// Whether the last line has nothing but comments.
+    /// Whether the last line has only comments.
     fn line_is_remarks(&self) -> bool {
         self.lines.last().is_some_and(|line| line.pieces.iter().all(|piece| piece.word.is_remark()))
     }

@@ -66,7 +66,7 @@ impl Index {
     /// If the system has no room for a thread (see [`stack`]).
     pub fn new(sources: &Sources, own: usize) -> std::io::Result<Self> {
         stack::with_room(|| {
-            // What is wrong was already told by whoever checks the project.
+            // What is wrong was already told when the project was checked.
             let mut unseen = Diagnostics::new();
             let trees: Vec<File> =
                 sources.iter().map(|(file, _)| parser::parse(file, sources, &mut unseen)).collect();

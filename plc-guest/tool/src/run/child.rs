@@ -52,7 +52,7 @@ struct Rseq {
 }
 
 impl Child {
-    /// A process with nothing but `memory` mapped, stopped before the program's first instruction.
+    /// A process with only `memory` mapped, stopped before the program's first instruction.
     pub fn new(memory: &Memory) -> Result<Self, HostError> {
         let mut set = MaybeUninit::uninit();
         // SAFETY: `set` is initialised by the first call. SIGCHLD is blocked so that `wait` can take it.

@@ -65,7 +65,7 @@ impl Memory {
         if fd < 0 {
             return Err(HostError::last("memfd_create"));
         }
-        // SAFETY: the descriptor is new and nobody else's.
+        // SAFETY: the descriptor is new and has no other owner.
         let file = unsafe { OwnedFd::from_raw_fd(fd) };
         // SAFETY: an own file is made larger. It has at most some hundred MiB.
         if unsafe { libc::ftruncate(fd, bytes.cast_signed()) } != 0 {

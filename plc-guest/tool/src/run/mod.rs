@@ -1,7 +1,7 @@
 //! Runs a program on this machine.
 //!
 //! The program is native code for fixed addresses, so it runs as it is, in a process of its own that has
-//! nothing but the program mapped, at the addresses and with the rights that it has in the guest. That process is
+//! only the program mapped, at the addresses and with the rights that it has in the guest. That process is
 //! traced, and `PTRACE_SYSEMU` makes each system call a stop that the kernel of this machine does not carry out:
 //! whatever the program does, it can only compute, fault, or ask this tool. Syscall user dispatch with a
 //! seccomp filter would be faster by some microseconds a call, but leaves the tool's memory in the program's reach.

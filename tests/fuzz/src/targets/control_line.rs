@@ -1,4 +1,4 @@
-//! A line from whoever may open the control socket.
+//! A line from a client that may open the control socket.
 
 use takt_protocol::Request;
 

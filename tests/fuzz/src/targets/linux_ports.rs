@@ -20,7 +20,7 @@ const LONGEST: usize = 64;
 /// # Panics
 /// If a device leaves its ports, or answers more than it was asked for.
 pub fn run(mut data: &[u8]) {
-    // With its stop set, a full ring is an error and nobody waits.
+    // With its stop set, a full ring is an error and the writer does not wait.
     let (text, mut end) = output::waiting(Arc::new(AtomicBool::new(true)));
     let irq = IrqLine(EventFd::new(EFD_NONBLOCK).expect("an eventfd"));
     let console = SerialPort::new(irq, text);

@@ -1,4 +1,4 @@
-//! Program images. They come from the tool of whoever wrote the program, over a USB stick or a network.
+//! Program images. They come from the tool of the program's author, over a USB stick or a network.
 
 use takt_program::{Area, Image, Type, TypeKind};
 

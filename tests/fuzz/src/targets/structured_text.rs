@@ -1,4 +1,4 @@
-//! A source for the Structured Text compiler, from whoever wrote it.
+//! A source for the Structured Text compiler.
 
 use takt_st::diagnostic::{json, text};
 use takt_st::project;

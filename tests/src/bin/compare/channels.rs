@@ -54,7 +54,7 @@ pub fn sampling() -> io::Result<Ends> {
 fn region(bytes: usize) -> io::Result<(OwnPages<'static>, PeerPages<'static>)> {
     let words = (0..bytes.div_ceil(8)).map(|_| AtomicU64::new(0)).collect::<Vec<_>>().leak();
     let (start, bytes) = (NonNull::from_ref(words).cast(), size_of_val(words));
-    // SAFETY: leaked, so mapped for ever, and made of atomics, which nobody else has.
+    // SAFETY: leaked, so mapped for ever, and made of atomics, which have no other owner.
     let own = unsafe { OwnPages::new(start, bytes) };
     // SAFETY: as above.
     let peer = unsafe { PeerPages::new(start, bytes) };

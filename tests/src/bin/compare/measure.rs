@@ -125,7 +125,7 @@ fn times(mut ticks: Vec<u64>, ns_per_tick: f64) -> Times {
 }
 
 fn tsc() -> u64 {
-    // SAFETY: every x86-64 processor has the instruction, and nobody disabled it here.
+    // SAFETY: every x86-64 processor has the instruction, and it is not disabled here.
     unsafe { std::arch::x86_64::_rdtsc() }
 }
 

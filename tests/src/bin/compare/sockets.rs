@@ -63,7 +63,7 @@ pub fn vsock() -> io::Result<Ends> {
     let to = check(unsafe {
         libc::accept(listener.as_raw_fd(), std::ptr::null_mut(), std::ptr::null_mut())
     })?;
-    // SAFETY: a new descriptor that nobody else has.
+    // SAFETY: a new descriptor that has no other owner.
     let to = unsafe { OwnedFd::from_raw_fd(to) };
     Ok((Box::new(Stream(File::from(from))), Box::new(Stream(File::from(to)))))
 }
@@ -72,7 +72,7 @@ fn vsock_socket() -> io::Result<OwnedFd> {
     // SAFETY: no memory is involved.
     let socket =
         check(unsafe { libc::socket(libc::AF_VSOCK, libc::SOCK_STREAM | libc::SOCK_CLOEXEC, 0) })?;
-    // SAFETY: a new descriptor that nobody else has.
+    // SAFETY: a new descriptor that has no other owner.
     Ok(unsafe { OwnedFd::from_raw_fd(socket) })
 }
 

@@ -126,6 +126,6 @@ fn become_command(command: &[&str]) -> io::Result<()> {
 }
 
 fn now() -> u64 {
-    // SAFETY: every x86-64 processor has the instruction, and nobody disabled it here.
+    // SAFETY: every x86-64 processor has the instruction, and it is not disabled here.
     unsafe { _rdtsc() }
 }

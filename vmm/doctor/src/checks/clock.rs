@@ -97,7 +97,8 @@ pub fn steering(host: &Host) -> Finding {
             "adjtimex",
         );
     };
-    let kept = if steering.synchronised() { "kept by NTP" } else { "nobody keeps it (STA_UNSYNC)" };
+    let kept =
+        if steering.synchronised() { "kept by NTP" } else { "not kept by any daemon (STA_UNSYNC)" };
     let found = format!(
         "{:+.1} ppm, {:+.0} ppm of it by the length of a tick ({} us); {kept}",
         steering.ppm(),

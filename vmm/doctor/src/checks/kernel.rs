@@ -22,13 +22,13 @@ pub fn preemption(host: &Host) -> Finding {
     let remedy =
         "install and start a PREEMPT_RT kernel; in Debian: apt install linux-image-rt-amd64";
     if model.as_deref() == Some("full") {
-        let cost = "wake-ups wait for interrupt handlers and for whoever holds a spin lock; most are early enough, and nobody bounds the rest";
+        let cost = "wake-ups wait for interrupt handlers and spin locks; most are early enough, and the rest has no bound";
         return Finding::warning(CHECK, found, cost, remedy);
     }
     Finding::cannot(
         CHECK,
         found,
-        "a wake-up waits until the kernel is done with whatever it is doing, and nobody bounds that",
+        "a wake-up waits until the kernel is done with what it is doing, and that has no bound",
         format!("{remedy}; better than nothing: the kernel parameter preempt=full"),
     )
 }

@@ -58,7 +58,7 @@ pub fn locking(host: &Host, demand: &Demand) -> Finding {
     let found = format!("this user may lock {limit} bytes, and takt needs {}", mib(needed));
     let cost =
         "takt run does not start: a page that comes and goes would be a page fault in a window";
-    // Who may use real-time classes is who will run takt; anybody else is only looking.
+    // Only a user who may use real-time classes can run takt; others are only looking.
     if host.may(Capability::Schedule) {
         Finding::cannot(CHECK, found, cost, "ulimit -l unlimited")
     } else {

@@ -4,7 +4,7 @@ use crate::demand::Demand;
 use crate::finding::Finding;
 use crate::host::Host;
 
-/// Whether the host is a machine, and not somebody's guest.
+/// Whether the host is a physical machine, and not a guest.
 pub fn bare_metal(host: &Host) -> Finding {
     const CHECK: &str = "bare-metal";
     let model = host.processor("model name").unwrap_or_else(|| "unknown".into());
@@ -14,7 +14,7 @@ pub fn bare_metal(host: &Host) -> Finding {
     Finding::warning(
         CHECK,
         format!("this host is a virtual machine ({model})"),
-        "whoever runs it takes its CPUs away whenever he likes, and no setting in here prevents it",
+        "the host below can take its CPUs away at any time, and no setting in here prevents it",
         "run takt on the machine itself; or give this machine physical CPUs of its own there",
     )
 }

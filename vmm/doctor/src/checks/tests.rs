@@ -40,7 +40,7 @@ fn a_kernel_without_preempt_rt_cannot() {
 }
 
 #[test]
-fn how_a_kernel_is_preempted_is_told_by_whoever_knows_best() {
+fn how_a_kernel_is_preempted_is_told_by_the_best_source() {
     let host = Recorded::named("appliance-cloud");
     let word = |host: &Recorded| {
         let finding = finding(host, "preemption");
@@ -340,7 +340,7 @@ fn shares_of_the_cache_are_planned_as_the_run_would() {
     let many = with(&host, Some(12), &mut demand);
     assert_eq!(many.severity, Cannot);
     assert_eq!(many.remedy.unwrap(), "at most 10 ways for all partitions together");
-    // What a killed Takt has left is in nobody's way.
+    // What a killed Takt has left does not count.
     let left = host
         .clone()
         .with("sys/fs/resctrl/schemata", "L3:0=7f0;1=7ff")

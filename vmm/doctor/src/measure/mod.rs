@@ -1,4 +1,4 @@
-//! What is measured, because nobody's word is good enough for it.
+//! What is measured, because what the host says of itself is not enough.
 //!
 //! Each part measures into a value of its own and judges it in a function of that value, which is
 //! what the tests test. Nothing stays behind: threads end, and the kernel takes back what they had.

@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn bus_locks_that_nobody_tells_of_are_told_where_there_is_another_cpu() {
+    fn bus_locks_that_are_not_reported_are_told_where_there_is_another_cpu() {
         let of = |host: &str, told| bus_locks(&Recorded::named(host).unpack().host, told).severity;
         assert_eq!(of("workstation", true), Severity::Good);
         assert_eq!(of("workstation", false), Severity::Warning);

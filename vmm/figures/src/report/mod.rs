@@ -1,6 +1,6 @@
 //! What a run tells at its end: a table for people and the same as JSON for programs.
 //!
-//! The types are those of whoever writes a report and of whoever reads one.
+//! The writer and the readers of a report share these types.
 
 mod net;
 mod partition;
@@ -53,11 +53,11 @@ pub struct Report {
     pub host_ports: Vec<HostPort>,
     /// What Takt itself held.
     pub process: Process,
-    /// What of Takt's own output has reached nobody.
+    /// What of Takt's own output was lost.
     pub output: Output,
 }
 
-/// What of Takt's own output has reached nobody, because it was not read or its disk did not keep up. What
+/// What of Takt's own output was lost, because it was not read or its disk did not keep up. What
 /// partitions lost is told of each of them.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Output {

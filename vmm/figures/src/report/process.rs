@@ -18,7 +18,7 @@ pub struct Process {
 /// How long a run took to start.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Starting {
-    /// From the command to the epoch, the first release; `null` if nobody took the time. The kernel's
+    /// From the command to the epoch, the first release; `null` if it was not taken. The kernel's
     /// part, which loads Takt itself, is not in it.
     pub first_release_ns: Option<u64>,
     /// Of that: what it took to get and clear the guests' memory. In the appliance, huge pages are set aside for it first.

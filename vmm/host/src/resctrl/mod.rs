@@ -137,7 +137,7 @@ pub enum ResctrlError {
     },
     /// The default group does not have the whole cache.
     #[error(
-        "somebody has divided L3 cache {domain}: its default group has the ways {has:#x} of {all:#x}"
+        "L3 cache {domain} is divided already: its default group has the ways {has:#x} of {all:#x}"
     )]
     Divided {
         /// Which cache.
@@ -211,7 +211,7 @@ impl ResctrlError {
                 format!("memory_bandwidth = {}", down.max(*least))
             }
             Self::TooManyGroups { .. } => {
-                "rmdir groups that nobody needs, or give fewer partitions `cache` and `memory_bandwidth`".into()
+                "rmdir groups that are not needed, or give fewer partitions `cache` and `memory_bandwidth`".into()
             }
         }
     }

@@ -135,7 +135,7 @@ fn enough_groups(wanted: usize, others: usize, info: Info) -> Result<(), Resctrl
 struct Division {
     /// The lowest way that no partition has yet.
     next: u32,
-    /// What nobody has for himself.
+    /// The ways that no partition has for itself.
     rest: u32,
 }
 

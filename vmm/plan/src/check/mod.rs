@@ -1,8 +1,8 @@
 //! `takt check`: what a partition file means, before anything is started from it.
 //!
-//! A schedule is numbers in a file, and what they amount to (who runs when, what is left for the
-//! background, whether the tasks are in time, what the kernel is asked for) is arithmetic that
-//! nobody should do by hand. All of it is ASCII, because a machine in a control cabinet is read
+//! A schedule is numbers in a file. What they amount to (who runs when, what is left for the
+//! background, whether the tasks are in time, what the kernel is asked for) is computed here, not
+//! by hand. All of it is ASCII, because a machine in a control cabinet is read
 //! over a serial line.
 //!
 //! [`needs`] is the other answer: the same file for a script that starts a machine for it.

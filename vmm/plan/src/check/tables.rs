@@ -148,7 +148,7 @@ pub fn reservations(out: &mut String, file: &PartitionFile) {
     }
 }
 
-/// Whose deadlines nobody has looked at.
+/// The partitions whose deadlines were not analysed.
 pub fn not_analysed(out: &mut String, file: &PartitionFile) {
     for partition in file.partitions() {
         let has_tasks = !partition.tasks().is_empty() || !partition.programs().is_empty();

@@ -1,7 +1,7 @@
 //! The tables of the health monitor: who does what about which error.
 //!
 //! Each `[[health]]` is one row, and what has no row keeps its default. A row that could never be
-//! used is refused, as is a second one for the same error: whoever wrote it believes something that
+//! used is refused, as is a second one for the same error: its author believes something that
 //! is not so, and would find out on the day of the error.
 
 use takt_scheduler::time::Nanos;
@@ -36,7 +36,7 @@ pub(crate) fn check(
         let fault = check_fault(&raw.error, kind)?;
         if fault == Fault::PartitionSilent && owner.partition.watchdog.is_none() {
             let found =
-                format!("nobody looks for a sign of life of {}", quote(&owner.partition.name));
+                format!("no watchdog looks for a heartbeat of {}", quote(&owner.partition.name));
             let allowed = "this error for a partition with a `watchdog`";
             return Err(Diagnostic::new(raw.error.span(), found, allowed)
                 .and(owner.header.clone(), "the partition"));

@@ -90,7 +90,7 @@ pub struct Table {
 
 impl Table {
     /// For a PLC of which the file says nothing: it goes on as long as it can, and is not started
-    /// again, since nobody has said that its plant can bear it.
+    /// again, since the file does not say that its plant can bear it.
     pub const PLC: Table = Table {
         actions: [
             Action::Log,

@@ -1,4 +1,4 @@
-//! Clients that hang, flood and lie cost nobody but themselves.
+//! Clients that hang, flood and lie harm only themselves.
 
 use std::io::Write;
 
@@ -24,7 +24,7 @@ fn random(state: &mut u64) -> u64 {
 }
 
 #[test]
-fn garbage_is_answered_with_an_error_each_and_harms_nobody() {
+fn garbage_is_answered_with_an_error_each_and_does_no_harm() {
     let mut served = Served::new();
     let (mut hostile, mut other) = (served.client(), served.client());
     let valid = Request::Restart("plc".into(), Mode::Cold).line();
@@ -156,7 +156,7 @@ fn force() -> Vec<u8> {
 }
 
 #[test]
-fn a_change_is_answered_when_it_is_done_and_holds_up_nobody_else() {
+fn a_change_is_answered_when_it_is_done_and_holds_up_no_other_client() {
     let mut served = Served::new();
     let (mut waiting, mut other) = (served.client(), served.client());
     waiting.send(&force());

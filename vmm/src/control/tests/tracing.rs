@@ -1,4 +1,4 @@
-//! Traces: what is told, to whom, how long, and what becomes of what nobody takes.
+//! Traces: what is told, to whom, how long, and what becomes of what is not read.
 
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::table::PartitionId;
@@ -163,7 +163,7 @@ fn a_window_that_cannot_be_is_not_rebuilt() {
         spoil(&mut window);
         window.record(&trace_start())
     };
-    assert_eq!(spoilt(&|w| w.partition = "nobody".into()), None);
+    assert_eq!(spoilt(&|w| w.partition = "unknown".into()), None);
     assert_eq!(spoilt(&|w| w.schedule = "never".into()), None);
     assert_eq!(spoilt(&|w| w.detours[0].at = Some(0x1_0000)), None);
     assert_eq!(spoilt(&|w| w.detours[0].at = None), None);

@@ -32,7 +32,7 @@ fn every_client_gets_each_sample_once_with_its_age_and_a_late_one_gets_the_newes
 }
 
 #[test]
-fn a_client_that_does_not_read_misses_samples_and_nobody_else_does() {
+fn a_client_that_does_not_read_misses_samples_and_no_other_does() {
     let mut bench = Bench::new(SAMPLING, 60_000, HostPort::Socket, false);
     let mut ports = bench.open();
     let mut guest = bench.sampling_source();
@@ -61,7 +61,7 @@ fn a_queue_waits_for_a_client_and_then_comes_once_and_in_order() {
         guest.send(&number(n), bench.stamp()).unwrap();
     }
     bench.tick(&mut ports);
-    assert!(guest.send(&number(3), bench.stamp()).is_err(), "taken for nobody");
+    assert!(guest.send(&number(3), bench.stamp()).is_err(), "taken without a client");
 
     let client = connect(&bench.path()).unwrap();
     bench.tick(&mut ports);

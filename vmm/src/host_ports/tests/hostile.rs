@@ -1,4 +1,4 @@
-//! Clients and guests that do what they should not: they cost their own messages and nothing else.
+//! Clients and guests that do what they should not: they cost only their own messages.
 
 use super::*;
 
@@ -43,7 +43,7 @@ fn a_flood_costs_no_more_than_a_tick_may_cost() {
 }
 
 #[test]
-fn a_client_that_is_not_served_for_now_wakes_nobody() {
+fn a_client_that_is_not_served_for_now_wakes_no_thread() {
     let mut bench = Bench::new(queuing(1, WhenFull::Refuse), MAXIMUM, HostPort::Socket, true);
     let mut ports = bench.open();
     let _guest = bench.queuing_destination();

@@ -108,7 +108,7 @@ impl Device {
         sys::interrupt(&self.file, IrqAction::Trigger(signal.as_raw_fd()))
     }
 
-    /// VFIO opens a line with its first eventfd. That one is nobody's, and with the next one the
+    /// VFIO opens a line with its first eventfd. That one has no reader, and with the next one the
     /// line stays as it is: so nothing comes before the guest asks for it.
     fn close_line(&self) -> io::Result<()> {
         self.connect(&eventfd()?)?;
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_nobody_wants_stays_closed() {
+    fn a_line_that_is_not_asked_for_stays_closed() {
         let (unwanted, command) = device(0, false);
         unwanted.let_master(true).unwrap();
         assert_eq!(command(), 0x0407);

@@ -11,7 +11,7 @@ use std::path::Path;
 use super::super::error::DeviceError;
 
 /// Class codes of bridges between buses begin with this (PCI Code and ID Assignment, "Base Class
-/// 06h"). VFIO allows one in a group with its driver: nobody but the kernel programs it.
+/// 06h"). VFIO allows one in a group with its driver: only the kernel programs it.
 const BRIDGE: &str = "0x0604";
 
 /// The number of the group of the function `name`, whose folder is in `devices`, if all others of its

@@ -160,7 +160,7 @@ pub fn device(group: &File, name: &std::ffi::CStr) -> io::Result<File> {
     // SAFETY: the kernel reads a string that ends with a NUL.
     let fd =
         check(unsafe { ioctl_with_ptr(group, GROUP_GET_DEVICE_FD, name.as_ptr().cast_mut()) })?;
-    // SAFETY: the descriptor is new and nobody else's.
+    // SAFETY: the descriptor is new and has no other owner.
     Ok(unsafe { File::from_raw_fd(fd) })
 }
 

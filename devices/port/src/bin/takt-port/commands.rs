@@ -95,7 +95,7 @@ impl<'p> Source<'p> {
                     error @ (CallError::Read(ReadError::Unstable | ReadError::Hostile(_))
                     | CallError::Receive(ReceiveError::Unstable | ReceiveError::Hostile(_))),
                 ) => {
-                    // If nobody reads the complaints, the messages still count.
+                    // An error is ignored: without a reader of the complaints the messages still count.
                     let _ = writeln!(io::stderr(), "takt-port: {}: {error}", options.port);
                     // It may go on lying at once.
                     thread::sleep(POLL_INTERVAL);

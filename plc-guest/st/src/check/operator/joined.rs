@@ -9,7 +9,7 @@ use crate::hir::{Constant, Conversion, Elementary, Expr, Type, TypeId};
 use crate::source::Span;
 
 impl<'a> Body<'_, 'a> {
-    /// The elementary type of a value, if it is of one and nothing else.
+    /// The elementary type of a value, if it is of exactly one.
     pub(in crate::check) fn plain(&self, ty: TypeId) -> Option<Elementary> {
         match self.checker.program.types.get(ty) {
             Type::Elementary(elementary) => Some(*elementary),

@@ -52,7 +52,7 @@ fn a_chain_without_end_is_an_error_and_no_exhausted_stack() {
 }
 
 #[test]
-fn a_text_of_nothing_but_errors_is_read_to_its_end() {
+fn a_text_of_errors_only_is_read_to_its_end() {
     for piece in ["(* ", "IF ", "; ", "VAR ", "END_IF ", "{", "'", ":= ", "CASE ", "x : ", "\u{1}"]
     {
         let text = format!("PROGRAM p\n{}", piece.repeat(50_000));

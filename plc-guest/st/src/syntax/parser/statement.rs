@@ -114,7 +114,7 @@ impl Parser<'_> {
         }
     }
 
-    /// An assignment, a call, or a label of CASE, which is left to whoever reads CASE.
+    /// An assignment or a call. A label of CASE is left to the parser of CASE.
     fn simple_statement(&mut self) -> Parse<Option<StatementKind>> {
         if self.case && self.at_label() {
             return Ok(None);
