@@ -22,6 +22,7 @@ pub mod host_watchdog;
 pub mod huge_pages;
 pub mod init_watch;
 pub mod interrupts;
+pub mod kernel_tree;
 pub mod kernel_watch;
 pub mod linux_machine;
 pub mod live;

@@ -1,10 +1,7 @@
-//! The few things that are asked of the kernel to set a CPU apart.
-//!
-//! They are a trait, because what matters in [`setup`](super::setup) is the order of the steps and
-//! what happens when one is refused, and a test must be able to refuse any of them.
+//! What is asked of the kernel to set a CPU apart, beside the tree of its cgroups.
 
-use std::fs::{self, File, OpenOptions};
-use std::io::{self, Write};
+use std::fs;
+use std::io;
 use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
@@ -14,7 +11,7 @@ use takt_scheduler::reservation::Reservation;
 use takt_scheduler::table::Cpu;
 use takt_scheduler::time::Nanos;
 
-use takt_host::mounts::{self, HierarchyError};
+use crate::kernel_tree::{LockedTree, Tree, write_line};
 
 /// A share of one per cent: small enough to be free on any CPU that is worth running on. What the
 /// thread has used of it stays reserved for up to a period after its end.
@@ -24,16 +21,8 @@ const TRIAL: Reservation =
 const STACK: usize = 64 * 1024;
 const PAUSE: Duration = Duration::from_millis(1);
 
-/// A cgroup hierarchy and its scheduler. Paths are relative to the root cgroup, with `""` for it.
-pub trait Kernel {
-    /// What a file says.
-    fn read(&self, path: &str) -> io::Result<String>;
-    /// Writes to a file that is there.
-    fn write(&self, path: &str, text: &str) -> io::Result<()>;
-    /// Makes a cgroup.
-    fn make(&self, path: &str) -> io::Result<()>;
-    /// Removes a cgroup, which must have no threads.
-    fn remove(&self, path: &str) -> io::Result<()>;
+/// A cgroup v2 hierarchy and its scheduler. A cgroup that is removed must have no threads.
+pub trait Kernel: Tree {
     /// The cgroup that this process is in.
     fn home(&self) -> io::Result<String>;
     /// The name of a thread.
@@ -43,8 +32,6 @@ pub trait Kernel {
     fn refusal(&self, cpu: Cpu, cgroup: Option<&str>) -> io::Result<Option<io::Error>>;
     /// Waits a little for something that is about to happen.
     fn pause(&self);
-    /// For error texts, and for threads to enter.
-    fn full_path(&self, path: &str) -> PathBuf;
 }
 
 /// A cgroup that threads of this process may enter.
@@ -66,7 +53,7 @@ impl Entry {
     /// What the kernel says.
     pub fn enter(&self) -> io::Result<()> {
         // 0 is the writer itself (kernel/cgroup/cgroup.c, `cgroup_procs_write_start`).
-        overwrite(&self.threads, "0")
+        write_line(&self.threads, "0")
     }
 }
 
@@ -94,48 +81,7 @@ pub fn refusal(cpu: Cpu, entry: Option<Entry>) -> io::Result<Option<io::Error>> 
     }
 }
 
-/// The host's cgroup v2 hierarchy.
-pub struct Cgroup2 {
-    root: PathBuf,
-    /// Locked while this value lives. Two processes that both find, enable and take back what
-    /// they share could not know what is whose.
-    _lock: File,
-}
-
-impl Cgroup2 {
-    /// Finds it, and keeps other Takts from changing it.
-    ///
-    /// # Errors
-    /// See [`HierarchyError`].
-    pub fn find() -> Result<Self, HierarchyError> {
-        let root = mounts::find()?;
-        let unreadable = |source| HierarchyError::Read { path: root.clone(), source };
-        let lock = File::open(&root).map_err(unreadable)?;
-        match lock.try_lock() {
-            Ok(()) => Ok(Self { root, _lock: lock }),
-            Err(fs::TryLockError::WouldBlock) => Err(HierarchyError::Locked { path: root }),
-            Err(fs::TryLockError::Error(source)) => Err(unreadable(source)),
-        }
-    }
-}
-
-impl Kernel for Cgroup2 {
-    fn read(&self, path: &str) -> io::Result<String> {
-        fs::read_to_string(self.full_path(path))
-    }
-
-    fn write(&self, path: &str, text: &str) -> io::Result<()> {
-        overwrite(&self.full_path(path), text)
-    }
-
-    fn make(&self, path: &str) -> io::Result<()> {
-        fs::create_dir(self.full_path(path))
-    }
-
-    fn remove(&self, path: &str) -> io::Result<()> {
-        fs::remove_dir(self.full_path(path))
-    }
-
+impl Kernel for LockedTree {
     fn home(&self) -> io::Result<String> {
         let all = fs::read_to_string("/proc/self/cgroup")?;
         let own = all.lines().find_map(|line| line.strip_prefix("0::/"));
@@ -155,13 +101,4 @@ impl Kernel for Cgroup2 {
     fn pause(&self) {
         thread::sleep(PAUSE);
     }
-
-    fn full_path(&self, path: &str) -> PathBuf {
-        self.root.join(path)
-    }
-}
-
-/// Writes without making the file: for a missing one, the kernel then says that it is missing.
-fn overwrite(path: &PathBuf, text: &str) -> io::Result<()> {
-    OpenOptions::new().write(true).open(path)?.write_all(text.as_bytes())
 }

@@ -38,6 +38,7 @@
 mod kernel;
 mod setup;
 
+use std::fs::TryLockError;
 use std::io::{self, Write};
 use std::path::PathBuf;
 
@@ -46,9 +47,12 @@ use takt_scheduler::table::Cpu;
 use thiserror::Error;
 
 pub use kernel::Entry;
-use kernel::{Cgroup2, refusal};
+use kernel::refusal;
 use setup::Setup;
+use takt_host::mounts;
 pub use takt_host::mounts::HierarchyError;
+
+use crate::kernel_tree::LockedTree;
 
 /// CPUs could not be given scheduling domains of their own.
 #[derive(Debug, Error)]
@@ -138,11 +142,20 @@ fn remedy(error: &io::Error) -> &'static str {
     }
 }
 
+/// The host's cgroup v2 hierarchy, kept from other Takts.
+fn find() -> Result<LockedTree, HierarchyError> {
+    let path = mounts::find()?;
+    LockedTree::open(path.clone()).map_err(|error| match error {
+        TryLockError::WouldBlock => HierarchyError::Locked { path },
+        TryLockError::Error(source) => HierarchyError::Read { path, source },
+    })
+}
+
 /// The scheduling domains of a run. Dropping it gives the CPUs back; threads that are in a domain
 /// must have ended, or be about to.
 #[derive(Default)]
 pub struct Domains {
-    setup: Option<Setup<Cgroup2>>,
+    setup: Option<Setup<LockedTree>>,
 }
 
 impl Domains {
@@ -164,8 +177,7 @@ impl Domains {
             }
         }
         let Some((cpu, refused)) = first else { return Ok(Self::default()) };
-        let kernel =
-            Cgroup2::find().map_err(|source| CpusetError::Hierarchy { cpu, refused, source })?;
+        let kernel = find().map_err(|source| CpusetError::Hierarchy { cpu, refused, source })?;
         let setup = Setup::make(kernel, &needed)?;
         for Cpu(cpu) in setup.own() {
             tell(&format!("CPU {cpu} has a scheduling domain of its own"));

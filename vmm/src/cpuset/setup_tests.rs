@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::rc::Rc;
 
 use super::*;
+use crate::kernel_tree::Tree;
 
 #[derive(Default)]
 struct State {
@@ -82,7 +83,7 @@ fn missing() -> io::Error {
     io::Error::from_raw_os_error(libc::ENOENT)
 }
 
-impl Kernel for Fake {
+impl Tree for Fake {
     fn read(&self, path: &str) -> io::Result<String> {
         if path == "cpuset.cpus.effective" {
             let apart = self.apart();
@@ -132,6 +133,12 @@ impl Kernel for Fake {
         Ok(())
     }
 
+    fn full_path(&self, path: &str) -> PathBuf {
+        PathBuf::from("/cgroups").join(path)
+    }
+}
+
+impl Kernel for Fake {
     fn home(&self) -> io::Result<String> {
         Ok(self.0.home.borrow().clone())
     }
@@ -151,10 +158,6 @@ impl Kernel for Fake {
 
     fn pause(&self) {
         self.0.lingering.set(self.0.lingering.get().saturating_sub(1));
-    }
-
-    fn full_path(&self, path: &str) -> PathBuf {
-        PathBuf::from("/cgroups").join(path)
     }
 }
 

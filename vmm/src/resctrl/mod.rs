@@ -13,6 +13,7 @@
 mod kernel;
 mod setup;
 
+use std::fs::TryLockError;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -20,8 +21,8 @@ use takt_host::resctrl::{self, Asked, ResctrlError};
 use thiserror::Error;
 
 use crate::config::Partition;
+use crate::kernel_tree::LockedTree;
 pub use kernel::Entry;
-use kernel::FileSystem;
 use setup::Setup;
 
 /// Cache or bandwidth could not be divided.
@@ -79,10 +80,21 @@ fn remedy(error: &io::Error) -> &'static str {
     }
 }
 
+/// The host's resctrl file system at this place, kept from other Takts by a lock, as the kernel's
+/// documentation asks of all who change groups.
+fn open(root: PathBuf) -> Result<LockedTree, GroupError> {
+    LockedTree::open(root.clone()).map_err(|error| match error {
+        TryLockError::WouldBlock => GroupError::Locked { path: root },
+        TryLockError::Error(source) => {
+            GroupError::Step { what: "open", path: root.display().to_string(), source }
+        }
+    })
+}
+
 /// The groups of a run. Dropping it removes them.
 #[derive(Default)]
 pub struct Groups {
-    setup: Option<Setup<FileSystem>>,
+    setup: Option<Setup<LockedTree>>,
 }
 
 impl Groups {
@@ -97,7 +109,7 @@ impl Groups {
             remove_left_over();
             return Ok(Self::default());
         }
-        let setup = Setup::make(FileSystem::open(resctrl::find()?)?, &asked)?;
+        let setup = Setup::make(open(resctrl::find()?)?, &asked)?;
         for text in setup.told() {
             tell(&text);
         }
@@ -134,7 +146,7 @@ impl Drop for Groups {
 /// worse off for it than the host is.
 fn remove_left_over() {
     let Ok(root) = resctrl::find() else { return };
-    let removed = FileSystem::open(root).and_then(|kernel| setup::remove_left_over(&kernel));
+    let removed = open(root).and_then(|kernel| setup::remove_left_over(&kernel));
     match removed {
         Ok(0) | Err(GroupError::Locked { .. }) => {}
         Ok(count) => tell(&format!("{count} groups of a takt that was killed are removed")),

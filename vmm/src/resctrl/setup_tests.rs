@@ -9,6 +9,7 @@ use takt_host::resctrl::ResctrlError;
 use takt_scheduler::table::Cpu;
 
 use super::*;
+use crate::kernel_tree::Tree;
 
 const RECORD: &str = include_str!("../../host/tests/hosts/resctrl-xeon.host");
 const WHOLE: &str = "MB:0=100;1=100\nL3:0=7ff;1=7ff";
@@ -54,7 +55,7 @@ impl Fake {
     }
 }
 
-impl Kernel for Fake {
+impl Tree for Fake {
     fn read(&self, path: &str) -> io::Result<String> {
         self.0.files.borrow().get(path).cloned().ok_or(io::ErrorKind::NotFound.into())
     }
@@ -93,6 +94,12 @@ impl Kernel for Fake {
         Ok(())
     }
 
+    fn full_path(&self, path: &str) -> PathBuf {
+        PathBuf::from("/sys/fs/resctrl").join(path)
+    }
+}
+
+impl Kernel for Fake {
     fn folders(&self) -> io::Result<Vec<String>> {
         let mut names: Vec<String> = self
             .files()
@@ -105,10 +112,6 @@ impl Kernel for Fake {
 
     fn vendor(&self) -> String {
         "GenuineIntel".into()
-    }
-
-    fn full_path(&self, path: &str) -> PathBuf {
-        PathBuf::from("/sys/fs/resctrl").join(path)
     }
 }
 
