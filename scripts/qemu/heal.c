@@ -11,6 +11,11 @@
 //    instruction that reads, changes and writes. A bit that another thread sets at the same time is gone.
 //    Here VMRUN takes the lock first. (docs/decisions/0012-qemu-takes-its-lock.md)
 //
+// It also makes PAUSE cheap. QEMU leaves its loop over translated code for each, so that another processor of the
+// machine gets its turn; a machine with one has no other. Where a kernel waits by PAUSE, as Linux does for 100 ms to
+// measure its APIC's timer, that took half of the machine's start. Here the next code follows at once. What the machine
+// executes stays the same, instruction by instruction.
+//
 // Nothing is known of where the fields and functions lie: both are read from QEMU's own instructions, and each
 // instruction that is replaced is compared byte by byte first. What is not recognised stays as it is. Debian's
 // builds of QEMU 7.2 and 10.0 are recognised.
@@ -211,11 +216,29 @@ static bool heal_lost_interrupt(void) {
     return !mprotect(page, 4096, PROT_READ | PROT_EXEC) && overwrite(vmrun.at, call, sizeof call);
 }
 
+// Why QEMU's loop over translated code ends (EXCP_INTERRUPT): somebody wants to have a look.
+enum { LEAVE_THE_LOOP = 0x10000, GO_ON = -1 };
+
+// Expects what heal_double_delivery has found.
+static void shorten_pause(void) {
+    uint8_t *pause = dlsym(RTLD_DEFAULT, "do_pause");
+    if (!pause) return;
+    // movl $LEAVE_THE_LOOP,EXCEPTION_INDEX(%rdi)
+    uint8_t instruction[10] = {0xc7, 0x87};
+    int32_t why = LEAVE_THE_LOOP;
+    memcpy(instruction + 2, &qemu.exception_index, 4);
+    memcpy(instruction + 6, &why, 4);
+    uint8_t *at = memmem(pause, 48, instruction, sizeof instruction);
+    why = GO_ON;
+    if (at) overwrite(at + 6, &why, 4);
+}
+
 __attribute__((constructor)) static void heal(void) {
     // Scripts start QEMU by way of other programs.
     if (!dlsym(RTLD_DEFAULT, "cpu_interrupt")) return;
     bool once = heal_double_delivery();
     bool kept = once && heal_lost_interrupt();
+    if (once) shorten_pause();
     if (getenv("TAKT_HEAL_TELL")) {
         printf("%s %s\n", once ? "once" : "twice", kept ? "kept" : "lost");
         fflush(stdout);
