@@ -16,6 +16,7 @@ use crate::health::{Detail, Watch};
 use crate::kernel_watch::{KernelWatch, News};
 use crate::live::Banks;
 use crate::load;
+use crate::power_button::PowerButton;
 use crate::restart::Restart;
 use crate::samples::{Course, Recorder};
 use crate::screen::Screen;
@@ -80,6 +81,8 @@ pub struct Account {
     pub deadlines: Option<Arc<Deadlines>>,
     /// Where other versions of its programs are put; `None` if it has no programs.
     pub banks: Option<Banks>,
+    /// For asking it to switch itself off, if its file wants that.
+    pub power_button: Option<PowerButton>,
     /// For starting its guest anew; `None` if it cannot be.
     pub restart: Option<Restart>,
     /// What its thread tells of its ends.

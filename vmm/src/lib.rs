@@ -32,6 +32,7 @@ pub mod net;
 pub mod outlet;
 pub mod passthrough;
 pub mod pci;
+pub mod power_button;
 pub mod prepare;
 pub mod probe;
 pub mod resctrl;

@@ -17,7 +17,9 @@ use vm_memory::{Bytes, GuestAddress};
 use vmm_sys_util::eventfd::EventFd;
 
 use crate::boot;
-use crate::boot::acpi::{AcpiConfig, POWER_PORT, SERIAL_IRQ, SERIAL_PORT, WATCHDOG_PORT};
+use crate::boot::acpi::{
+    AcpiConfig, POWER_BUTTON_GSI, POWER_PORT, SERIAL_IRQ, SERIAL_PORT, WATCHDOG_PORT,
+};
 use crate::boot::linux::Image;
 use crate::boot::long_mode::{self, StartError};
 use crate::disk::Drive;
@@ -73,6 +75,8 @@ pub struct LinuxMachine {
     pub drives: Vec<Drive>,
     /// Its network interfaces.
     pub interfaces: Vec<Interface>,
+    /// The wire of its power button, if it has one.
+    pub button: Option<Arc<EventFd>>,
     /// Speed of the TSC, from the first start on.
     pub frequency: Option<TscFrequency>,
     /// What notices that the guest is silent.
@@ -95,6 +99,7 @@ impl LinuxMachine {
             pci: self.card.as_ref().map(|_| PCI_WINDOW),
             virtio: (self.drives.len() + self.interfaces.len()) as u32,
             watchdog: self.watchdog.as_ref().map(Timer::most),
+            power_button: self.button.is_some(),
         };
         let entry = boot::linux::load(
             &self.memory,
@@ -111,6 +116,12 @@ impl LinuxMachine {
             what: "attach the serial port's interrupt",
             source,
         })?;
+        if let Some(button) = &self.button {
+            vm.register_irqfd(button, POWER_BUTTON_GSI).map_err(|source| MachineError::Call {
+                what: "attach the power button's interrupt",
+                source,
+            })?;
+        }
         let power = PowerLine::default();
         let mut ports = PortBus::default();
         let last = SERIAL_PORT + serial::PORTS - 1;

@@ -169,6 +169,7 @@ pub struct Partition {
     on_schedule_change: ScheduleChange,
     health: Table,
     watchdog: Option<Nanos>,
+    power_off: Nanos,
     tasks: Vec<NamedTask>,
     met: Vec<Met>,
     passthrough: Passthrough,
@@ -234,6 +235,13 @@ impl Partition {
     #[must_use]
     pub fn watchdog(&self) -> Option<Nanos> {
         self.watchdog
+    }
+
+    /// How long a Linux that is asked to switch itself off at the end of a run has for that; 0 if it is stopped
+    /// at once, as each PLC is.
+    #[must_use]
+    pub fn power_off(&self) -> Nanos {
+        self.power_off
     }
 
     /// Its tasks, in the order of the file, or those of its programs that are analysed. They meet their deadlines in every schedule in which

@@ -34,6 +34,8 @@ const PLC_MEMORY: [Bytes; 2] = [Bytes(IMAGE_BASE + PAGE), Bytes(RAM_MAX)];
 const LINUX_MEMORY: [Bytes; 2] = [Bytes(64 << 20), Bytes(64 << 30)];
 /// What a watchdog may wait for. Linux counts in seconds, and needs some to start; above, it is none.
 const WATCHDOG: [Nanos; 2] = [Nanos::from_millis(1_000), Nanos::from_millis(86_400_000)];
+/// Longest time that a Linux can be given to switch itself off; above, it is a typing mistake.
+const POWER_OFF_MAX: Nanos = Nanos::from_millis(3_600_000);
 /// Guard where the file gives none: well above the wake-up latency of a PREEMPT_RT host under
 /// load, which was 7 us in the latency lab.
 const GUARD_DEFAULT: Nanos = Nanos::from_micros(20);
@@ -160,6 +162,7 @@ fn check(
     };
     let disks = disks::check(&raw.disk.0, around.folder)?;
     let nets = nets::check(&raw.net.0)?;
+    let power_off = check_power_off(raw.power_off.as_ref())?;
     let partition = Partition {
         id,
         name: name.to_owned(),
@@ -170,6 +173,7 @@ fn check(
         on_schedule_change,
         health,
         watchdog,
+        power_off,
         tasks: tasks.tasks.clone(),
         met: Vec::new(),
         passthrough: Passthrough::default(),
@@ -212,6 +216,7 @@ fn check_plc(
         ("disk", raw.disk.0.first().map(Spanned::span)),
         ("net", raw.net.0.first().map(Spanned::span)),
         ("watchdog", raw.watchdog.as_ref().map(Spanned::span)),
+        ("power_off", raw.power_off.as_ref().map(Spanned::span)),
     ];
     for (key, span) in of_linux {
         if let Some(span) = span {
@@ -274,8 +279,8 @@ fn check_linux(
         if let Some(span) = span {
             let found = misplaced(key, "plc", name, "linux");
             let allowed = "for a \"linux\": name, kind, cpu, memory, huge_pages, bus_locks, \
-                           cache, memory_bandwidth, background, restarts, kernel, initrd, cmdline, watchdog, [[partition.disk]] \
-                           and [[partition.net]]";
+                           cache, memory_bandwidth, background, restarts, kernel, initrd, cmdline, \
+                           watchdog, power_off, [[partition.disk]] and [[partition.net]]";
             return Err(Diagnostic::new(span, found, allowed));
         }
     }
@@ -352,6 +357,18 @@ pub fn check_watchdog(watchdog: &Spanned<Duration>) -> Result<Nanos, Diagnostic>
         let found = format!("a watchdog that waits {time} for a sign of life");
         let allowed = format!("{} to {}", WATCHDOG[0], WATCHDOG[1]);
         return Err(Diagnostic::new(watchdog.span(), found, allowed));
+    }
+    Ok(time)
+}
+
+/// How long a Linux has to switch itself off.
+fn check_power_off(power_off: Option<&Spanned<Duration>>) -> Result<Nanos, Diagnostic> {
+    let Some(power_off) = power_off else { return Ok(Nanos::ZERO) };
+    let time = power_off.get_ref().0;
+    if time > POWER_OFF_MAX {
+        let found = format!("{time} is too long to wait for a power-off");
+        let allowed = format!("\"0s\", to be stopped at once, to {POWER_OFF_MAX}");
+        return Err(Diagnostic::new(power_off.span(), found, allowed));
     }
     Ok(time)
 }

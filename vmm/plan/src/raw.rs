@@ -80,6 +80,7 @@ pub struct Partition {
     pub initrd: Option<Spanned<String>>,
     pub cmdline: Option<Spanned<String>>,
     pub watchdog: Option<Spanned<Duration>>,
+    pub power_off: Option<Spanned<Duration>>,
     #[serde(default)]
     pub disk: Tables<Disk>,
     #[serde(default)]

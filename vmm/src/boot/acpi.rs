@@ -10,7 +10,7 @@ use std::ops::RangeInclusive;
 
 use acpi_tables::aml::{
     AddressSpace as Range, AddressSpaceCacheable, Device, EISAName, IO, Interrupt, Memory32Fixed,
-    Method, Name, Package, Path, ResourceTemplate, Scope,
+    Method, Name, Notify, Package, Path, ResourceTemplate, Scope,
 };
 use acpi_tables::fadt::{FADTBuilder, Flags};
 use acpi_tables::gas::{AccessSize, AddressSpace, GAS};
@@ -27,6 +27,7 @@ use takt_devices::serial;
 use takt_devices::virtio::registers;
 use takt_devices::watchdog;
 use takt_plan::linux_map::{ACPI_TABLES, IO_APIC, LOCAL_APIC};
+use takt_plan::{DISKS_MAX, NETS_MAX};
 use vm_memory::{Bytes, GuestAddress, GuestMemoryError, GuestMemoryMmap};
 
 use crate::virtio::Slot;
@@ -41,6 +42,9 @@ pub const SERIAL_PORT: u16 = 0x3f8;
 pub const SERIAL_IRQ: u32 = 4;
 /// The interrupt of the PCI function: the first pin of the I/O APIC beyond those of the ISA bus.
 pub const PCI_GSI: u32 = 16;
+/// That of the power button, the last pin: those between belong to virtio devices.
+pub const POWER_BUTTON_GSI: u32 = 23;
+const _: () = assert!(Slot((DISKS_MAX + NETS_MAX) as u32 - 1).gsi() < POWER_BUTTON_GSI);
 
 const OEM: [u8; 6] = *b"TAKT  ";
 const MACHINE: [u8; 8] = *b"TAKTLINX";
@@ -61,6 +65,8 @@ pub struct AcpiConfig {
     pub pci: Option<RangeInclusive<u32>>,
     /// How many virtio devices there are.
     pub virtio: u32,
+    /// Whether there is a power button.
+    pub power_button: bool,
     /// The longest time of the watchdog, in counts, if there is one.
     pub watchdog: Option<u32>,
 }
@@ -175,7 +181,7 @@ fn watchdog_table(counts: u32) -> Sdt {
 
 /// The machine's description in ACPI's own byte code: how to switch off, the serial port, and the
 /// PCI bus and the virtio devices, if there are any.
-fn dsdt(AcpiConfig { pci, virtio, .. }: AcpiConfig) -> Sdt {
+fn dsdt(AcpiConfig { pci, virtio, power_button, .. }: AcpiConfig) -> Sdt {
     let mut body = Vec::new();
     let off = AcpiPower::SOFT_OFF;
     Name::new(Path::new("_S5_"), &Package::new(vec![&off, &aml::ZERO, &aml::ZERO, &aml::ZERO]))
@@ -194,6 +200,9 @@ fn dsdt(AcpiConfig { pci, virtio, .. }: AcpiConfig) -> Sdt {
         devices.extend([&InterruptLink as &dyn Aml, bus]);
     }
     devices.extend(virtio.iter().map(|device| device as &dyn Aml));
+    if power_button {
+        devices.push(&PowerButton);
+    }
     Scope::new(Path::new("_SB_"), devices).to_aml_bytes(&mut body);
     let mut table = Sdt::new(*b"DSDT", 36, 2, OEM, MACHINE, REVISION);
     table.append_slice(&body);
@@ -267,6 +276,27 @@ impl Aml for Virtio {
     }
 }
 
+/// The power button, and the device that brings word of it: its interrupt has the button notified (ACPI 6.5,
+/// sections 4.8.3.1.1 and 5.6.9).
+struct PowerButton;
+
+impl Aml for PowerButton {
+    fn to_aml_bytes(&self, sink: &mut dyn AmlSink) {
+        /// "S0 Power Button Pressed".
+        const PRESSED: u8 = 0x80;
+        let hid = Name::new(Path::new("_HID"), &EISAName::new("PNP0C0C"));
+        Device::new(Path::new("PWRB"), vec![&hid]).to_aml_bytes(sink);
+        let hid = Name::new(Path::new("_HID"), &"ACPI0013");
+        let interrupt = Interrupt::new(true, true, false, false, POWER_BUTTON_GSI);
+        let resources = ResourceTemplate::new(vec![&interrupt]);
+        let crs = Name::new(Path::new("_CRS"), &resources);
+        let button = Path::new("\\_SB_.PWRB");
+        let notify = Notify::new(&button, &PRESSED);
+        let event = Method::new(Path::new("_EVT"), 1, true, vec![&notify]);
+        Device::new(Path::new("GED0"), vec![&hid, &crs, &event]).to_aml_bytes(sink);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use takt_plan::linux_map::{PCI_WINDOW, VIRTIO_REGISTERS};
@@ -275,7 +305,7 @@ mod tests {
 
     fn dsdt_bytes(pci: Option<RangeInclusive<u32>>, virtio: u32) -> Vec<u8> {
         let mut bytes = Vec::new();
-        dsdt(AcpiConfig { pci, virtio, watchdog: None }).to_aml_bytes(&mut bytes);
+        dsdt(AcpiConfig { pci, virtio, ..AcpiConfig::default() }).to_aml_bytes(&mut bytes);
         bytes
     }
 
@@ -318,6 +348,18 @@ mod tests {
     }
 
     #[test]
+    fn the_power_button_is_notified_by_an_interrupt_of_its_own() {
+        let mut bytes = Vec::new();
+        dsdt(AcpiConfig { power_button: true, ..AcpiConfig::default() }).to_aml_bytes(&mut bytes);
+        for name in [&b"PWRB"[..], b"ACPI0013", b"_EVT", &[0x89, 6, 0, 0b0011, 1, 23, 0, 0, 0]] {
+            assert!(contains(&bytes, name), "{name:?}");
+            assert!(!contains(&dsdt_bytes(None, 4), name), "{name:?}");
+        }
+        // Notify, the button by its path, pressed.
+        assert!(contains(&bytes, b"\x86\\._SB_PWRB\x0a\x80"));
+    }
+
+    #[test]
     fn the_watchdog_is_described_as_its_driver_reads_it() {
         let mut bytes = Vec::new();
         watchdog_table(500).to_aml_bytes(&mut bytes);
@@ -334,7 +376,12 @@ mod tests {
     #[test]
     fn every_table_has_its_signature_and_a_good_checksum() {
         let memory = GuestMemoryMmap::from_ranges(&[(GuestAddress(0), 1 << 20)]).unwrap();
-        let fittings = AcpiConfig { pci: Some(PCI_WINDOW), virtio: 4, watchdog: Some(500) };
+        let fittings = AcpiConfig {
+            pci: Some(PCI_WINDOW),
+            virtio: 4,
+            watchdog: Some(500),
+            power_button: true,
+        };
         let rsdp = write(&memory, fittings).unwrap();
         let word = |at| memory.read_obj::<u32>(GuestAddress(at)).unwrap();
         let long = |at| memory.read_obj::<u64>(GuestAddress(at)).unwrap();

@@ -2,11 +2,13 @@
 //! cables.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use kvm_ioctls::VcpuFd;
 use takt_devices::output::{self, ConsoleOutput, OutputEnd};
 use takt_devices::serial::{IrqLine, SerialPort};
 use takt_scheduler::table::Role;
+use takt_scheduler::time::Nanos;
 
 use super::spawn::Processor;
 use super::{LinuxParts, Preparation, Prepared};
@@ -21,6 +23,7 @@ use crate::machine;
 use crate::memory::GuestMemory;
 use crate::net::{self, Interface};
 use crate::pci::Pci;
+use crate::power_button::PowerButton;
 use crate::restart::{LinuxLoader, Restart};
 use crate::run_error::RunError;
 use crate::sandbox;
@@ -74,6 +77,8 @@ impl Preparation<'_> {
             interfaces.push(interface);
             cables.push(cable);
         }
+        let patience = Some(partition.power_off()).filter(|time| *time != Nanos::ZERO);
+        let button = patience.map(|_| event::eventfd().map(Arc::new)).transpose()?;
         let mut board = LinuxMachine {
             partition: partition.name().to_owned(),
             kvm: machine::open_kvm()?,
@@ -87,6 +92,7 @@ impl Preparation<'_> {
             bell: event::clone(&self.doorbell)?,
             drives,
             interfaces,
+            button: button.clone(),
             frequency: self.frequency,
             watchdog: watchdog.clone(),
             deadlines: self.deadlines.clone(),
@@ -104,6 +110,8 @@ impl Preparation<'_> {
         }
         prepared.account.deadlines.clone_from(&self.deadlines);
         prepared.account.watchdog = watchdog;
+        prepared.account.power_button =
+            button.zip(patience).map(|(wire, patience)| PowerButton::new(wire, patience));
         prepared.account.kernel = Some(KernelWatch::new(panic));
         prepared.disks = disks;
         prepared.linux = Some(LinuxParts { init, cables });

@@ -165,6 +165,7 @@ impl Preparation<'_> {
             kernel: None,
             deadlines: None,
             banks: None,
+            power_button: None,
             restart: None,
             restarts: 0,
             finished: None,

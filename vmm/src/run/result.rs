@@ -121,6 +121,10 @@ impl Run<'_> {
                 let Told { programmed, moved, put_back } = told;
                 report::Deadlines { programmed, moved, put_back }
             }),
+            power_off: account
+                .power_button
+                .as_ref()
+                .and_then(|button| button.report(finished.map(|f| (f.end, base.offset(f.at))))),
             nets: linux.map_or_else(Vec::new, |l| l.cables.iter().map(Cable::report).collect()),
             boot_to_init_ns: linux.map(|l| l.init.instant().map(|at| base.offset(at).0)),
         }

@@ -86,11 +86,12 @@ impl MutEventSubscriber for Supervisor {
             // What an operator has stopped he may start again.
             let goes_on = |a: &Account| a.finished.is_none() || a.orders.stopped();
             self.running &= self.accounts.iter().any(goes_on);
+            self.running &= !self.leaving || self.awaits_power_off();
         } else {
             // The time of the run is over, or somebody has sent a signal.
             self.ended_by_signal |= fd == self.sources.signals.as_raw_fd();
             Self::acknowledge(&mut self.sources.signals);
-            self.running = false;
+            self.leave();
         }
     }
 }
@@ -105,7 +106,7 @@ impl Supervisor {
             match key {
                 Key::Byte(byte) => self.typing.keep(byte),
                 Key::Quit => {
-                    self.running = false;
+                    self.leave();
                     break;
                 }
                 Key::NextSchedule => {

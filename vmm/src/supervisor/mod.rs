@@ -12,6 +12,7 @@
 
 pub mod error;
 mod events;
+mod leaving;
 mod own_timers;
 mod signals;
 mod sources;
@@ -79,6 +80,8 @@ pub struct Supervisor {
     until: Option<Nanos>,
     timers: Option<OwnTimers>,
     running: bool,
+    /// Guests have been asked to switch themselves off.
+    leaving: bool,
     /// The guests have left.
     over: bool,
 }
@@ -114,6 +117,7 @@ impl Supervisor {
             sources,
             until: None,
             running: true,
+            leaving: false,
             over: false,
         }
     }
@@ -143,7 +147,7 @@ impl Supervisor {
     /// if it has come too early, and the tick makes up for one that comes too late.
     fn end_in_time(&mut self) {
         if self.until.is_some_and(|until| self.desk.now() >= until) {
-            self.running = false;
+            self.leave();
         }
     }
 
@@ -284,6 +288,8 @@ impl Supervisor {
             return;
         }
         let failure = account.restart.as_ref().and_then(Restart::failure);
+        // What has been asked to switch itself off is not switched on again.
+        let start = start.filter(|_| !leaving::is_asked(account));
         let started = start.filter(|start| {
             account.restart.as_mut().map(|restart| restart.start(*start)).is_some()
         });

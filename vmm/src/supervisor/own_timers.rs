@@ -43,6 +43,11 @@ impl OwnTimers {
         Self { quiet, base, due: now, end }
     }
 
+    /// The run is to end at another time.
+    pub(super) fn end_at(&mut self, end: Nanos) {
+        self.end = Some(end);
+    }
+
     /// Sets the timer for the next tick, and [that for the end](Self::arm_end).
     ///
     /// # Errors

@@ -4,6 +4,7 @@
 
 mod net;
 mod partition;
+mod power_off;
 mod process;
 mod table;
 mod tick;
@@ -13,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 pub use net::{Net, Traffic};
 pub use partition::{Deadlines, Donation, Event, Events, How, Partition, Releases, Stuck};
+pub use power_off::PowerOff;
 pub use process::{Footprint, Process, Starting};
 pub use tick::{Clear, Tick};
 pub use wake_ups::{WakeUps, WindowEnforcer};

@@ -6,7 +6,7 @@ use std::fmt;
 
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::{Net, Summary, WakeUps};
+use super::{Net, PowerOff, Summary, WakeUps};
 use crate::worst::{LateStart, LongScan};
 
 /// One partition.
@@ -45,6 +45,9 @@ pub struct Partition {
     /// Only for a Linux beside windows on its CPU.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub deadlines: Option<Deadlines>,
+    /// That a Linux was asked to switch itself off at the end of the run; left out if it was not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub power_off: Option<PowerOff>,
     /// The network interfaces of a Linux.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub nets: Vec<Net>,

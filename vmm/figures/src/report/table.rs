@@ -120,6 +120,9 @@ impl Partition {
                 d.programmed, d.moved, d.put_back
             );
         }
+        if let Some(off) = &self.power_off {
+            let _ = writeln!(text, "  power off      {off}");
+        }
         for net in &self.nets {
             let _ = writeln!(text, "  network        {net}");
         }

@@ -76,6 +76,7 @@ fn report() -> Report {
                 wake_ups: Some(WakeUps { early: 7, divided: 2, steered: 3 }),
                 donation: None,
                 deadlines: None,
+                power_off: None,
                 nets: Vec::new(),
                 boot_to_init_ns: None,
                 stuck: None,
@@ -99,6 +100,7 @@ fn report() -> Report {
                     minimum_share: 0.65,
                 }),
                 deadlines: Some(Deadlines { programmed: 900, moved: 30, put_back: 20 }),
+                power_off: Some(PowerOff { asked_ns: 9_000_000_000, took_ns: Some(412_345_678) }),
                 nets: vec![Net {
                     tap: "takt0".into(),
                     to_guest: Traffic { packets: 5, bytes: 600, dropped: 1 },
@@ -169,6 +171,7 @@ fn the_table_shows_every_partition_and_what_went_wrong() {
     let table = report().table();
     assert!(table.contains("demo: 10.000 s, lane lab, kernel 6.1.0-rt, PREEMPT_RT"));
     assert!(table.contains("\nemulated by QEMU 7.2.22\n"));
+    assert!(table.contains("  power off      asked at the end, off by itself after 0.412 s\n"));
     assert!(
         table.contains("  network        takt0: to it 5 packets, 600 bytes, 1 dropped; from it 7 ")
     );

@@ -50,6 +50,7 @@ fn account() -> (Account, Revivals<PlcGuest>) {
         kernel: None,
         deadlines: None,
         banks: None,
+        power_button: None,
         restart: Some(restart),
         restarts: 0,
         finished: None,

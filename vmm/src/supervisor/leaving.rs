@@ -1,0 +1,63 @@
+//! The end of a run, in order: a Linux that can be asked is asked to switch itself off, so that its file systems
+//! are whole, and all partitions run on meanwhile.
+//!
+//! ```text
+//!            signal, key, time                all are off, time is up, signal, key
+//!  running ------------------> leaving --------------------------------------------> over
+//!     |                                                                               ^
+//!     +-------------- the same, and there is none to ask; a table says so ------------+
+//! ```
+
+use takt_scheduler::time::Nanos;
+
+use super::Supervisor;
+use crate::account::Account;
+
+impl Supervisor {
+    /// Ends the run: at once if all that could be done before has been.
+    pub(super) fn leave(&mut self) {
+        let now = self.desk.now();
+        let patience = if self.leaving { None } else { self.ask_to_power_off(now) };
+        let Some(patience) = patience else {
+            self.running = false;
+            return;
+        };
+        self.leaving = true;
+        let until = now.plus(patience);
+        self.until = Some(until);
+        if let Some(timers) = &mut self.timers {
+            timers.end_at(until);
+        }
+        let text = format!(
+            "the run ends when Linux is off, in {patience} at the latest; ask again to end it at once"
+        );
+        self.screen.line("takt", &text);
+    }
+
+    /// Presses the power buttons of the guests that run. Returns how long the most patient has; `None` if there is
+    /// none to press.
+    fn ask_to_power_off(&mut self, now: Nanos) -> Option<Nanos> {
+        let mut longest = None;
+        for account in self.accounts.iter_mut().filter(|account| account.finished.is_none()) {
+            let Some(button) = &mut account.power_button else { continue };
+            if !account.control.has_guest() {
+                continue;
+            }
+            button.press(now);
+            longest = longest.max(Some(button.patience()));
+            let text = format!("{}: asked to power off", account.name);
+            self.screen.line("takt", &text);
+        }
+        longest
+    }
+
+    /// Whether there is a guest to wait for.
+    pub(super) fn awaits_power_off(&self) -> bool {
+        self.accounts.iter().any(|account| account.finished.is_none() && is_asked(account))
+    }
+}
+
+/// Whether a guest has been asked, and so is not started again whatever its end.
+pub(super) fn is_asked(account: &Account) -> bool {
+    account.power_button.as_ref().is_some_and(|button| button.is_pressed())
+}
