@@ -16,7 +16,7 @@ fn stamp(outcome: &Outcome, name: &str) -> (i128, i128) {
 }
 
 #[test]
-fn a_linux_has_seeded_random_numbers_and_the_hosts_time_at_its_start() {
+fn a_linux_has_seeded_random_numbers_and_its_clock_goes_by_the_tsc() {
     let program = env!("CARGO_BIN_EXE_stamp");
     let initrd = initrd_with("linux-guest", &[program.as_ref()]);
     let exec = "stamp first; dmesg | grep 'crng init done'; sleep 2; stamp last";

@@ -6,8 +6,14 @@ use std::process::Command;
 
 use takt_tests::{File, Host, Outcome, target};
 
+/// Waits until something listens for the power button.
+const HEARING: &str = "until ls -l /proc/*/fd | grep -q input/event0; do usleep 10000; done";
+
 /// What makes the guest deaf to its power button: what listens for it is gone. It may not have begun yet.
 const DEAF: &str = "until killall head; do usleep 10000; done";
+
+/// Behind [`DEAF`]: makes the guest restart at a press.
+const CONTRARY: &str = "{ head -c 1 /dev/input/event0 > /tmp/pressed; reboot -f; } & true";
 
 fn run(name: &str, file: &File, signals: &str, disk: Option<&PathBuf>) -> Outcome {
     let file = file.save(name);
@@ -21,8 +27,11 @@ fn run(name: &str, file: &File, signals: &str, disk: Option<&PathBuf>) -> Outcom
         [&*path, signals].into_iter().chain(disk.iter().map(String::as_str)).collect();
     let outcome = host.run("power-off", &arguments);
     assert_eq!(outcome.status, 0, "{}", outcome.output);
-    outcome.assert_shows("[host] takt has ended with 0");
     outcome
+}
+
+fn assert_ended_with(outcome: &Outcome, status: u8) {
+    outcome.assert_shows(&format!("[host] takt has ended with {status}"));
 }
 
 fn file(exec: &str, more: &str) -> File {
@@ -53,7 +62,9 @@ fn a_linux_with_a_disk_has_left_its_file_system_clean_after_sigterm() {
                 { sleep 1000 > /mnt/open & }";
     let more =
         format!("power_off = \"10s\"\n[[partition.disk]]\npath = {disk:?}\nread_only = false");
-    let outcome = run("power-off", &file(exec, &more), "1", Some(&disk));
+    let exec = format!("{exec}; {HEARING}");
+    let outcome = run("power-off", &file(&exec, &more), "1", Some(&disk));
+    assert_ended_with(&outcome, 0);
     outcome.assert_shows("linux: asked to power off");
     outcome.assert_shows("\n/init: asked to power off");
     for state in ["before: 1", "mounted: 0", "after: 1"] {
@@ -70,6 +81,8 @@ fn a_linux_with_a_disk_has_left_its_file_system_clean_after_sigterm() {
 #[test]
 fn a_linux_that_does_not_react_has_its_time_and_no_more() {
     let outcome = run("power-off-deaf", &file(DEAF, "power_off = \"500ms\""), "1", None);
+    assert_ended_with(&outcome, 0);
+    outcome.assert_shows("linux: did not power off, and is stopped");
     let linux = outcome.partition("linux");
     assert_eq!(linux["end"], "stopped by takt", "{linux}");
     assert!(linux["power_off"]["took_ns"].is_null(), "{linux}");
@@ -80,8 +93,23 @@ fn a_linux_that_does_not_react_has_its_time_and_no_more() {
 }
 
 #[test]
+fn a_linux_that_restarts_instead_is_not_started_again() {
+    let exec = format!("{DEAF}; {CONTRARY}; {HEARING}");
+    let outcome = run("power-off-restart", &file(&exec, "power_off = \"100s\""), "1", None);
+    // A request to restart is not met.
+    assert_ended_with(&outcome, 4);
+    outcome.assert_shows("linux: not started again, since the run ends");
+    let linux = outcome.partition("linux");
+    assert!(linux["power_off"]["took_ns"].is_null(), "{linux}");
+    let asked = linux["power_off"]["asked_ns"].as_u64().expect("it was asked");
+    let waited = outcome.report["duration_ns"].as_u64().unwrap_or(0) - asked;
+    assert!(waited < 2_000_000_000, "{waited}");
+}
+
+#[test]
 fn a_second_sigterm_ends_the_run_at_once() {
     let outcome = run("power-off-twice", &file(DEAF, "power_off = \"100s\""), "2", None);
+    assert_ended_with(&outcome, 0);
     let linux = outcome.partition("linux");
     let asked = linux["power_off"]["asked_ns"].as_u64().expect("it was asked");
     let waited = outcome.report["duration_ns"].as_u64().unwrap_or(0) - asked;

@@ -12,13 +12,17 @@ use takt_scheduler::time::Nanos;
 
 use super::Supervisor;
 use crate::account::Account;
+use crate::power_button::PowerButton;
 
 impl Supervisor {
-    /// Ends the run: at once if all that could be done before has been.
+    /// Ends the run: at once if there is no guest to ask, or if they have been asked.
     pub(super) fn leave(&mut self) {
+        if self.leaving {
+            self.give_up();
+            return;
+        }
         let now = self.desk.now();
-        let patience = if self.leaving { None } else { self.ask_to_power_off(now) };
-        let Some(patience) = patience else {
+        let Some(patience) = self.ask_to_power_off(now) else {
             self.running = false;
             return;
         };
@@ -32,6 +36,15 @@ impl Supervisor {
             "the run ends when Linux is off, in {patience} at the latest; ask again to end it at once"
         );
         self.screen.line("takt", &text);
+    }
+
+    /// Ends the run, and says which guests were waited for.
+    fn give_up(&mut self) {
+        self.running = false;
+        for account in self.accounts.iter().filter(|account| is_awaited(account)) {
+            let text = format!("{}: did not power off, and is stopped", account.name);
+            self.screen.line("takt", &text);
+        }
     }
 
     /// Presses the power buttons of the guests that run. Returns how long the most patient has; `None` if there is
@@ -53,11 +66,16 @@ impl Supervisor {
 
     /// Whether there is a guest to wait for.
     pub(super) fn awaits_power_off(&self) -> bool {
-        self.accounts.iter().any(|account| account.finished.is_none() && is_asked(account))
+        self.accounts.iter().any(is_awaited)
     }
+}
+
+/// Whether a guest has been asked and has not ended.
+fn is_awaited(account: &Account) -> bool {
+    account.finished.is_none() && is_asked(account)
 }
 
 /// Whether a guest has been asked, and so is not started again whatever its end.
 pub(super) fn is_asked(account: &Account) -> bool {
-    account.power_button.as_ref().is_some_and(|button| button.is_pressed())
+    account.power_button.as_ref().is_some_and(PowerButton::is_pressed)
 }

@@ -288,8 +288,14 @@ impl Supervisor {
             return;
         }
         let failure = account.restart.as_ref().and_then(Restart::failure);
-        // What has been asked to switch itself off is not switched on again.
-        let start = start.filter(|_| !leaving::is_asked(account));
+        let start = start.filter(|_| {
+            let asked = leaving::is_asked(account);
+            if asked {
+                let text = format!("{}: not started again, since the run ends", account.name);
+                self.screen.line("takt", &text);
+            }
+            !asked
+        });
         let started = start.filter(|start| {
             account.restart.as_mut().map(|restart| restart.start(*start)).is_some()
         });

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub struct PowerOff {
     /// When it was asked, since the epoch.
     pub asked_ns: u64,
-    /// How long it took to switch itself off; `null` if it did not, and was stopped.
+    /// How long it took to switch itself off; `null` if it did not: it was stopped, or ended in another way.
     pub took_ns: Option<u64>,
 }
 
@@ -18,7 +18,7 @@ impl fmt::Display for PowerOff {
         match self.took_ns {
             Some(ns) => write!(f, "asked at the end, off by itself after {:.3} s", ns as f64 / 1e9),
             None => f.write_str(
-                "asked at the end, still running when its time was up: its file systems may not be clean",
+                "asked at the end, did not switch itself off: its file systems may not be clean",
             ),
         }
     }
