@@ -132,7 +132,7 @@ impl AutoGuard {
     /// See [`ReleaseGuard::arrived`].
     pub fn arrived(&mut self, arrival: Nanos) -> Option<GuardChange> {
         self.latest[0] = self.latest[0].max(arrival);
-        self.seen += 1;
+        self.seen = self.seen.saturating_add(1);
         let from = self.length;
         let (to, why) = if arrival.plus(ENTRY) > from {
             if from < self.most {

@@ -1,4 +1,4 @@
-//! Arrivals of a good host, of one that is disturbed, and of one that means ill.
+//! Arrivals of a good host, of one that is disturbed, and of a hostile one.
 
 use std::collections::VecDeque;
 
@@ -58,6 +58,14 @@ fn it_keeps_to_its_bounds() {
     let mut narrow = AutoGuard::new(Nanos(5_000));
     assert_eq!(repeat(&mut narrow, 0, 100 * SLOT), []);
     assert_eq!(narrow.length, Nanos(5_000));
+}
+
+#[test]
+fn arrivals_that_never_leave_room_are_counted_without_end() {
+    let mut guard = guard();
+    guard.seen = u32::MAX;
+    assert_eq!(guard.arrived(Nanos(1_000_000)), None);
+    assert_eq!((guard.length, guard.seen), (MOST, u32::MAX));
 }
 
 #[test]

@@ -198,6 +198,10 @@ impl ProgramChanges {
     pub fn roll_back(&mut self, program: &str, link: &mut Link) -> Result<String, Refusal> {
         let (place, versions) = self.find(program)?;
         match versions.record.phase {
+            // The kernel would enter what is in the bank now. That a next version was to come, it was not told.
+            Phase::Trial | Phase::Held if versions.other.is_none() => Err(refused(
+                "the version before is gone: a next one was being brought into its place; load that again",
+            )),
             Phase::Trial | Phase::Held => {
                 versions.order(place, ChangeStep::RollBack, link)?;
                 versions.record.phase = Phase::RollingBack;

@@ -331,3 +331,31 @@ fn an_order_that_the_kernel_does_not_take_ends_the_change() {
     assert!(plant.tick()[0].contains("the guest starts anew with version 1.0.0"));
     assert_eq!(plant.phase(), ("1.0.0".into(), "none".into(), None));
 }
+
+#[test]
+fn there_is_no_way_back_into_a_bank_that_was_written_over() {
+    let mut plant = Plant::new("gone");
+    let (_orders, mut answers) = plant.case.guest();
+    plant.tick();
+    plant.load(&image(1, 2, 10_000)).unwrap();
+    plant.case.running.commit("a").unwrap_err();
+    let mut tell = |plant: &mut Plant, phase| {
+        let mut buffer = [0; MESSAGE_BYTES];
+        let number = plant.case.running.link.last();
+        let answer = Answer::Change(record(phase));
+        answers.send(answer.encode(number, &mut buffer).unwrap(), takt_channel::Tsc(1)).unwrap();
+        plant.tick();
+    };
+    tell(&mut plant, Phase::Prepared);
+    plant.case.running.commit("a").unwrap();
+    tell(&mut plant, Phase::Trial);
+    tell(&mut plant, Phase::Held);
+    assert_eq!(plant.phase(), ("1.0.1".into(), "held".into(), Some("1.0.0".into())));
+    // The kernel takes no order, so it does not hear of the version that lies in the bank then.
+    while plant.case.running.link.send(&Order::WatchClear).is_ok() {}
+    let said = plant.load(&image(2, 2, 10_000)).unwrap_err();
+    assert!(said.contains("takes no orders now"), "{said}");
+    let said = plant.case.running.roll_back("a").unwrap_err().text;
+    assert!(said.contains("the version before is gone"), "{said}");
+    assert_eq!(plant.phase(), ("1.0.1".into(), "held".into(), None));
+}

@@ -63,11 +63,18 @@ impl Watching {
         limits: &[ProgramLimits],
     ) -> Result<u64, String> {
         ranges.iter().try_for_each(|range| ProgramLimits::find(limits, range).map(drop))?;
+        // The layout has each byte once, but a client gets a byte as often as it has named it.
+        let bytes: u64 = ranges.iter().map(|range| u64::from(range.bytes)).sum();
+        if bytes > SAMPLE_BYTES as u64 {
+            return Err(format!(
+                "the ranges have {bytes} bytes together, and a client gets at most {SAMPLE_BYTES} in a cycle; bytes \
+                 that are in several ranges count in each"
+            ));
+        }
         let others = self.subscriptions.iter().filter(|s| s.client != client);
         let all = others.flat_map(|s| &s.ranges).chain(&ranges).copied().collect();
         let layout = merged(all);
         fits(&layout, limits)?;
-        let bytes = ranges.iter().map(|range| u64::from(range.bytes)).sum();
         self.subscriptions.retain(|s| s.client != client);
         if !ranges.is_empty() {
             let places = Vec::new();
@@ -288,6 +295,17 @@ mod tests {
         assert!(all.watch(2, vec![range(2, 0, 1)], Nanos::ZERO, &limits).is_err());
         all.keep(|client| client == 2);
         assert_eq!(all.layout, [range(0, 4, 8), range(1, 0, 4)]);
+    }
+
+    #[test]
+    fn a_client_that_names_the_same_bytes_again_and_again_gets_no_more_than_a_sample() {
+        let mut all = Watching::default();
+        let limits = limits(2000);
+        let same = |count| vec![range(0, 0, 1024); count];
+        assert_eq!(all.watch(1, same(60), Nanos::ZERO, &limits), Ok(SAMPLE_BYTES as u64));
+        let refused = all.watch(1, same(61), Nanos::ZERO, &limits).unwrap_err();
+        assert!(refused.contains("62464 bytes together"), "{refused}");
+        assert_eq!(all.subscriptions[0].ranges.len(), 60, "the watch before goes on");
     }
 
     #[test]
