@@ -147,13 +147,14 @@ impl ProgramChanges {
     /// # Errors
     /// What is wrong with it; the program goes on as before.
     pub fn load(&mut self, load: &Load, banks: &Banks, link: &mut Link) -> Result<String, Refusal> {
-        let (_, versions) = self.find(&load.program)?;
+        let (place, versions) = self.find(&load.program)?;
         versions.may_load()?;
         let most = versions.program.place.bank_bytes;
         if u64::from(load.parts) > most.div_ceil(PART_MAX as u64).max(1) {
             let text = format!("the image is longer than the program's bank of {most} bytes");
             return Err(refused(text));
         }
+        self.no_other_changes(place)?;
         if load.part == 0 {
             let program = load.program.clone();
             self.upload = Some(Upload { program, parts: load.parts, next: 0, bytes: Vec::new() });
@@ -173,7 +174,43 @@ impl ProgramChanges {
         }
         let bytes = self.upload.take().map(|upload| upload.bytes).unwrap_or_default();
         let (place, versions) = self.find(&load.program)?;
-        versions.prepare(place, bytes.into(), banks, link)
+        let said = versions.prepare(place, bytes.into(), banks, link)?;
+        self.forget_ways_back(place);
+        Ok(said)
+    }
+
+    /// The kernel changes one program at a time.
+    fn no_other_changes(&self, place: usize) -> Result<(), Refusal> {
+        let others = self.programs.iter().enumerate().filter(|(other, _)| *other != place);
+        for (_, Versions { program, record, .. }) in others {
+            if !matches!(
+                record.phase,
+                Phase::None | Phase::Held | Phase::RolledBack | Phase::Refused
+            ) {
+                return Err(refused(format!(
+                    "the program {} of this partition changes ({}), and one program changes at a time",
+                    program.name,
+                    word(record.phase)
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// With the order to prepare a version of one program, the kernel forgets the way back of another.
+    fn forget_ways_back(&mut self, place: usize) {
+        let changing = self.programs[place].program.name.clone();
+        for (other, versions) in self.programs.iter_mut().enumerate() {
+            if other != place && versions.record.phase == Phase::Held {
+                (versions.other, versions.record) = (None, ChangeRecord::default());
+                self.news.push(format!(
+                    "{}: version {} stays, and no roll-back leads to the one before any longer, because {changing} \
+                     changes",
+                    versions.program.name,
+                    versions.version()
+                ));
+            }
+        }
     }
 
     /// Changes a program to the version that is prepared.

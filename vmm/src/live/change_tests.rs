@@ -25,12 +25,16 @@ use crate::memory::{GuestMemory, Pages};
 
 const FILE: &str = "version = 1\n[system]\nname = \"s\"\nmajor_frame = \"1ms\"\n\
     [[partition]]\nname = \"plc\"\nkind = \"plc\"\ncpu = 0\nmemory = \"8MiB\"\n\
-    [[partition.program]]\nimage = \"a.plc\"\n[[schedule]]\nname = \"normal\"\n\
+    [[partition.program]]\nimage = \"a.plc\"\n[[partition.program]]\nimage = \"b.plc\"\n[[schedule]]\nname = \"normal\"\n\
     [[schedule.window]]\npartition = \"plc\"\noffset = \"0us\"\nduration = \"300us\"\n";
 
-/// A version with this many variables.
+/// A version of `a` with this many variables.
 fn image(patch: u16, variables: u32, budget: u64) -> Vec<u8> {
-    let mut image = Builder::new("a");
+    image_of("a", patch, variables, budget)
+}
+
+fn image_of(program: &str, patch: u16, variables: u32, budget: u64) -> Vec<u8> {
+    let mut image = Builder::new(program);
     image.version = Version { major: 1, minor: 0, patch };
     image.code = vec![0xc3];
     image.state_bytes = 8 * variables;
@@ -44,7 +48,7 @@ fn image(patch: u16, variables: u32, budget: u64) -> Vec<u8> {
     image.build().unwrap()
 }
 
-/// A partition with version 1.0.0 of a program, and its kernel's ends of the queues.
+/// A partition with version 1.0.0 of two programs, and its kernel's ends of the queues.
 struct Plant {
     case: Case,
     banks: Banks,
@@ -55,7 +59,10 @@ impl Plant {
     fn new(name: &str) -> Self {
         let folder = PathBuf::from(env!("OUT_DIR")).join(format!("change-{name}"));
         fs::create_dir_all(&folder).unwrap();
-        fs::write(folder.join("a.plc"), image(0, 1, 10_000)).unwrap();
+        for program in ["a", "b"] {
+            let image = image_of(program, 0, 1, 10_000);
+            fs::write(folder.join(format!("{program}.plc")), image).unwrap();
+        }
         fs::write(folder.join("case.toml"), FILE).unwrap();
         let partition =
             config::load(&folder.join("case.toml"), None).unwrap().partitions()[0].clone();
@@ -69,10 +76,14 @@ impl Plant {
     }
 
     fn load(&mut self, image: &[u8]) -> Result<String, String> {
+        self.load_into("a", image)
+    }
+
+    fn load_into(&mut self, program: &str, image: &[u8]) -> Result<String, String> {
         let parts = image.chunks(10_000).count() as u32;
         let mut said = Ok(String::new());
         for (part, data) in (0..).zip(image.chunks(10_000)) {
-            let (partition, program) = ("plc".to_owned(), "a".to_owned());
+            let (partition, program) = ("plc".to_owned(), program.to_owned());
             let load = Load { partition, program, part, parts, data: data.to_vec() };
             let running = &mut self.case.running;
             said = running.changes.load(&load, &self.banks, &mut running.link);
@@ -358,4 +369,43 @@ fn there_is_no_way_back_into_a_bank_that_was_written_over() {
     let said = plant.case.running.roll_back("a").unwrap_err().text;
     assert!(said.contains("the version before is gone"), "{said}");
     assert_eq!(plant.phase(), ("1.0.1".into(), "held".into(), None));
+}
+
+#[test]
+fn one_program_changes_at_a_time_and_the_way_back_of_another_is_gone_then() {
+    let mut plant = Plant::new("two");
+    let (_orders, mut answers) = plant.case.guest();
+    plant.tick();
+    plant.load(&image(1, 2, 10_000)).unwrap();
+    let mut tell = |plant: &mut Plant, phase| {
+        let mut buffer = [0; MESSAGE_BYTES];
+        let number = plant.case.running.link.last();
+        let answer = Answer::Change(record(phase));
+        answers.send(answer.encode(number, &mut buffer).unwrap(), takt_channel::Tsc(1)).unwrap();
+        plant.tick()
+    };
+    let next = image_of("b", 1, 2, 10_000);
+    let refused = |plant: &mut Plant, phase: &str| {
+        let said = plant.load_into("b", &next).unwrap_err();
+        assert!(
+            said.contains(&format!("the program a of this partition changes ({phase})")),
+            "{said}"
+        );
+    };
+    refused(&mut plant, "preparing");
+    tell(&mut plant, Phase::Prepared);
+    refused(&mut plant, "prepared");
+    plant.case.running.commit("a").unwrap();
+    refused(&mut plant, "committing");
+    tell(&mut plant, Phase::Trial);
+    refused(&mut plant, "trial");
+    tell(&mut plant, Phase::Held);
+    assert_eq!(plant.phase(), ("1.0.1".into(), "held".into(), Some("1.0.0".into())));
+
+    plant.load_into("b", &next).unwrap();
+    let news = plant.tick();
+    assert!(news[0].contains("a: version 1.0.1 stays, and no roll-back leads"), "{news:?}");
+    assert_eq!(plant.phase(), ("1.0.1".into(), "none".into(), None));
+    let said = plant.case.running.roll_back("a").unwrap_err().text;
+    assert!(said.contains("there is nothing to go back to"), "{said}");
 }
