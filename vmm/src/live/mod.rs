@@ -13,6 +13,7 @@ mod limits;
 mod link;
 #[cfg(test)]
 mod tests;
+mod versions;
 mod watching;
 mod writes;
 
