@@ -19,9 +19,9 @@ pub const OBJECTS_MAX: usize = 255;
 /// Longest name of a program, in bytes.
 pub const NAME_BYTES: usize = 32;
 
-/// What the guest has of its [working area](ProgramTable::work) for each program, apart from the stacks of
-/// its tasks, [their views of the process image](view_bytes) and the messages of its objects: 64 KiB each for inputs, outputs and markers, and the rest for
-/// page tables and the kernel's own records.
+/// What the guest has of its [working area](ProgramTable::work) for each program, apart from the stacks of its tasks,
+/// [their views of the process image](view_bytes) and the messages of its objects: 64 KiB each for inputs, outputs and
+/// markers, and the rest for page tables and the kernel's own records.
 pub const WORK_BYTES_EACH: u64 = 768 << 10;
 
 /// What the guest has of it for a queue, in bytes: each message with a header of 16 bytes, and one more.

@@ -1,8 +1,8 @@
 //! Carries a plan out.
 //!
 //! Values change places with each other, so all that move are read before one is written. Three turns: what is put
-//! aside and what moves is read; the state is written; the references follow. None of them can fail: what could has been checked by
-//! [`Plan::parse`](crate::Plan::parse).
+//! aside and what moves is read; the state is written; the references follow. None of them can fail: what could has
+//! been checked by [`Plan::parse`](crate::Plan::parse).
 
 use crate::plan::{Plan, Step};
 

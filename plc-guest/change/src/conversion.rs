@@ -1,7 +1,7 @@
 //! Which types a value may change to, and how it does.
 //!
-//! Only conversions that lose nothing are made: those that IEC 61131-3 (edition 3, table 11) makes without being asked, each value of
-//! the old type being one of the new type. A value that might not fit is not converted: its variable
+//! Only conversions that lose nothing are made: those that IEC 61131-3 (edition 3, table 11) makes without being asked,
+//! each value of the old type being one of the new type. A value that might not fit is not converted: its variable
 //! begins with its initial value, and the engineer is told before.
 
 use takt_program::Elementary;
@@ -82,7 +82,8 @@ impl Conversion {
         self.to
     }
 
-    /// The bytes of the new value, as a number whose lowest [`Elementary::bytes`] bytes count; those of the old value are given likewise.
+    /// The bytes of the new value, as a number whose lowest [`Elementary::bytes`] bytes count; those of the old value
+    /// are given likewise.
     #[must_use]
     pub fn value(self, old: u64) -> u64 {
         let bits = 8 * self.from.bytes();

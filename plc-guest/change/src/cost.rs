@@ -1,9 +1,8 @@
 //! How long a commit takes.
 //!
-//! A commit happens between two cycles, and may take 10 us of that time. What it takes is known
-//! beforehand, from the plan alone: a time for each step and one for each byte. The figures are
-//! those of the deterministic lab, where an instruction is a nanosecond, with a third to spare; `docs/online-change.md` has
-//! what was measured.
+//! A commit happens between two cycles, and may take 10 us of that time. What it takes is known beforehand, from the
+//! plan alone: a time for each step and one for each byte. The figures are those of the deterministic lab, where an
+//! instruction is a nanosecond, with a third to spare; `docs/online-change.md` has what was measured.
 
 use crate::plan::Step;
 

@@ -5,10 +5,10 @@
 //! beforehand, from the tables of both images ([`make`]), and is one small table of bytes: a [`Plan`].
 //! The kernel carries it out ([`Ready::apply`]) while no task of the program has a job.
 //!
-//! The two halves distrust each other. A plan is checked as a whole before a byte of the state is
-//! touched ([`Plan::parse`]): each range is inside, no byte is written twice, each conversion is a legal one, and the time that it
-//! takes is bounded by [`cost::COMMIT_NS`]. So a plan that lies can at worst give a program wrong values,
-//! never damage its neighbours or take their time.
+//! The two halves distrust each other. A plan is checked as a whole before a byte of the state is touched
+//! ([`Plan::parse`]): each range is inside, no byte is written twice, each conversion is a legal one, and the time that
+//! it takes is bounded by [`cost::COMMIT_NS`]. So a plan that lies can at worst give a program wrong values, never
+//! damage its neighbours or take their time.
 //!
 //! | module | what it does |
 //! | --- | --- |

@@ -1,10 +1,10 @@
 //! Who runs: fixed priorities, preemptive.
 //!
-//! All tasks are ranked together: by priority, those of one priority in the order in which they were added,
-//! which is that of the programs and of the tasks in them. Tasks whose releases or execution nothing bounds come
-//! after all others, whatever their priority ([`Class`](crate::task::Class)); of initialisations, the one that has
-//! executed the least comes first, so that one without an end does not keep the others from theirs. A holder of a semaphore comes before all of
-//! the semaphore's ceiling. There is always one most urgent task, and what runs follows from the state
+//! All tasks are ranked together: by priority, those of one priority in the order in which they were added, which is
+//! that of the programs and of the tasks in them. Tasks whose releases or execution nothing bounds come after all
+//! others, whatever their priority ([`Class`](crate::task::Class)); of initialisations, the one that has executed the
+//! least comes first, so that one without an end does not keep the others from theirs. A holder of a semaphore comes
+//! before all of the semaphore's ceiling. There is always one most urgent task, and what runs follows from the state
 //! alone.
 //!
 //! The kernel calls this at each of its entries, with the time that it is then: [`Scheduler::account`]

@@ -1,7 +1,7 @@
 //! Which bytes of programs are watched, and how far a sample of them has got.
 //!
-//! A sample is taken piece by piece, in steps of a bounded length, after the work of a window. All its pieces must be of the
-//! same moment: a job that runs in between, or a window that ends, gives the sample up, which is counted.
+//! A sample is taken piece by piece, in steps of a bounded length, after the work of a window. All its pieces must be
+//! of the same moment: a job that runs in between, or a window that ends, gives the sample up, which is counted.
 
 use takt_abi::live::{Range, Refusal, SAMPLE_BYTES, WATCHED_RANGES};
 
@@ -92,8 +92,8 @@ impl Watch {
         self.missed = 0;
     }
 
-    /// A program is about to change to another version, where the places do not hold. A list with one of them ends; Takt sends
-    /// the rest of it anew.
+    /// A program is about to change to another version, where the places do not hold. A list with one of them ends;
+    /// Takt sends the rest of it anew.
     pub fn leave(&mut self, program: u8) {
         let has = |list: &List| {
             list.ranges[..list.count].iter().flatten().any(|range| range.program == program)

@@ -1,8 +1,8 @@
 //! Which texts belong to one project.
 //!
-//! A folder with a project file (`takt-plc.toml`) is a project of the files that this file names. Of what is left, a folder
-//! that the editor has opened is a project with all files below it that end with `.st`: both are as `takt plc check FOLDER`
-//! takes them. Any other file is a project with the files beside it, and a text that is no file is alone.
+//! A folder with a project file (`takt-plc.toml`) is a project of the files that this file names. Of what is left, a
+//! folder that the editor has opened is a project with all files below it that end with `.st`: both are as `takt plc
+//! check FOLDER` takes them. Any other file is a project with the files beside it, and a text that is no file is alone.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! The types of variables, so that tools can show and set values.
 //!
-//! A type refers only to types before it in the table (a reference may refer to any), and says how
-//! deep it is nested, so a reader can recurse over it: at most [`limit::TYPE_DEPTH`](crate::limit::TYPE_DEPTH) deep, and never more parts
+//! A type refers only to types before it in the table (a reference may refer to any), and says how deep it is nested,
+//! so a reader can recurse over it: at most [`limit::TYPE_DEPTH`](crate::limit::TYPE_DEPTH) deep, and never more parts
 //! than the type has bytes, because every part has at least one byte of its own.
 
 use crate::bytes::Record;

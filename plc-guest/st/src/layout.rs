@@ -1,11 +1,12 @@
 //! Places of variables that a new version takes over from the running one.
 //!
-//! A change of a running program is cheap and harmless if nothing moves: so a variable that both versions have, with the same
-//! size, stays where it is. A new one goes where nothing of the new version lies, at the first place that is large enough, and
-//! else behind the end. The same holds for the fields of structures and the variables of function blocks and programs.
+//! A change of a running program is cheap and harmless if nothing moves: so a variable that both versions have, with
+//! the same size, stays where it is. A new one goes where nothing of the new version lies, at the first place that is
+//! large enough, and else behind the end. The same holds for the fields of structures and the variables of function
+//! blocks and programs.
 //!
-//! A function block that grows beyond its old size makes what contains it larger, too. What is then too large for its old place
-//! moves; what lies behind it stays.
+//! A function block that grows beyond its old size makes what contains it larger, too. What is then too large for its
+//! old place moves; what lies behind it stays.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 

@@ -227,7 +227,8 @@ fn longest<'a, 'n>(image: &Image<'a>, name: &'n str) -> Option<(Variable<'a>, &'
         .find_map(|end| Some((image.variable(&name[..end])?, &name[end..])))
 }
 
-/// The first part of `path` (`.field` or `[index]`) in a value of this type: its offset, its type, and the rest of the path.
+/// The first part of `path` (`.field` or `[index]`) in a value of this type: its offset, its type, and the rest of the
+/// path.
 fn part<'n>(image: &Image<'_>, ty: &Type<'_>, path: &'n str) -> Option<(u64, TypeId, &'n str)> {
     if let Some(path) = path.strip_prefix('.') {
         let end = path.find(['.', '[']).unwrap_or(path.len());

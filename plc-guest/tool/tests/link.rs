@@ -104,7 +104,8 @@ fn what_is_no_object_file_is_refused() {
 #[test]
 fn what_a_generator_of_c_emits_is_linked() {
     let folder = Folder::new();
-    // Globals with initial values in several files, doubles, structures that are copied, function tables, and position-independent code.
+    // Globals with initial values in several files, doubles, structures that are copied, function tables, and
+    // position-independent code.
     folder.write("lib.c", "struct big { double x[40]; }; struct big a = {{1, 2}}, b;\nvoid copy(void) { b = a; }\ndouble second(void) { return b.x[1]; }\n");
     let flags =
         ["-O2", "-fPIC", "-ffreestanding", "-fno-stack-protector", "-c", "lib.c", "-o", "lib.o"];

@@ -371,7 +371,8 @@ functions! {
         "3:", "mov edi, 83", "mov eax, 14", "syscall",
         "4:",
     ]
-    /// Counts its jobs in the first word of its outputs, works as often as the parameter says, and counts in the second.
+    /// Counts its jobs in the first word of its outputs, works as often as the parameter says, and counts in the
+    /// second.
     TwoOutputs = "takt_test_two_outputs": [
         "inc qword ptr [0x68100000]",
         "mov rcx, [rbx]", "2:", "dec rcx", "jnz 2b",

@@ -3,8 +3,9 @@
 //!
 //!     talk SOCKET LINE|NUMBER|stay...
 //!
-//! Waits for the socket, sends each line, and prints what comes up to the line that answers it; to
-//! `trace`, that is the last line of the trace. For a number it prints so many lines more; after `stay` it reads nothing any more, until it is killed. Exit status: 0 if each was answered.
+//! Waits for the socket, sends each line, and prints what comes up to the line that answers it; to `trace`, that is the
+//! last line of the trace. For a number it prints so many lines more; after `stay` it reads nothing any more, until it
+//! is killed. Exit status: 0 if each was answered.
 
 #![forbid(unsafe_code)]
 

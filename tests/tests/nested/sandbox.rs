@@ -189,7 +189,8 @@ fn the_doors_are_shut_and_trying_them_ends_the_process_with_safe_values() {
         assert!(console.contains("safe values are written"), "{console}");
         assert!(console.contains("ticks of a write"), "the outputs were driven: {console}");
     }
-    // Scans count from 0 in each of the runs, one of which is looked at and one logged, and their bytes pass 0xa5 every 256.
+    // Scans count from 0 in each of the runs, one of which is looked at and one logged, and their bytes pass 0xa5 every
+    // 256.
     assert_eq!(runs.pop(), Some(&[][..]), "the last byte is the safe value");
     let starts = runs.iter().filter(|run| run.starts_with(&[0, 1, 2])).count();
     assert_eq!(

@@ -1,7 +1,7 @@
 //! What all clients of Takt's control socket have in common: where the socket is, the connection, what can go wrong.
 //!
-//! Clients are `takt ctl`, `takt top` and the commands of `takt plc` that look at a PLC while it runs. They link this and no
-//! hypervisor.
+//! Clients are `takt ctl`, `takt top` and the commands of `takt plc` that look at a PLC while it runs. They link this
+//! and no hypervisor.
 
 mod connection;
 pub mod error;

@@ -1,8 +1,8 @@
 //! How many huge pages the host has set aside.
 //!
 //! Huge pages are set aside by the host's owner, at its start or later
-//! (`Documentation/admin-guide/mm/hugetlbpage.rst`), and serve nothing else. The other kind, large pages that the kernel
-//! makes of small ones by itself (THP), a PREEMPT_RT kernel does not have (`mm/Kconfig`).
+//! (`Documentation/admin-guide/mm/hugetlbpage.rst`), and serve nothing else. The other kind, large pages that the
+//! kernel makes of small ones by itself (THP), a PREEMPT_RT kernel does not have (`mm/Kconfig`).
 
 use std::fs;
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! What `takt run` has left behind: its report and its samples.
 //!
-//! The report is also kept as it is, to be written beside the page. The files come from a run that this program need not have started, so their text is
-//! taken for what anybody could have written, and their sizes have limits.
+//! The report is also kept as it is, to be written beside the page. The files come from a run that this program need
+//! not have started, so their text is taken for what anybody could have written, and their sizes have limits.
 
 use std::fs::File;
 use std::io::Read;

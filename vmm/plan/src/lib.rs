@@ -6,10 +6,10 @@
 //! before:
 //!
 //! 1. bytes to text to the raw form, whose keys and types are right (`syntax`, `raw`, `units`);
-//! 2. the rules of each partition (`partition`, `hardware`, `tasks`), of the schedules (`schedules`,
-//!    `periods`, `explain`), of both together (`deadlines`), of the channels between partitions (`channels`,
-//!    `ports`, `host_ports`), of the health monitor's tables (`health`), of the host's devices
-//!    (`passthrough`), and of the files that are named (`images`, `programs`, `contents`, `placement`, `disks`, `nets`);
+//! 2. the rules of each partition (`partition`, `hardware`, `tasks`), of the schedules (`schedules`, `periods`,
+//!    `explain`), of both together (`deadlines`), of the channels between partitions (`channels`, `ports`,
+//!    `host_ports`), of the health monitor's tables (`health`), of the host's devices (`passthrough`), and of the files
+//!    that are named (`images`, `programs`, `contents`, `placement`, `disks`, `nets`);
 //! 3. a [`PartitionFile`], which has private fields and no other way to be made. The rest of Takt
 //!    takes nothing else and checks nothing again. Only a command line can add words to a guest's
 //!    (`append`).
@@ -244,8 +244,8 @@ impl Partition {
         self.power_off
     }
 
-    /// Its tasks, in the order of the file, or those of its programs that are analysed. They meet their deadlines in every schedule in which
-    /// the partition has a window.
+    /// Its tasks, in the order of the file, or those of its programs that are analysed. They meet their deadlines in
+    /// every schedule in which the partition has a window.
     #[must_use]
     pub fn tasks(&self) -> &[NamedTask] {
         &self.tasks

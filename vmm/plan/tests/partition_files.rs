@@ -142,8 +142,8 @@ fn the_images_beside_the_fixtures_are_those_of_the_tests() {
     }
 }
 
-/// An example, with dummies where it expects the images that `scripts/guest-image` makes, and
-/// those of the PLC guests, programs with the points of the examples', and a disk of one sector for that of `scripts/load-image`.
+/// An example, with dummies where it expects the images that `scripts/guest-image` makes, and those of the PLC guests,
+/// programs with the points of the examples', and a disk of one sector for that of `scripts/load-image`.
 fn example(name: &str) -> (PathBuf, PartitionFile) {
     let folder = scratch(&format!("example-{name}"));
     let images = folder.join("target/guest");

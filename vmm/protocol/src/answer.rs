@@ -152,8 +152,8 @@ pub struct VersionStatus {
     pub running: ImageVersion,
     /// The one that is prepared, or that a roll-back leads to.
     pub other: Option<ImageVersion>,
-    /// How far a change is: `none`, `preparing`, `prepared`, `committing`, `trial`, `held`, `rolling-back`, `rolled-back` or
-    /// `refused`.
+    /// How far a change is: `none`, `preparing`, `prepared`, `committing`, `trial`, `held`, `rolling-back`,
+    /// `rolled-back` or `refused`.
     pub phase: String,
     /// Why it is there; `null` if there is nothing to say.
     pub reason: Option<String>,

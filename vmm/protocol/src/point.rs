@@ -1,7 +1,7 @@
 //! Places of values, as they are written in a request.
 //!
-//! The protocol knows no names: a client takes the place of a variable from the program image, after it has compared the
-//! image's hash with that of the status.
+//! The protocol knows no names: a client takes the place of a variable from the program image, after it has compared
+//! the image's hash with that of the status.
 
 use serde::{Deserialize, Serialize};
 use takt_abi::live::{Area, Point, Range, WATCHED_RANGES};

@@ -1,7 +1,7 @@
 //! A disk's bytes in a file of the host.
 //!
-//! They go through the host's page cache; what was written is on the host's disk after a flush. The file is locked, so that no second Takt writes what this one
-//! has cached in its guest, nor reads what changes under it.
+//! They go through the host's page cache; what was written is on the host's disk after a flush. The file is locked, so
+//! that no second Takt writes what this one has cached in its guest, nor reads what changes under it.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io;

@@ -1,13 +1,13 @@
 //! Bus locks: an instruction of a guest's that keeps all processors from memory.
 //!
 //! A locked access that crosses two cache lines, or goes to uncached memory, is made by locking the bus: for some
-//! thousand cycles no other processor gets at memory. A program of a Linux on another CPU can make a PLC's
-//! scan longer with it, as often as it likes, and no schedule separates the two. Processors since Intel's
-//! Sapphire Rapids leave the guest for each (`Documentation/virt/kvm/api.rst`, `KVM_CAP_X86_BUS_LOCK_EXIT`), which makes
-//! them rarer and lets Takt count them.
+//! thousand cycles no other processor gets at memory. A program of a Linux on another CPU can make a PLC's scan longer
+//! with it, as often as it likes, and no schedule separates the two. Processors since Intel's Sapphire Rapids leave the
+//! guest for each (`Documentation/virt/kvm/api.rst`, `KVM_CAP_X86_BUS_LOCK_EXIT`), which makes them rarer and lets Takt
+//! count them.
 //!
-//! How many are an error says the partition file. A span begins with the first bus lock after the last span is over, so that
-//! nothing has to be kept of those before.
+//! How many are an error says the partition file. A span begins with the first bus lock after the last span is over, so
+//! that nothing has to be kept of those before.
 
 use std::time::Instant;
 

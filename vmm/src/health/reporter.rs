@@ -1,10 +1,9 @@
 //! The vCPU thread's side: count, and leave a note.
 //!
-//! It runs on the PLC's path, so each error costs the same small amount: an addition, a look at the
-//! table, a push into a ring of its own, and, unless many notes wait already, one system call for the
-//! address of the instruction. (The ring of the windows would do, but a guest that floods it with errors would cost its own
-//! figures.) What does not fit is missing from the notes and shows as a gap in their numbers; the
-//! counts are always whole.
+//! It runs on the PLC's path, so each error costs the same small amount: an addition, a look at the table, a push into
+//! a ring of its own, and, unless many notes wait already, one system call for the address of the instruction. (The
+//! ring of the windows would do, but a guest that floods it with errors would cost its own figures.) What does not fit
+//! is missing from the notes and shows as a gap in their numbers; the counts are always whole.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -1,13 +1,13 @@
 //! Changes of programs to other versions, while they run.
 //!
 //! A new version comes in parts through the control socket. When it is whole it is checked as an image of the partition
-//! file is: hash, signature, keys. It must be a version of the program that runs, which means category, tasks, points and
-//! a plan that is quick enough (`takt_change`). Then image and plans are written into the program's free bank by this
-//! thread, which is no vCPU's, and the guest's kernel is told. The kernel does the rest (`versions` follows it).
+//! file is: hash, signature, keys. It must be a version of the program that runs, which means category, tasks, points
+//! and a plan that is quick enough (`takt_change`). Then image and plans are written into the program's free bank by
+//! this thread, which is no vCPU's, and the guest's kernel is told. The kernel does the rest (`versions` follows it).
 //!
-//! What an operator watches, writes or forces are bytes at a place. In another version the same place can be another value's.
-//! So from the order of a change until the end of the trial there are no such orders for the program ([`is_settled`]), and
-//! no change while values are forced: the kernel holds to the same.
+//! What an operator watches, writes or forces are bytes at a place. In another version the same place can be another
+//! value's. So from the order of a change until the end of the trial there are no such orders for the program
+//! ([`is_settled`]), and no change while values are forced: the kernel holds to the same.
 //!
 //! [`is_settled`]: ProgramChanges::is_settled
 //!

@@ -1,8 +1,8 @@
 //! What clients look at in one partition: one list for its kernel, made of the lists of all clients.
 //!
-//! A range that two clients want is copied once. The kernel's samples come in parts; a whole one is cut up again for each
-//! client. What does not fit into the budgets of the partition file is refused when it is asked for, so that what has been
-//! accepted always fits.
+//! A range that two clients want is copied once. The kernel's samples come in parts; a whole one is cut up again for
+//! each client. What does not fit into the budgets of the partition file is refused when it is asked for, so that what
+//! has been accepted always fits.
 
 use takt_abi::live::{Order, RANGES_EACH, Range, Ranges, SAMPLE_BYTES, SampleHead, WATCHED_RANGES};
 use takt_scheduler::time::Nanos;

@@ -93,7 +93,8 @@ pub struct Preparation<'a> {
     pub board: Arc<ScheduleState>,
     /// The first machine's, for all: a kernel refines its figure for some time after it has booted.
     pub frequency: Option<TscFrequency>,
-    /// How long it has taken to get and clear the guests' memory: in the appliance, huge pages are set aside for it first.
+    /// How long it has taken to get and clear the guests' memory: in the appliance, huge pages are set aside for it
+    /// first.
     pub clearing: Duration,
     /// The serial port of the Linux guest, once there is one.
     pub console: Option<Console>,

@@ -5,8 +5,8 @@
 //! ([`takt_host::resctrl`]); here it is written (`setup`), and each thread of a partition enters its group before it
 //! is pinned.
 //!
-//! A Takt that was killed leaves its groups. The next one on this host removes them, whether its file asks for anything or
-//! not: their names begin with `takt-`, and they have no threads.
+//! A Takt that was killed leaves its groups. The next one on this host removes them, whether its file asks for anything
+//! or not: their names begin with `takt-`, and they have no threads.
 //!
 //! None of it has run on hardware: the tests have a file system that is made up, with the record of a host.
 

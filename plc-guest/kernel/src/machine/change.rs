@@ -6,8 +6,8 @@
 //! release, it carries out the plan and changes one word of the page tables. The version is on trial for
 //! [`TRIAL_JOBS`] jobs: a fault, or a job over its budget, leads back.
 //!
-//! A place that an operator forces or watches is some bytes of the version that runs. So no change begins while a value of
-//! the program is forced, and until the trial is over none is written, forced or watched.
+//! A place that an operator forces or watches is some bytes of the version that runs. So no change begins while a value
+//! of the program is forced, and until the trial is over none is written, forced or watched.
 //!
 //! The way back is the same, with the other plan. Values are those that the failed version has left.
 
@@ -78,8 +78,8 @@ impl Change {
         self.is(program, ChangePhase::Trial)
     }
 
-    /// True from the order to change this program until its trial is over: places in it can be those of another version,
-    /// so they are not watched, written or forced.
+    /// True from the order to change this program until its trial is over: places in it can be those of another
+    /// version, so they are not watched, written or forced.
     pub fn is_unsettled(&self, program: u8) -> bool {
         self.is(program, ChangePhase::Committing)
             || self.is(program, ChangePhase::Trial)

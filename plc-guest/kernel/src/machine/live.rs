@@ -1,8 +1,9 @@
 //! Orders from Takt while the PLC runs, the answers, and samples of what is watched.
 //!
-//! A step is one order or one part of a sample, taken in a window in which no task is ready or will be, with time left for the longest of them:
-//! so no release and no job ever waits for an order. Orders come from Takt and are checked all the same, as a
-//! program's calls are. What cannot be answered because Takt has not taken the answers before is counted.
+//! A step is one order or one part of a sample, taken in a window in which no task is ready or will be, with time left
+//! for the longest of them: so no release and no job ever waits for an order. Orders come from Takt and are checked all
+//! the same, as a program's calls are. What cannot be answered because Takt has not taken the answers before is
+//! counted.
 
 use super::kernel::Kernel;
 use super::memory::Area;

@@ -11,8 +11,8 @@ use takt_st::diagnostic::{self, Code, Severity};
 use crate::analysis::Analysis;
 use crate::uri::Name;
 
-/// The messages about each text of the project, also about those that have none. `tells` says of which texts this project
-/// tells: a library's may be told of by a project of its own.
+/// The messages about each text of the project, also about those that have none. `tells` says of which texts this
+/// project tells: a library's may be told of by a project of its own.
 pub fn all(analysis: &Analysis, tells: impl Fn(&Name) -> bool) -> Vec<PublishDiagnosticsParams> {
     let mut by_file: BTreeMap<usize, Vec<Diagnostic>> = BTreeMap::new();
     for one in &analysis.diagnostics {

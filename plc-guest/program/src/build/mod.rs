@@ -139,8 +139,8 @@ impl Builder {
     /// The bytes of the image, unsigned.
     ///
     /// # Errors
-    /// The first defect of what it was filled with. Offsets in the error are those of the image that would have been; record and
-    /// index say what it is about.
+    /// The first defect of what it was filled with. Offsets in the error are those of the image that would have been;
+    /// record and index say what it is about.
     pub fn build(&self) -> Result<Vec<u8>, ImageError> {
         let file = write::image(self);
         Image::verify(&file)?;

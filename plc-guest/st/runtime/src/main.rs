@@ -1,4 +1,5 @@
-//! What compiled Structured Text calls instead of having it inline: mathematical functions, searches in strings, copies.
+//! What compiled Structured Text calls instead of having it inline: mathematical functions, searches in strings,
+//! copies.
 //!
 //! It is a block of bytes that the compiler puts at the start of a program's code, unchanged, so it is linked for that
 //! address. A table of addresses at its start is how the compiler finds the functions. The mathematical functions are

@@ -15,8 +15,8 @@ const LONG: usize = 256;
 /// `from` is readable and `to` writable for so many bytes.
 pub unsafe extern "C" fn copy(to: *mut u8, from: *const u8, bytes: usize) {
     if bytes >= LONG && (to as usize).wrapping_sub(from as usize) >= bytes {
-        // SAFETY: the caller's promise. A copy upwards does not read what it wrote, by the condition. The direction flag is clear
-        // by the calling convention.
+        // SAFETY: the caller's promise. A copy upwards does not read what it wrote, by the condition. The direction
+        // flag is clear by the calling convention.
         unsafe {
             asm!("rep movsb", inout("rcx") bytes => _, inout("rdi") to => _, inout("rsi") from => _,
                 options(nostack, preserves_flags));

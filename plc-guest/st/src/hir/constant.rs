@@ -5,8 +5,8 @@ use super::{GlobalId, TypeId, Types, types::Type};
 /// A value. Its type is where it is used.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Constant {
-    /// What the type begins with if nothing else is said: the fields' own initial values for a structure, the lower bound
-    /// of a subrange that does not contain 0, the first value of an enumeration, else zero, empty or NULL.
+    /// What the type begins with if nothing else is said: the fields' own initial values for a structure, the lower
+    /// bound of a subrange that does not contain 0, the first value of an enumeration, else zero, empty or NULL.
     Default,
     /// BOOL, integers, bit strings, characters, times, enumerations and subranges.
     Integer(i128),
@@ -18,7 +18,8 @@ pub enum Constant {
     WString(Vec<u16>),
     /// `REF(variable)` of a variable in the state, or of a field of one: the indices of fields on the way to it.
     Address(GlobalId, Vec<u32>),
-    /// Array or structure: one value for each element or field, in order. Missing ones at the end are [`Constant::Default`].
+    /// Array or structure: one value for each element or field, in order. Missing ones at the end are
+    /// [`Constant::Default`].
     Aggregate(Vec<Constant>),
     /// Array: as many elements of the same value as the array has.
     Fill(Box<Constant>),

@@ -111,11 +111,11 @@ pub enum Conversion {
 pub enum Argument {
     /// For [`super::LocalKind::Input`]. The value's type is the parameter's; strings may differ in capacity.
     Value(Expr),
-    /// For [`super::LocalKind::InOut`]. The place's type is the parameter's, or an array where the parameter is an open array of
-    /// as many dimensions and the same element. No bit.
+    /// For [`super::LocalKind::InOut`]. The place's type is the parameter's, or an array where the parameter is an open
+    /// array of as many dimensions and the same element. No bit.
     Reference(Place),
-    /// For [`super::LocalKind::Output`]: where the value goes after the call, if anywhere. The place's type is the parameter's. The place
-    /// is evaluated before the call.
+    /// For [`super::LocalKind::Output`]: where the value goes after the call, if anywhere. The place's type is the
+    /// parameter's. The place is evaluated before the call.
     Output(Option<Place>),
 }
 

@@ -35,7 +35,8 @@ pub enum Intrinsic {
     Max,
     /// `SEL(g, in0, in1)`: in0 if the BOOL is FALSE, else in1. Both are evaluated. Same type, scalar or string.
     Select,
-    /// `SHL(in, n)`: bits shifted left; n is LINT. All bits gone from the width of the type on; n below 0 shifts nothing.
+    /// `SHL(in, n)`: bits shifted left; n is LINT. All bits gone from the width of the type on; n below 0 shifts
+    /// nothing.
     ShiftLeft,
     /// `SHR(in, n)`: like [`Intrinsic::ShiftLeft`] to the right, zeros from the left.
     ShiftRight,
@@ -49,11 +50,13 @@ pub enum Intrinsic {
     Left,
     /// `RIGHT(string, n)`: the last n units, likewise.
     Right,
-    /// `MID(string, n, p)`: n units from position p, counted from 1. Both LINT. What lies outside of the string is left out.
+    /// `MID(string, n, p)`: n units from position p, counted from 1. Both LINT. What lies outside of the string is left
+    /// out.
     Mid,
     /// Two strings, one after the other. What exceeds the type's capacity is cut.
     Concat,
-    /// `FIND(string, sought)`: the position, from 1, of the first occurrence; 0 if there is none or `sought` is empty. LINT.
+    /// `FIND(string, sought)`: the position, from 1, of the first occurrence; 0 if there is none or `sought` is empty.
+    /// LINT.
     Find,
     /// `CHAR_AT(string, p)`: the unit at position p (LINT), from 1, as BYTE or WORD; 0 if there is none.
     UnitAt,
@@ -65,8 +68,8 @@ pub enum Intrinsic {
     Elapsed,
     /// How often the task ran before. ULINT.
     Cycle,
-    /// `LOG_LINE(string)`: a line for the log of the partition; what is longer than a line is cut. Its value, a LINT, is 0 or
-    /// the kernel's error.
+    /// `LOG_LINE(string)`: a line for the log of the partition; what is longer than a line is cut. Its value, a LINT,
+    /// is 0 or the kernel's error.
     LogLine,
     /// A test asks its runner for something: which is a constant of [`Simulation`], and a LINT that goes with it. Its
     /// value means nothing. Whatever has an address may have changed behind it.

@@ -17,8 +17,8 @@ pub struct Statement {
 /// What a statement does.
 #[derive(Clone, Debug, PartialEq)]
 pub enum StatementKind {
-    /// The value is evaluated before the place. Types are equal; strings may differ in capacity, and what exceeds the place's is
-    /// cut. Structures and arrays are copied whole.
+    /// The value is evaluated before the place. Types are equal; strings may differ in capacity, and what exceeds the
+    /// place's is cut. Structures and arrays are copied whole.
     Assign(Place, Expr),
     /// A function whose result is dropped, or that has none.
     Call(RoutineId, Vec<Argument>),
@@ -29,11 +29,11 @@ pub enum StatementKind {
     /// The arm that holds the selector's value, else the last block. The selector is of an integer class. Arms do not
     /// overlap; if they do, the first counts.
     Case(Expr, Vec<CaseArm>, Block),
-    /// `FOR variable := from TO to BY by`. The three are evaluated once, in this order, and have the variable's type, which
-    /// is an integer type; then the variable is assigned. The variable is a place without an index or reference in its
-    /// path. A `by` of 0 traps as a loop without end; its sign, if the type is signed, decides the direction. If `from` has
-    /// passed `to` there is no round. After each round the variable is increased by `by`, and wraps; the loop ends if the
-    /// variable had passed `to`, or passes it, or left the type's range. So no end value makes a FOR
+    /// `FOR variable := from TO to BY by`. The three are evaluated once, in this order, and have the variable's type,
+    /// which is an integer type; then the variable is assigned. The variable is a place without an index or reference
+    /// in its path. A `by` of 0 traps as a loop without end; its sign, if the type is signed, decides the direction. If
+    /// `from` has passed `to` there is no round. After each round the variable is increased by `by`, and wraps; the
+    /// loop ends if the variable had passed `to`, or passes it, or left the type's range. So no end value makes a FOR
     /// endless; a body that assigns the variable can, and the loop budget ends it.
     For {
         /// What is counted.

@@ -1,7 +1,7 @@
 //! Tests of a program, which a runner executes one by one.
 //!
-//! A test is the body of a program of its own. All of a project are entered by one task more, the last, which looks at a
-//! variable for the number of the test that is wanted.
+//! A test is the body of a program of its own. All of a project are entered by one task more, the last, which looks at
+//! a variable for the number of the test that is wanted.
 
 use super::{Comparison, GlobalId, Location, TypeId};
 

@@ -1,7 +1,7 @@
 //! Types and their layout in memory.
 //!
-//! A type is an index into [`Types`]. Types that are equal by structure (arrays, strings, references) are stored once, so
-//! that equal indices mean equal types. Structures and enumerations are equal only to themselves.
+//! A type is an index into [`Types`]. Types that are equal by structure (arrays, strings, references) are stored once,
+//! so that equal indices mean equal types. Structures and enumerations are equal only to themselves.
 
 use std::collections::HashMap;
 
@@ -199,16 +199,16 @@ impl Types {
         structure.fields.len() as u32 - 1
     }
 
-    /// Ends the definition of structure `id`: rounds its size up to its alignment. A structure without fields has size 1,
-    /// so that two variables never share an address.
+    /// Ends the definition of structure `id`: rounds its size up to its alignment. A structure without fields has size
+    /// 1, so that two variables never share an address.
     pub fn complete(&mut self, id: TypeId) {
         if let Type::Structure(structure) = &mut self.list[id.0 as usize] {
             structure.size = structure.size.max(1).next_multiple_of(structure.align);
         }
     }
 
-    /// Ends the definition of structure `id` with room for the fields of later versions, of any type: an eighth of its size,
-    /// and at least two variables of 8 bytes. So the usual change of a program moves none of its instances.
+    /// Ends the definition of structure `id` with room for the fields of later versions, of any type: an eighth of its
+    /// size, and at least two variables of 8 bytes. So the usual change of a program moves none of its instances.
     pub fn complete_with_room(&mut self, id: TypeId) {
         if let Type::Structure(structure) = &mut self.list[id.0 as usize] {
             structure.align = 8;

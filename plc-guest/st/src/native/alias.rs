@@ -14,8 +14,8 @@ pub struct Knowledge {
     pub summaries: Vec<Effects>,
     /// Where instances lie in the state.
     instances: BTreeMap<TypeId, Vec<(u32, u32)>>,
-    /// Stretches that more than one task uses. A register must not hide a write of another task, nor write back what that
-    /// task has changed since.
+    /// Stretches that more than one task uses. A register must not hide a write of another task, nor write back what
+    /// that task has changed since.
     shared: Vec<(Area, u32, u32)>,
     tasks: usize,
 }

@@ -37,8 +37,8 @@ impl Lower<'_> {
         }
     }
 
-    /// An integer division. The processor faults for a divisor of 0, which traps here before, and for the least integer by
-    /// -1, whose quotient is itself here.
+    /// An integer division. The processor faults for a divisor of 0, which traps here before, and for the least integer
+    /// by -1, whose quotient is itself here.
     fn divide(
         &mut self,
         expr: &Expr,

@@ -4,7 +4,8 @@
 //! in the loop can see its memory. The answer is conservative. What makes it useful all the same:
 //!
 //! - An index is anywhere in its array, but not outside: bounds are checked.
-//! - References and VAR_IN_OUT refer to variables of exactly their type, so a store of a REAL through one changes no DINT.
+//! - References and VAR_IN_OUT refer to variables of exactly their type, so a store of a REAL through one changes no
+//!   DINT.
 //! - A call changes what its callee's summary says, and what it is given by reference.
 
 use std::collections::BTreeMap;

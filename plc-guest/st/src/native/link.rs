@@ -63,7 +63,8 @@ impl Compiled {
             Some((trap.offset, Trap { kind, location: location(trap.offset) }))
         });
         let relocations = code.buffer.relocs().iter().map(|relocation| {
-            // All names are within reach of a 32-bit distance from the code, and are called or their address is computed.
+            // All names are within reach of a 32-bit distance from the code, and are called or their address is
+            // computed.
             debug_assert!(
                 matches!(relocation.kind, Reloc::X86CallPCRel4 | Reloc::X86PCRel4),
                 "{:?}",
@@ -201,7 +202,8 @@ fn align(bytes: &mut Vec<u8>, to: usize) {
 /// Bytes of stack that a call of each routine takes at most, with all that it calls. Calls form no cycle, so there is a
 /// bound. The functions of the runtime get a fixed share.
 pub fn stacks(program: &Program, compiled: &[Compiled]) -> BTreeMap<RoutineId, u32> {
-    /// What the deepest function of the runtime takes, generously: the argument reduction of the sine has some 400 bytes.
+    /// What the deepest function of the runtime takes, generously: the argument reduction of the sine has some 400
+    /// bytes.
     const RUNTIME_STACK: u32 = 2048;
     let mut stacks: BTreeMap<RoutineId, u32> = BTreeMap::new();
     for id in super::alias::callees_first(program) {

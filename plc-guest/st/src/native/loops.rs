@@ -264,8 +264,8 @@ impl Lower<'_> {
         }
     }
 
-    /// Whether the round that began with `now` was the last: the end has been passed, or the step passes it. The second is
-    /// that the distance to the end is less than the step, which is computed without overflow.
+    /// Whether the round that began with `now` was the last: the end has been passed, or the step passes it. The second
+    /// is that the distance to the end is less than the step, which is computed without overflow.
     fn ends(
         &mut self,
         ty: Elementary,

@@ -2,8 +2,8 @@
 //!
 //! Where variables are, in this order of preference:
 //! 1. A scalar local whose address never leaves the routine is a value of Cranelift's.
-//! 2. A scalar anywhere else is one during a loop in which nothing else can see it ([`super::alias`]): it is read before the
-//!    loop and written back behind it, if the loop assigns it.
+//! 2. A scalar anywhere else is one during a loop in which nothing else can see it ([`super::alias`]): it is read
+//!    before the loop and written back behind it, if the loop assigns it.
 //! 3. All else is in memory.
 
 use std::collections::HashMap;

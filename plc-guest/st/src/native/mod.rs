@@ -1,8 +1,8 @@
 //! The code generator: from the typed tree to machine code at the addresses of a program.
 //!
-//! Each routine is lowered to the intermediate form of Cranelift and compiled by it, on its own; then all are placed one
-//! behind the other and the distances between them are filled in. There is no object file and no linker: a program has
-//! fixed addresses and refers to nothing outside of itself, and two builds of a source are equal to the last bit.
+//! Each routine is lowered to the intermediate form of Cranelift and compiled by it, on its own; then all are placed
+//! one behind the other and the distances between them are filled in. There is no object file and no linker: a program
+//! has fixed addresses and refers to nothing outside of itself, and two builds of a source are equal to the last bit.
 
 mod alias;
 mod arithmetic;

@@ -1,7 +1,7 @@
 //! Routines are compiled by as many threads as there are processors: code generation takes most of the time of a build.
 //!
-//! Each routine is compiled by itself, and the results are put back into the order of the routines, so the image does not
-//! depend on which thread was faster.
+//! Each routine is compiled by itself, and the results are put back into the order of the routines, so the image does
+//! not depend on which thread was faster.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;

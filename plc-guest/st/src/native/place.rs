@@ -53,8 +53,8 @@ impl Lower<'_> {
                     let at = self.wide_index(index);
                     let (low, high) = self.range(index);
                     let within = low >= i128::from(*lower) && high <= i128::from(*upper);
-                    // From the lower bound on: one unsigned comparison checks both bounds. The difference cannot
-                    // wrap into the bounds, because an array has fewer than 2^32 elements and the bounds are 64 bits wide.
+                    // From the lower bound on: one unsigned comparison checks both bounds. The difference cannot wrap
+                    // into the bounds, because an array has fewer than 2^32 elements and the bounds are 64 bits wide.
                     if within {
                         offset -= *lower * size;
                         base = self.indexed(base, at, size);

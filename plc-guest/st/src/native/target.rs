@@ -15,8 +15,8 @@ pub mod address {
 
 /// The settings of the code generator.
 ///
-/// - Not position independent, no stack probes, no unwind tables: the addresses are fixed, the stack has a guard page and
-///   a bound that is known, and nothing unwinds.
+/// - Not position independent, no stack probes, no unwind tables: the addresses are fixed, the stack has a guard page
+///   and a bound that is known, and nothing unwinds.
 /// - SSE4.1 because without it rounding is a call. Every processor with the virtualisation that Takt needs has it.
 pub fn machine() -> OwnedTargetIsa {
     let mut flags = settings::builder();

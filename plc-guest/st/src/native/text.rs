@@ -1,8 +1,8 @@
 //! Strings.
 //!
-//! The value of a string expression is a view: the address of its first unit and the number of units. So LEFT, RIGHT and MID
-//! copy nothing. A view of a variable must not outlive a change of the variable: where something is evaluated between the view
-//! and its use that calls a routine, the view is of a copy ([`Lower::stable_view`]).
+//! The value of a string expression is a view: the address of its first unit and the number of units. So LEFT, RIGHT
+//! and MID copy nothing. A view of a variable must not outlive a change of the variable: where something is evaluated
+//! between the view and its use that calls a routine, the view is of a copy ([`Lower::stable_view`]).
 
 use cranelift_codegen::ir::condcodes::IntCC;
 use cranelift_codegen::ir::{InstBuilder, Value, types};

@@ -1,7 +1,7 @@
 //! Random typed trees.
 //!
-//! They are made to be well-formed, to end, and to trap seldom: most divisors are odd, most indices are taken modulo the
-//! size of the array. What is left of traps is meant to be there.
+//! They are made to be well-formed, to end, and to trap seldom: most divisors are odd, most indices are taken modulo
+//! the size of the array. What is left of traps is meant to be there.
 
 mod expr;
 mod program;

@@ -118,8 +118,8 @@ impl Machine<'_> {
     ) -> Outcome<Value> {
         let ty = self.elementary(expr);
         if let (Value::Real(left), Value::Real(right)) = (&left, &right) {
-            // A sum, product or quotient of two binary32 numbers that is rounded to binary64 and then to binary32 is the
-            // correctly rounded binary32 result.
+            // A sum, product or quotient of two binary32 numbers that is rounded to binary64 and then to binary32 is
+            // the correctly rounded binary32 result.
             let value = match operator {
                 Arithmetic::Add => left + right,
                 Arithmetic::Subtract => left - right,

@@ -80,7 +80,8 @@ impl Machine<'_> {
         }
     }
 
-    /// Rounds until `round` says how the loop ends. The budget counts rounds that begin, a last test of a condition among them.
+    /// Rounds until `round` says how the loop ends. The budget counts rounds that begin, a last test of a condition
+    /// among them.
     fn rounds(
         &mut self,
         location: Location,

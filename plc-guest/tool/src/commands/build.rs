@@ -12,8 +12,8 @@ use crate::{Failure, link};
 /// Arguments of `build`.
 #[derive(clap::Args)]
 pub struct Build {
-    /// Files in Structured Text (.st) and folders of which all such files are taken; or object files (.o) and
-    /// static libraries (.a). A folder with a project file (takt-plc.toml) is taken as a project; without any input, the
+    /// Files in Structured Text (.st) and folders of which all such files are taken; or object files (.o) and static
+    /// libraries (.a). A folder with a project file (takt-plc.toml) is taken as a project; without any input, the
     /// current folder is.
     inputs: Vec<PathBuf>,
     /// Where to write the image. A program in Structured Text has its name from this file; without it, from the

@@ -1,7 +1,7 @@
 //! `takt plc new`: a project that stands anywhere and needs nothing of the network.
 //!
-//! The SDK is written into the project. A dependency on a registry or on a repository would need the network, and one on the
-//! place where Takt was built would break with it.
+//! The SDK is written into the project. A dependency on a registry or on a repository would need the network, and one
+//! on the place where Takt was built would break with it.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! The points of a program: each value that can be looked at by itself, by name.
 //!
-//! Arrays, structures and instances of function blocks open up to their parts: `row[2].level`. What an image says has been
-//! checked, but it may describe millions of values, so each search has an end.
+//! Arrays, structures and instances of function blocks open up to their parts: `row[2].level`. What an image says has
+//! been checked, but it may describe millions of values, so each search has an end.
 
 use takt_program::{Area, Elementary, Image, TypeId, TypeKind};
 use takt_protocol as protocol;

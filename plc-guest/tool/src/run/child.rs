@@ -212,8 +212,8 @@ impl Drop for Child {
 
 /// In the child: maps the program, unmaps everything else, and stops.
 fn become_program(memory: &Memory) -> ! {
-    // SAFETY: only system calls on the child's own memory and state. The mappings lie where nothing is, or the call fails. After
-    // the jump nothing of this tool is executed or read.
+    // SAFETY: only system calls on the child's own memory and state. The mappings lie where nothing is, or the call
+    // fails. After the jump nothing of this tool is executed or read.
     unsafe {
         if libc::ptrace(libc::PTRACE_TRACEME, 0, 0, 0) != 0 {
             libc::_exit(1);

@@ -106,8 +106,8 @@ pub fn describe(image: &Image<'_>, memory: &Memory, stop: &Stop) -> (String, Pla
     (what, place)
 }
 
-/// Where a call of the kernel was made: by a function of the runtime, which has nothing on the stack but perhaps its caller's
-/// frame pointer, so that its return address is one of the two topmost words.
+/// Where a call of the kernel was made: by a function of the runtime, which has nothing on the stack but perhaps its
+/// caller's frame pointer, so that its return address is one of the two topmost words.
 pub fn place_of_call(image: &Image<'_>, memory: &Memory, registers: &Registers) -> Place {
     let top =
         [0, 8].into_iter().filter_map(|above| memory.get(registers.rsp.wrapping_add(above), 8));

@@ -6,8 +6,8 @@
 //! whatever the program does, it can only compute, fault, or ask this tool. Syscall user dispatch with a
 //! seccomp filter would be faster by some microseconds a call, but leaves the tool's memory in the program's reach.
 //!
-//! Time is simulated: tasks are released in the order of their release times and priorities, and each job runs to its end.
-//! Preemption, budgets and waiting for another task are not simulated; they are the business of the guest and of
+//! Time is simulated: tasks are released in the order of their release times and priorities, and each job runs to its
+//! end. Preemption, budgets and waiting for another task are not simulated; they are the business of the guest and of
 //! `takt check`.
 
 mod child;

@@ -1,7 +1,7 @@
 //! A test in Structured Text: a job that asks for time to pass and for the project's tasks to run.
 //!
-//! The test's process is the program's. While the tasks run, the test waits in the middle of its call: its registers are
-//! kept here, and its stack is its own, as each task's is.
+//! The test's process is the program's. While the tasks run, the test waits in the middle of its call: its registers
+//! are kept here, and its stack is its own, as each task's is.
 
 use std::time::Duration;
 

@@ -21,7 +21,8 @@ pub struct Starting {
     /// From the command to the epoch, the first release; `null` if it was not taken. The kernel's
     /// part, which loads Takt itself, is not in it.
     pub first_release_ns: Option<u64>,
-    /// Of that: what it took to get and clear the guests' memory. In the appliance, huge pages are set aside for it first.
+    /// Of that: what it took to get and clear the guests' memory. In the appliance, huge pages are set aside for it
+    /// first.
     pub clearing_ns: u64,
     /// Of that: what the epoch waited for its place to the host's tick, less than a frame.
     pub aligning_ns: u64,

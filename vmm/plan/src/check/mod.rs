@@ -21,8 +21,9 @@ use takt_scheduler::schedules::ScheduleId;
 
 use crate::{Kind, Partition, PartitionFile};
 
-/// Each schedule drawn per CPU, what each partition gets in it and how its tasks fare; then what
-/// holds under all of them, the programs, the channels, the host's devices, shared hardware, and the health monitor's own rows. Ends with a newline.
+/// Each schedule drawn per CPU, what each partition gets in it and how its tasks fare; then what holds under all of
+/// them, the programs, the channels, the host's devices, shared hardware, and the health monitor's own rows. Ends with
+/// a newline.
 #[must_use]
 pub fn report(file: &PartitionFile) -> String {
     let mut out = format!("{}: major frame {}\n", file.name(), file.schedules().frame());

@@ -1,9 +1,8 @@
 //! What the inputs of programs are read from, and where their outputs are written to.
 //!
-//! A program knows its process image only. What a point of it is connected to is the plant's business, and stands in the
-//! partition file: so a program that is tested with simulated inputs is the one that runs with real ones. All that
-//! could be connected wrongly is found here, where the line can be shown: the guest finds numbers
-//! ([`takt_abi::io`]).
+//! A program knows its process image only. What a point of it is connected to is the plant's business, and stands in
+//! the partition file: so a program that is tested with simulated inputs is the one that runs with real ones. All that
+//! could be connected wrongly is found here, where the line can be shown: the guest finds numbers ([`takt_abi::io`]).
 //!
 //! - [`point`]: which bytes of which image a table names;
 //! - [`place`]: channels, registers, outputs of programs;
