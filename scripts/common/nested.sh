@@ -11,6 +11,7 @@
 #   work       an empty folder for temporary files
 #   clock      "steered" if somebody there is to steer the kernel's clock, or unset
 #   overlay    a folder to lie over the appliance's root, or empty
+#   control    the control socket to carry out, or empty; with control.sh
 #   devices    what else the machine is to have, as an array: see device_options
 # shellcheck shell=bash
 
@@ -80,6 +81,7 @@ qemu_machine() {
     for device in "${devices[@]}"; do
         device_options "$device"
     done
+    [[ -z ${control-} ]] || control_options
     machine=(env ${healer:+"LD_PRELOAD=$healer"} "${qemu[@]}" "${options[@]}" -append "$words")
     exec {output}>&1 {errors}>&2
 }
@@ -214,6 +216,8 @@ append_files() {
             [[ $file != "$guest"/* ]] || cp "$built/guest/${file#"$guest"/}" "$work/files$file"
         done
     fi
+    # Where Takt makes its control socket.
+    [[ -z ${control-} ]] || mkdir -p "$work/files${control%/*}"
     {
         cat "$appliance/initrd.img"
         pack "$work/files"

@@ -7,7 +7,7 @@ use takt_tests::{BUSY, File, long, plc_image, save_bytes};
 use super::tasks::{Row, assert_on_time};
 
 /// The image of one file, in Structured Text.
-fn image(name: &str, file: &str, text: &str) -> Vec<u8> {
+pub(super) fn image(name: &str, file: &str, text: &str) -> Vec<u8> {
     let mut sources = Sources::new();
     sources.add(file, text.as_bytes()).expect("it is a source");
     let checked = project::check(name, &mut sources).expect("there is room for a thread");

@@ -13,6 +13,8 @@ use super::{ErrorKind, Point, Range, Refusal, TRACE_MAX, VERSION, WATCHED_RANGES
 /// What a client asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Request {
+    /// Whether Takt is there: it answers in its next turn.
+    Ping,
     /// How the run stands.
     Status,
     /// A partition shall stop.
@@ -181,6 +183,7 @@ impl Request {
             ..raw(request)
         };
         line(&match self {
+            Request::Ping => raw("ping"),
             Request::Status => raw("status"),
             Request::Stop(partition) => of("stop", partition),
             Request::Start(partition, mode) => Raw { mode: Some(*mode), ..of("start", partition) },
@@ -246,6 +249,7 @@ impl Raw {
         let missing = |key: &str| malformed(format!("\"{request}\" needs the key `{key}`"));
         let named = |name: Option<String>, key: &str| name.ok_or_else(|| missing(key));
         let (checked, allowed): (Request, &[&str]) = match request.as_str() {
+            "ping" => (Request::Ping, &[]),
             "status" => (Request::Status, &[]),
             "stop" => (Request::Stop(named(partition, "partition")?), &["partition"]),
             "start" => {
@@ -321,7 +325,7 @@ impl Raw {
             ),
             "versions" => (Request::Versions(named(partition, "partition")?), &["partition"]),
             _ => {
-                let text = "`request` must be \"status\", \"stop\", \"start\", \"restart\", \
+                let text = "`request` must be \"ping\", \"status\", \"stop\", \"start\", \"restart\", \
                             \"schedule\", \"events\", \"trace\", \"watch\", \"write\", \"force\", \
                             \"release\", \"load\", \"commit\", \"roll-back\" or \"versions\"";
                 return Err(Refusal::new(ErrorKind::UnknownRequest, text));

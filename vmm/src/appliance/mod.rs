@@ -21,6 +21,7 @@
 //! initramfs is memory anyway and a mount on `/tmp` would hide partition files put there.
 
 mod archive;
+mod carrier;
 pub mod expedited_rcu;
 mod result_port;
 mod role;
@@ -165,6 +166,7 @@ fn run(arguments: &[OsString]) -> Result<ExitStatus, Error> {
     let path = std::env::current_exe().unwrap_or_else(|_| Path::new("/init").to_owned());
     let rest = arguments.get(1..).unwrap_or_default();
     let failed = |source| Error::Run { path: path.clone(), source };
+    let mut carrier = carrier::start();
     let mut child = Command::new(&path).arg0(PROGRAM).args(rest).spawn().map_err(failed)?;
     let allowed = [Allowed::Read(OUT.into()), Allowed::Write(KERNEL_LOG_LEVEL.into())];
     // A machine that cannot have it is still one for a run, and its user is told.
@@ -172,6 +174,9 @@ fn run(arguments: &[OsString]) -> Result<ExitStatus, Error> {
         eprintln!("takt: appliance: {error}");
     }
     let status = child.wait();
+    if let Some(carrier) = &mut carrier {
+        carrier::end(carrier);
+    }
     wait_for_orphans();
     status.map_err(failed)
 }

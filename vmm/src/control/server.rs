@@ -192,6 +192,7 @@ fn at_once(
 ) -> Result<Answer, Refusal> {
     let done = |text| Answer::Done { text };
     match request {
+        Request::Ping => Ok(done("Takt answers".to_owned())),
         Request::Status => {
             client.places_have_changed = false;
             Ok(Answer::Status { status: Box::new(run.status()) })

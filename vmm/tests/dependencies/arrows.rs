@@ -9,7 +9,7 @@ use crate::{cargo, read, root};
 /// The crates by layers: a crate may know those above it in this list and no others.
 const LAYERS: [&[&str]; 6] = [
     &["takt-abi", "takt-channel", "takt-sja1000", "takt-scheduler"],
-    &["takt-record", "takt-host", "takt-devices", "takt-port", "takt-plan"],
+    &["takt-record", "takt-host", "takt-devices", "takt-port", "takt-plan", "takt-carry"],
     &["takt-figures", "takt-port-c"],
     &["takt-protocol"],
     &["takt", "takt-client"],

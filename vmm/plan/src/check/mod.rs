@@ -89,6 +89,9 @@ pub fn needs(file: &PartitionFile) -> String {
             line(&mut out, &format!("record {} {}", channel.name, path.display()));
         }
     }
+    if let Some(path) = file.control() {
+        line(&mut out, &format!("control {}", path.display()));
+    }
     out
 }
 

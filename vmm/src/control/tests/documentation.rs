@@ -31,6 +31,7 @@ fn every_example_is_what_is_really_said() {
         }
     }
     let requests = [
+        "ping",
         "status",
         "stop",
         "start",

@@ -1,0 +1,170 @@
+//! The control socket of a Takt in an emulated machine, as the user has it outside of the machine.
+
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use takt_tests::{BUSY, File, Outcome, Value, parse, plc_image, root, save_bytes, target};
+
+use super::st;
+
+/// A program whose values agree after each job.
+const PROGRAM: &str = "
+PROGRAM Main
+    VAR
+        n : DINT;
+        twice : DINT;
+        setpoint : REAL := 1.5;
+        seen : REAL;
+    END_VAR
+    n := n + 1;
+    twice := 2 * n;
+    seen := setpoint;
+END_PROGRAM
+
+CONFIGURATION Plant
+    TASK often (INTERVAL := T#1ms, PRIORITY := 3);
+    PROGRAM main WITH often : Main;
+END_CONFIGURATION
+";
+
+/// A run that goes on until the client releases what it has forced.
+struct Plant {
+    name: &'static str,
+    file: PathBuf,
+    socket: PathBuf,
+    text: File,
+}
+
+impl Plant {
+    fn new(name: &'static str) -> Self {
+        let image = save_bytes(&format!("{name}.plc"), &st::image("p", "main.st", PROGRAM));
+        let program = format!(
+            "image = {:?}\nmemory = \"32MiB\"\n[[partition.program]]\nimage = {image:?}\nname = \"p\"\n\
+             allow_force = true\n",
+            plc_image("kernel")
+        );
+        let text = File::new("1ms")
+            .lines(&format!("control = \"{name}.sock\""))
+            .plc_with("plc", &program)
+            .linux(BUSY)
+            .schedule("normal")
+            .window("plc", 0, 300);
+        let socket = target("tests").canonicalize().unwrap().join(format!("{name}.sock"));
+        let file = text.save(name);
+        Self { name, file, socket, text }
+    }
+
+    fn run(&self) -> Outcome {
+        self.text.run(self.name).until("p.main.setpoint is forced no longer").run()
+    }
+
+    /// A connection, as soon as there is the socket.
+    fn connect(&self) -> UnixStream {
+        for _ in 0..20_000 {
+            if let Ok(stream) = UnixStream::connect(&self.socket) {
+                return stream;
+            }
+            thread::sleep(Duration::from_millis(20));
+        }
+        panic!("there is no {}", self.socket.display());
+    }
+}
+
+/// What one of the user's programs prints.
+fn client(program: &str, arguments: &[&str]) -> String {
+    static BUILT: OnceLock<()> = OnceLock::new();
+    BUILT.get_or_init(|| {
+        let mut cargo = Command::new("cargo");
+        cargo.args(["build", "--quiet", "--bin", "takt-plc", "--bin", "takt-ctl"]);
+        assert!(cargo.current_dir(root()).status().expect("cargo starts").success());
+    });
+    let path = root().join("target/x86_64-unknown-linux-gnu/debug").join(program);
+    let output = Command::new(path).args(arguments).output().expect("the program starts");
+    let (out, errors) =
+        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{program} {arguments:?}: {out}{errors}");
+    out.into_owned()
+}
+
+/// Watches, forces and releases by the programs that users have.
+fn operate(file: &Path) {
+    let file = file.to_str().unwrap();
+    let status = parse(&client("takt-ctl", &["--json", file, "status"]));
+    assert_eq!(status["status"]["partitions"][0]["programs"][0]["name"], "p", "{status:#}");
+
+    let points = client("takt-plc", &["points", file, "p.main.*"]);
+    assert_eq!(points.lines().count(), 4, "{points}");
+    let forced = client("takt-plc", &["force", file, "p.main.setpoint", "2.25"]);
+    assert!(forced.contains("p.main.setpoint"), "{forced}");
+    let watch = ["watch", file, "p.main.*", "--every", "0ms", "--lines", "100", "--json"];
+    let lines: Vec<Value> = client("takt-plc", &watch).lines().map(parse).collect();
+    let mut last = 0;
+    for line in &lines {
+        let value = |name: &str| {
+            let text = line["values"][format!("p.main.{name}")].as_str().unwrap_or_default();
+            text.parse::<f64>().unwrap_or_else(|_| panic!("{name} in {line}"))
+        };
+        assert_eq!(value("n") * 2.0, value("twice"), "a line of two cycles: {line}");
+        assert_eq!((value("setpoint"), value("seen")), (2.25, 2.25), "{line}");
+        // What is not told is counted.
+        let (cycle, missed) = (line["cycle"].as_u64().unwrap(), line["missed"].as_u64().unwrap());
+        assert!(last == 0 || cycle > last + missed, "{cycle} after {last}: {line}");
+        last = cycle;
+    }
+    assert_eq!(lines.len(), 100);
+    client("takt-plc", &["release", file, "p.main.setpoint"]);
+}
+
+#[test]
+fn the_socket_is_there_outside_and_no_client_of_it_moves_a_release() {
+    let plant = Plant::new("carried");
+    let over = AtomicBool::new(false);
+    let (outcome, unread) = thread::scope(|scope| {
+        let run = scope.spawn(|| plant.run());
+        // One asks for more than it ever reads; one sends what is no request, as fast as it can.
+        let mut stalled = plant.connect();
+        stalled
+            .write_all(b"{\"version\":2,\"request\":\"trace\",\"duration_ns\":60000000000}\n")
+            .unwrap();
+        let flood = scope.spawn(|| {
+            let mut stream = plant.connect();
+            stream.set_write_timeout(Some(Duration::from_secs(1))).unwrap();
+            while !over.load(Ordering::Relaxed) {
+                if stream.write_all(&[b'x'; 4096]).is_err() {
+                    stream = UnixStream::connect(&plant.socket).unwrap_or(stream);
+                }
+            }
+        });
+        operate(&plant.file);
+        over.store(true, Ordering::Relaxed);
+        flood.join().unwrap();
+        let outcome = run.join().unwrap();
+        let mut line = String::new();
+        BufReader::new(stalled).read_line(&mut line).unwrap();
+        (outcome, line)
+    });
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows(&format!("control socket {}", plant.socket.display()));
+    assert!(unread.contains("\"answer\":\"trace\""), "{unread}");
+    assert!(!plant.socket.exists(), "it goes with the run");
+    outcome.assert_kept_its_time("plc", 1_000);
+    outcome.assert_punctual("plc");
+}
+
+#[test]
+fn a_run_whose_socket_another_program_has_does_not_start() {
+    let plant = Plant::new("carried-twice");
+    let _ = std::fs::remove_file(&plant.socket);
+    let other = std::os::unix::net::UnixListener::bind(&plant.socket).unwrap();
+    let outcome = plant.text.run(plant.name).lasting("10ms").run();
+    assert_eq!(outcome.status, 2, "{}", outcome.output);
+    outcome.assert_shows("another program listens there");
+    drop(other);
+    std::fs::remove_file(&plant.socket).unwrap();
+}
