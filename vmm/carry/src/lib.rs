@@ -9,9 +9,9 @@
 //!  client -- socket -- outside end == line: memory of the emulated machine == inside end -- socket -- Takt
 //! ```
 //!
-//! The [`line`](Line) is a device of the emulated machine that is nothing but memory. It causes no interrupt, and no exit. The
-//! inside end has no timer: it waits for Takt's answer to a `ping`, which comes with the turn in which Takt looks at
-//! its clients, and that turn lies outside of all windows. So a client wakes neither the appliance's
+//! The [`line`](Line) is a device of the emulated machine that is only memory. It causes no interrupt, and no exit.
+//! The inside end has no timer: it waits for Takt's answer to a `ping`, which comes with the turn in which Takt
+//! looks at its clients, and that turn lies outside of all windows. So a client wakes neither the appliance's
 //! kernel nor any thread there, however much it sends (`docs/decisions/0019-control-socket-carried-out.md`).
 //!
 //! Neither end trusts the other: frames that make no sense have no effect, and what one end holds for a connection is

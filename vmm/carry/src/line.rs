@@ -1,7 +1,7 @@
 //! The memory that both ends share: a queue of frames for each direction.
 //!
-//! The queues are those of `takt-channel`, which are made for ends that do not trust each other. Outside the memory is a
-//! file, inside it is a base address of a PCI function.
+//! The queues are those of `takt-channel`, which are made for ends that do not trust each other. Outside the memory
+//! is a file, inside it is a base address of a PCI function.
 
 #![allow(unsafe_code)]
 

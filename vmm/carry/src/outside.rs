@@ -133,7 +133,8 @@ impl Drop for Door {
     }
 }
 
-/// Removes a socket to which no process listens, as a run that was killed leaves it. Anything else stays, and is an error.
+/// Removes a socket to which no process listens, as a run that was killed leaves it. Anything else stays, and is an
+/// error.
 fn clear(path: &Path) -> Result<(), OutsideError> {
     let failed = |what| move |source| OutsideError::Socket { what, path: path.to_owned(), source };
     match fs::symlink_metadata(path) {

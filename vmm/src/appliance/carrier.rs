@@ -1,7 +1,7 @@
 //! The inside end of the line by which the control socket is carried out of the machine (`vmm/carry`).
 //!
-//! It is a process of its own, of SCHED_OTHER, on the CPUs that are left when those with windows are set apart. It has no
-//! capability from its first instruction on. `scripts/run` gives a machine a line if the partition file has a control
+//! It is a process of its own, of SCHED_OTHER, on the CPUs that are left when those with windows are set apart. It has
+//! no capability from its first instruction on. `scripts/run` gives a machine a line if the partition file has a control
 //! socket, and names it in the environment.
 
 use std::fs::OpenOptions;
