@@ -11,6 +11,7 @@ use super::device::DiskDevice;
 use super::handover::Handover;
 use super::server::{Disk, Server};
 use super::{Medium, PIECE_BYTES, QUEUE_SIZE, SECTOR, SEGMENT_BYTES_MAX, SEGMENTS_MAX, Shape};
+use crate::virtio::driver::{HIGH, RAM, memory};
 use crate::virtio::registers::Registers;
 
 mod driver;
@@ -19,10 +20,6 @@ mod requests;
 
 /// Sectors of the disk here.
 const SECTORS: u64 = 1024;
-/// RAM of the guest: from 0, and behind a hole from `HIGH`.
-const RAM: u64 = 1 << 20;
-const HIGH: u64 = 1 << 32;
-
 /// Where the guest keeps its things.
 const TABLE: u64 = 0x1000;
 const AVAILABLE: u64 = 0x2000;
@@ -114,8 +111,7 @@ impl Guest {
     }
 
     fn with(read_only: bool, fails: bool) -> Self {
-        let ranges = [(GuestAddress(0), RAM as usize), (GuestAddress(HIGH), RAM as usize)];
-        let memory = GuestMemoryMmap::from_ranges(&ranges).unwrap();
+        let memory = memory();
         let transfers = Arc::new(AtomicUsize::new(0));
         let bytes = (0..SECTORS * SECTOR).map(|n| (n / SECTOR) as u8).collect();
         let medium = Platter { bytes, transfers: transfers.clone(), fails };
@@ -148,42 +144,28 @@ impl Guest {
     }
 
     /// Steps of a driver up to its last, with any queue.
-    fn set_up(&mut self, size: u32, [table, available, used]: [u64; 3]) {
+    fn set_up(&mut self, size: u32, parts: [u64; 3]) {
         self.available = 0;
         for at in [AVAILABLE, USED] {
             self.memory.write_obj(0u32, GuestAddress(at)).unwrap();
         }
         self.negotiate();
-        self.write(0x38, size);
-        for (register, address) in [(0x80, table), (0x90, available), (0xa0, used)] {
-            self.write(register, address as u32);
-            self.write(register + 4, (address >> 32) as u32);
-        }
-        self.write(0x44, 1);
-        self.write(0x70, 0xf);
+        self.registers.set_up_queue(0, size, parts);
+        self.registers.set_running();
     }
 
     /// Up to `FEATURES_OK`, with all that is offered.
     fn negotiate(&mut self) {
-        self.write(0x70, 0);
-        self.write(0x70, 3);
-        for half in [0, 1] {
-            self.write(0x14, half);
-            let offered = self.read(0x10);
-            self.write(0x24, half);
-            self.write(0x20, offered);
-        }
-        self.write(0x70, 0xb);
+        let offered = self.registers.offered();
+        self.registers.accept(offered);
     }
 
     fn read(&self, offset: u64) -> u32 {
-        let mut data = [0; 4];
-        self.registers.read(offset, &mut data);
-        u32::from_le_bytes(data)
+        self.registers.read_word(offset)
     }
 
     fn write(&mut self, offset: u64, value: u32) {
-        self.registers.write(offset, &value.to_le_bytes());
+        self.registers.write_word(offset, value);
     }
 
     fn needs_reset(&self) -> bool {

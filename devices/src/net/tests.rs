@@ -4,11 +4,9 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::virtio::driver::{HIGH, RAM, memory};
 use crate::virtio::registers::Registers;
 
-/// RAM of the guest: from 0, and behind a hole from `HIGH`.
-const RAM: u64 = 1 << 20;
-const HIGH: u64 = 1 << 32;
 const MAC: Mac = [2, 0, 0, 0, 0, 7];
 /// Three parts of each queue.
 const QUEUE_PARTS: [[u64; 3]; 2] = [[0x1000, 0x2000, 0x3000], [0x5000, 0x6000, HIGH]];
@@ -54,51 +52,27 @@ impl Guest {
     }
 
     fn with(notes: Notes) -> Self {
-        let ranges = [(GuestAddress(0), RAM as usize), (GuestAddress(HIGH), RAM as usize)];
-        let memory = GuestMemoryMmap::from_ranges(&ranges).unwrap();
+        let memory = memory();
         let link = Arc::new(Link::new(notes.clone()));
         let registers = Registers::new(NetDevice::new(MAC, memory.clone(), link.clone()));
         Self { memory, link, registers, notes }
     }
 
     fn read(&self, offset: u64) -> u32 {
-        let mut data = [0; 4];
-        self.registers.read(offset, &mut data);
-        u32::from_le_bytes(data)
+        self.registers.read_word(offset)
     }
 
     fn write(&mut self, offset: u64, value: u32) {
-        self.registers.write(offset, &value.to_le_bytes());
-    }
-
-    fn offered(&mut self) -> u64 {
-        let halves = [0, 1].map(|half| {
-            self.write(0x14, half);
-            u64::from(self.read(0x10))
-        });
-        halves[0] | halves[1] << 32
+        self.registers.write_word(offset, value);
     }
 
     /// A driver's steps up to its last.
     fn start(&mut self, features: u64, sizes: [u32; 2], parts: [[u64; 3]; 2]) {
-        for bits in [0, 1, 3] {
-            self.write(0x70, bits);
-        }
-        for half in [0, 1] {
-            self.write(0x24, half);
-            self.write(0x20, (features >> (32 * half)) as u32);
-        }
-        self.write(0x70, 0xb);
+        self.registers.accept(features);
         for (number, (size, parts)) in (0..).zip(sizes.into_iter().zip(parts)) {
-            self.write(0x30, number);
-            self.write(0x38, size);
-            for (register, address) in [0x80, 0x90, 0xa0].into_iter().zip(parts) {
-                self.write(register, address as u32);
-                self.write(register + 4, (address >> 32) as u32);
-            }
-            self.write(0x44, 1);
+            self.registers.set_up_queue(number, size, parts);
         }
-        self.write(0x70, 0xf);
+        self.registers.set_running();
     }
 
     fn calls(&self) -> Vec<Call> {
@@ -127,7 +101,7 @@ fn a_driver_finds_the_interface_and_its_rings_go_to_the_carrier() {
     let mut guest = Guest::new();
     assert_eq!([0x0, 0x4, 0x8].map(|offset| guest.read(offset)), [0x7472_6976, 2, 1]);
     assert_eq!([guest.read(0x100), guest.read(0x104)], [0x0000_0002, 0x0000_0700]);
-    let offered = guest.offered();
+    let offered = guest.registers.offered();
     let taken: u64 = bits(&RINGS) | bits(&FROM_GUEST) | bits(&TO_GUEST) | 1 << 5;
     assert_eq!(offered, taken, "{offered:#x}");
     guest.start(offered, [256, 64], QUEUE_PARTS);

@@ -3,6 +3,8 @@
 //! [`registers`] is the driver's side of each of them: how it finds a device, agrees on features and
 //! hands over its queues. What a device does with them is a [`Device`].
 
+#[cfg(test)]
+pub(crate) mod driver;
 pub mod registers;
 
 use virtio_queue::Queue;

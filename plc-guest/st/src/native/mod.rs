@@ -29,6 +29,7 @@ mod walk;
 
 pub use image::image;
 
+use cranelift_codegen::ir::Function;
 use cranelift_codegen::isa::TargetIsa;
 use cranelift_codegen::{Context, control::ControlPlane};
 use cranelift_frontend::FunctionBuilderContext;
@@ -161,36 +162,38 @@ fn routine(
 /// tells of it.
 pub fn assembly(program: &Program) -> String {
     let machine = target::machine();
-    let knowledge = alias::Knowledge::of(program);
-    let mut frontend = FunctionBuilderContext::new();
-    let mut text = String::new();
-    for index in 0..program.routines.len() {
-        let id = RoutineId(index as u32);
-        let lowered =
-            lower::lower(program, &knowledge, id, &mut frontend, machine.frontend_config());
-        let mut context = Context::for_function(lowered.function);
+    each_routine(program, &*machine, |function| {
+        let mut context = Context::for_function(function);
         context.set_disasm(true);
         let done = context.compile(&*machine, &mut ControlPlane::default());
-        if let Some(code) = done.ok().and_then(|code| code.vcode.as_ref()) {
-            text.push_str(&format!("; {}\n{code}\n", program.routine(id).name));
-        }
-    }
-    text
+        done.ok().and_then(|code| code.vcode.clone())
+    })
 }
 
 /// The intermediate form of each routine as text, for `--emit ir`.
 pub fn intermediate(program: &Program) -> String {
     let machine = target::machine();
+    each_routine(program, &*machine, |function| Some(function.display().to_string()))
+}
+
+/// A text for each routine, below its name.
+fn each_routine(
+    program: &Program,
+    machine: &dyn TargetIsa,
+    text_of: impl Fn(Function) -> Option<String>,
+) -> String {
     let knowledge = alias::Knowledge::of(program);
     let mut frontend = FunctionBuilderContext::new();
-    let mut text = String::new();
+    let mut all = String::new();
     for index in 0..program.routines.len() {
         let id = RoutineId(index as u32);
         let lowered =
             lower::lower(program, &knowledge, id, &mut frontend, machine.frontend_config());
-        text.push_str(&format!("; {}\n{}\n", program.routine(id).name, lowered.function.display()));
+        if let Some(text) = text_of(lowered.function) {
+            all.push_str(&format!("; {}\n{text}\n", program.routine(id).name));
+        }
     }
-    text
+    all
 }
 
 /// The state at a start. What has no initial value is zero.
