@@ -3,7 +3,7 @@
 //! Their images were read and checked with the partition file, and their places fixed. Here they are only
 //! copied, at the first start and at every later one: a guest may have written anything over them.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use takt_abi::program::ProgramTable;
 use thiserror::Error;
@@ -28,8 +28,18 @@ type Changed = Vec<Option<Arc<[u8]>>>;
 pub struct Programs {
     programs: Vec<Program>,
     table: ProgramTable,
-    /// Images that have taken the places of those of the file, by the place of the program.
-    changed: Arc<Mutex<Changed>>,
+    starts: Arc<Mutex<Starts>>,
+}
+
+/// What the thread that loads a guest and the one that changes its programs share.
+#[derive(Default)]
+struct Starts {
+    /// How often the guest has begun to start anew.
+    count: u64,
+    /// What it starts with the next time.
+    next: Changed,
+    /// What it was loaded with the last time.
+    loaded: Changed,
 }
 
 impl Programs {
@@ -38,21 +48,31 @@ impl Programs {
     pub fn of(partition: &Partition) -> Option<Self> {
         let programs = partition.programs().to_vec();
         let table = program_table(&programs, partition.memory_bytes())?;
-        let changed = Arc::new(Mutex::new(vec![None; programs.len()]));
-        Some(Self { programs, table, changed })
+        let none = vec![None; programs.len()];
+        let starts = Starts { count: 0, next: none.clone(), loaded: none };
+        Some(Self { programs, table, starts: Arc::new(Mutex::new(starts)) })
     }
 
-    /// What the guest is told of them.
+    fn starts(&self) -> MutexGuard<'_, Starts> {
+        self.starts.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The guest begins to start anew: from now on only its loader writes to its memory.
+    pub fn begin_start(&self) {
+        self.starts().count += 1;
+    }
+
+    /// How often the guest has begun to start anew.
     #[must_use]
-    pub fn table(&self) -> ProgramTable {
-        let mut table = self.table;
-        let changed = self.changed.lock().unwrap_or_else(PoisonError::into_inner);
-        for (entry, image) in table.programs.iter_mut().zip(&*changed) {
-            if let Some(image) = image {
-                entry.image_bytes = image.len() as u64;
-            }
-        }
-        table
+    pub fn start_count(&self) -> u64 {
+        self.starts().count
+    }
+
+    /// Writes to the memory of the guest that runs, which must not begin to start anew meanwhile. `None` if it has
+    /// begun to since `count` was true.
+    pub fn write<R>(&self, count: u64, write: impl FnOnce() -> R) -> Option<R> {
+        let starts = self.starts();
+        (starts.count == count).then(write)
     }
 
     /// All of them, in the order of the file.
@@ -63,24 +83,33 @@ impl Programs {
 
     /// From now on the guest starts with this image of a program; with that of the file, if none is given.
     pub fn start_with(&self, place: usize, image: Option<Arc<[u8]>>) {
-        let mut changed = self.changed.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(slot) = changed.get_mut(place) {
+        if let Some(slot) = self.starts().next.get_mut(place) {
             *slot = image;
         }
     }
 
-    /// Copies the images into memory that is zero.
+    /// The image that the guest was loaded with; `None` if it was that of the file.
+    #[must_use]
+    pub fn loaded(&self, place: usize) -> Option<Arc<[u8]>> {
+        self.starts().loaded.get(place).cloned().flatten()
+    }
+
+    /// Copies the images into memory that is zero. Returns what the guest is told of them.
     ///
     /// # Errors
     /// If one does not lie in the memory, which the partition file's checks have ruled out.
-    pub fn load(&self, memory: &GuestMemory) -> Result<(), ProgramError> {
-        let changed = self.changed.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        self.programs.iter().zip(changed).try_for_each(|(program, changed)| {
-            let to = GuestAddress(program.place.image);
+    pub fn load(&self, memory: &GuestMemory) -> Result<ProgramTable, ProgramError> {
+        let mut starts = self.starts();
+        starts.loaded = starts.next.clone();
+        let mut table = self.table;
+        let entries = table.programs.iter_mut().zip(&self.programs).zip(&starts.loaded);
+        for ((entry, program), changed) in entries {
             let image = changed.as_deref().unwrap_or(program.bytes());
-            let copied = memory.regions().write_slice(image, to);
-            copied.map_err(|source| ProgramError { name: program.name.clone(), source })
-        })
+            entry.image_bytes = image.len() as u64;
+            let copied = memory.regions().write_slice(image, GuestAddress(program.place.image));
+            copied.map_err(|source| ProgramError { name: program.name.clone(), source })?;
+        }
+        Ok(table)
     }
 }
 
@@ -120,7 +149,7 @@ mod tests {
     fn a_start_finds_its_programs_whole_whatever_the_guest_before_has_done() {
         let partition = partition("whole");
         let programs = Programs::of(&partition).unwrap();
-        let (bytes, image) = (partition.memory_bytes(), programs.table().programs[0]);
+        let (bytes, image) = (partition.memory_bytes(), programs.table.programs[0]);
         let memory = GuestMemory::for_plc_with_programs(bytes, Pages::Small, &[]).unwrap();
         let guest = PlcImage::read(Source::Kernel, bytes).unwrap();
         guest.load(&memory).unwrap();
@@ -129,7 +158,7 @@ mod tests {
             let mut found = vec![0; image.image_bytes as usize];
             memory.regions().read_slice(&mut found, GuestAddress(image.image)).unwrap();
             assert_eq!(found, partition.programs()[0].bytes());
-            for place in [image.image, image.second_bank, image.state, programs.table().work] {
+            for place in [image.image, image.second_bank, image.state, programs.table.work] {
                 let at = GuestAddress(place);
                 memory.regions().write_obj(7u64, at).unwrap();
             }
@@ -149,16 +178,25 @@ mod tests {
         let other: Arc<[u8]> = vec![7; 9000].into();
         // What is said of one is true of its copies: one starts the guest, another follows its changes.
         programs.clone().start_with(0, Some(other.clone()));
-        programs.load(&memory).unwrap();
-        let place = programs.table().programs[0];
+        let place = programs.load(&memory).unwrap().programs[0];
         assert_eq!(place.image_bytes, 9000);
         let mut found = vec![0; 9000];
         memory.regions().read_slice(&mut found, GuestAddress(place.image)).unwrap();
         assert_eq!(found, &other[..]);
+        assert_eq!(programs.loaded(0), Some(other));
         programs.start_with(0, None);
-        assert_eq!(
-            programs.table().programs[0].image_bytes,
-            partition.programs()[0].bytes().len() as u64
-        );
+        let bytes = partition.programs()[0].bytes().len() as u64;
+        assert_eq!(programs.load(&memory).unwrap().programs[0].image_bytes, bytes);
+        assert_eq!(programs.loaded(0), None);
+    }
+
+    #[test]
+    fn a_guest_that_starts_anew_is_written_to_by_its_loader_only() {
+        let programs = Programs::of(&partition("starts")).unwrap();
+        let count = programs.start_count();
+        assert_eq!(programs.write(count, || 7), Some(7));
+        programs.clone().begin_start();
+        assert_eq!(programs.write(count, || panic!("the guest starts")), None::<()>);
+        assert_eq!(programs.write(programs.start_count(), || 7), Some(7));
     }
 }

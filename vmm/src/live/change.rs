@@ -37,6 +37,8 @@ pub struct Banks {
 pub struct ProgramChanges {
     programs: Vec<Versions>,
     upload: Option<Upload>,
+    /// Which start of the guest is known here.
+    start: u64,
     news: Vec<String>,
 }
 
@@ -51,11 +53,8 @@ struct Upload {
 impl ProgramChanges {
     /// All programs are as the file says.
     pub fn of(programs: &[Program]) -> Self {
-        Self {
-            programs: programs.iter().map(Versions::of).collect(),
-            upload: None,
-            news: Vec::new(),
-        }
+        let programs = programs.iter().map(Versions::of).collect();
+        Self { programs, upload: None, start: 0, news: Vec::new() }
     }
 
     fn find(&mut self, name: &str) -> Result<(usize, &mut Versions), Refusal> {
@@ -140,8 +139,9 @@ impl ProgramChanges {
             return Ok(format!("part {} of {}", upload.next, upload.parts));
         }
         let bytes = self.upload.take().map(|upload| upload.bytes).unwrap_or_default();
+        let start = self.start;
         let (place, versions) = self.find(&load.program)?;
-        let said = versions.prepare(place, bytes.into(), banks, link)?;
+        let said = versions.prepare(place, bytes.into(), banks, start, link)?;
         self.forget_ways_back(place);
         Ok(said)
     }
@@ -224,9 +224,15 @@ impl ProgramChanges {
         self.programs.iter().map(Versions::status).collect()
     }
 
-    /// The guest has started anew: with the versions that ran last, in their first banks.
-    pub fn guest_has_started(&mut self) {
-        for versions in &mut self.programs {
+    /// The guest has started anew: with the versions that it was loaded with, in their first banks.
+    pub fn guest_has_started(&mut self, banks: Option<&Banks>) {
+        if let Some(banks) = banks {
+            self.start = banks.programs.start_count();
+        }
+        for (place, versions) in self.programs.iter_mut().enumerate() {
+            if let Some(banks) = banks {
+                versions.was_loaded(place, banks);
+            }
             (versions.other, versions.in_second, versions.ordered) = (None, false, None);
             if !matches!(versions.record.phase, Phase::None) {
                 versions.record = ChangeRecord::default();

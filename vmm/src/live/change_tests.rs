@@ -70,6 +70,7 @@ impl Plant {
         let memory =
             GuestMemory::for_plc_with_programs(partition.memory_bytes(), Pages::Small, &[])
                 .unwrap();
+        programs.load(&memory).unwrap();
         let mut case = Case::new();
         case.running.changes = ProgramChanges::of(partition.programs());
         Self { case, banks: Banks { memory, programs }, now: 0 }
@@ -136,7 +137,7 @@ fn a_version_is_checked_brought_into_the_bank_entered_and_left() {
         panic!("{order:?}")
     };
     assert_eq!(image_bytes as usize, next.len());
-    let place = plant.banks.programs.table().programs[0];
+    let place = plant.banks.programs.all()[0].place;
     let read = |at: u64, bytes: u32| {
         let mut found = vec![0; bytes as usize];
         plant.banks.memory.regions().read_slice(&mut found, GuestAddress(at)).unwrap();
@@ -167,7 +168,8 @@ fn a_version_is_checked_brought_into_the_bank_entered_and_left() {
     let news = tell(&mut plant, number, record(Phase::Trial));
     assert_eq!(news, ["a: version 1.0.1 runs from cycle 9 on, on trial; the change took 3000 ns"]);
     assert_eq!(plant.phase(), ("1.0.1".into(), "trial".into(), Some("1.0.0".into())));
-    assert_eq!(plant.banks.programs.table().programs[0].image_bytes, next.len() as u64);
+    let table = plant.banks.programs.load(&plant.banks.memory).unwrap();
+    assert_eq!(table.programs[0].image_bytes, next.len() as u64);
 
     let failed = ChangeRecord { reason: Reason::Fault, ..record(Phase::RolledBack) };
     let news = tell(&mut plant, number, failed);
@@ -203,7 +205,7 @@ fn what_is_no_version_of_the_program_is_refused_and_nothing_is_written() {
         let said = plant.load(image).unwrap_err();
         assert!(said.contains(reason), "{reason}: {said}");
     }
-    let place = plant.banks.programs.table().programs[0];
+    let place = plant.banks.programs.all()[0].place;
     let first: u64 =
         plant.banks.memory.regions().read_obj(GuestAddress(place.second_bank)).unwrap();
     assert_eq!((first, plant.phase().1.as_str()), (0, "none"));
@@ -408,4 +410,42 @@ fn one_program_changes_at_a_time_and_the_way_back_of_another_is_gone_then() {
     assert_eq!(plant.phase(), ("1.0.1".into(), "none".into(), None));
     let said = plant.case.running.roll_back("a").unwrap_err().text;
     assert!(said.contains("there is nothing to go back to"), "{said}");
+}
+
+#[test]
+fn a_guest_that_starts_anew_gets_no_version_and_is_known_by_what_it_was_loaded_with() {
+    let mut plant = Plant::new("anew");
+    let (_orders, mut answers) = plant.case.guest();
+    plant.tick();
+    let mut tell = |plant: &mut Plant, phase| {
+        let mut buffer = [0; MESSAGE_BYTES];
+        let number = plant.case.running.link.last();
+        let answer = Answer::Change(record(phase));
+        answers.send(answer.encode(number, &mut buffer).unwrap(), takt_channel::Tsc(1)).unwrap();
+        plant.tick();
+    };
+    plant.load(&image(1, 2, 10_000)).unwrap();
+    tell(&mut plant, Phase::Prepared);
+    plant.case.running.commit("a").unwrap();
+    // The guest ends when it has just entered the version, and is loaded before Takt hears of that.
+    plant.banks.programs.begin_start();
+    plant.banks.programs.load(&plant.banks.memory).unwrap();
+    tell(&mut plant, Phase::Trial);
+    tell(&mut plant, Phase::Held);
+    assert_eq!(plant.phase().0, "1.0.1");
+    let place = plant.banks.programs.all()[0].place;
+    let read = |plant: &Plant| {
+        let mut found = vec![0; image(0, 1, 10_000).len()];
+        plant.banks.memory.regions().read_slice(&mut found, GuestAddress(place.image)).unwrap();
+        found
+    };
+    let said = plant.load(&image(2, 2, 10_000)).unwrap_err();
+    assert!(said.contains("the guest starts anew"), "{said}");
+    assert_eq!(read(&plant), image(0, 1, 10_000), "it is not written over");
+
+    let _new = plant.case.guest();
+    plant.tick();
+    assert_eq!(plant.phase(), ("1.0.0".into(), "none".into(), None));
+    plant.load(&image(2, 2, 10_000)).unwrap();
+    assert_eq!(read(&plant), image(0, 1, 10_000), "the next one is in the other bank");
 }

@@ -311,7 +311,7 @@ impl Running {
         if restarted {
             self.figures.forget();
             self.watching.send_again();
-            self.changes.guest_has_started();
+            self.changes.guest_has_started(banks);
             let ended = self.writes.forget();
             turn.events.extend(ended.map(|text| (id, EventKind::Released, text)));
         }

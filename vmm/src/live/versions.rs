@@ -120,6 +120,7 @@ impl Versions {
         place: usize,
         bytes: Arc<[u8]>,
         banks: &Banks,
+        start: u64,
         link: &mut Link,
     ) -> Result<String, Refusal> {
         let plans = self.check(&bytes)?;
@@ -138,11 +139,16 @@ impl Versions {
         }
         // From here on what was in the other bank is gone.
         self.other = None;
-        for (at, part) in [(0, &bytes[..]), (forward_at, &plans.forward), (back_at, &plans.back)] {
-            let to = GuestAddress(bank + at);
-            let written = banks.memory.regions().write_slice(part, to);
-            written.map_err(|error| refused(format!("the bank cannot be written: {error}")))?;
-        }
+        let parts = [(0, &bytes[..]), (forward_at, &plans.forward), (back_at, &plans.back)];
+        let written = banks.programs.write(start, || {
+            parts.into_iter().try_for_each(|(at, part)| {
+                banks.memory.regions().write_slice(part, GuestAddress(bank + at))
+            })
+        });
+        // Its loader may be writing the version that runs into this bank.
+        let written =
+            written.ok_or_else(|| refused("the guest starts anew: load it again then"))?;
+        written.map_err(|error| refused(format!("the bank cannot be written: {error}")))?;
         let lengths = [bytes.len(), plans.forward.len(), plans.back.len()];
         let [image_bytes, forward_bytes, back_bytes] = lengths.map(|length| length as u32);
         let program = place as u8;
@@ -259,6 +265,18 @@ impl Versions {
             Phase::Refused => format!("{name}: the kernel refuses the version{}", because(record.reason)),
             Phase::Preparing | Phase::Committing => format!("{name}: {}", word(after)),
         })
+    }
+
+    /// The guest was loaded with this version. It can be the one before, if the guest ended when it had just
+    /// entered another and Takt had not heard of that.
+    pub fn was_loaded(&mut self, place: usize, banks: &Banks) {
+        let loaded = banks.programs.loaded(place);
+        let loaded = loaded.unwrap_or_else(|| self.program.bytes().into());
+        if loaded != self.running {
+            banks.programs.start_with(place, Some(loaded.clone()));
+            self.running = loaded;
+            self.exchanged = true;
+        }
     }
 
     /// The version in the other bank runs now, and is what the guest starts with.

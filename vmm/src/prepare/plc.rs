@@ -55,11 +55,11 @@ impl Preparation<'_> {
         }
         let entry = image.load(&memory).map_err(unfit)?;
         if let Some(programs) = &programs {
-            programs.load(&memory)?;
+            let table = programs.load(&memory)?;
             let mut page = memory
                 .program_table()
                 .ok_or(MachineError::Missing("the PLC guest's program table"))?;
-            page.write(programs.table());
+            page.write(table);
             let mut io =
                 memory.io_table().ok_or(MachineError::Missing("the PLC guest's I/O table"))?;
             io.write(partition.io_table());

@@ -47,11 +47,14 @@ impl Loader for PlcLoader {
         if let Some(space) = &self.space {
             space.stop()?;
         }
+        if let Some(programs) = &self.programs {
+            programs.begin_start();
+        }
         let entry = self.image.reload(&self.memory, start.mode).map_err(RunError::Reload)?;
         if let Some(programs) = &self.programs {
-            programs.load(&self.memory)?;
+            let table = programs.load(&self.memory)?;
             if let Some(mut page) = self.memory.program_table() {
-                page.write(programs.table());
+                page.write(table);
             }
         }
         for region in &self.channels {
