@@ -5,6 +5,7 @@ use super::super::convert::widens;
 use super::super::expression::Operand;
 use super::super::fold;
 use super::super::types::{is_integer, is_real};
+use super::Written;
 use crate::diagnostic::Code;
 use crate::hir::{Arithmetic, Constant, Conversion, Elementary, Expr, ExprKind, Intrinsic, TypeId};
 use crate::source::Span;
@@ -13,14 +14,12 @@ use crate::syntax::ast::BinaryOperator;
 impl<'a> Body<'_, 'a> {
     pub(super) fn arithmetic(
         &mut self,
-        operator: BinaryOperator,
-        place: Span,
+        written: Written,
         left: (Operand, Span),
         right: (Operand, Span),
-        span: Span,
     ) -> Option<Operand> {
         let (a, b) = (left.0.expr.ty, right.0.expr.ty);
-        let (op, allowed) = match operator {
+        let (op, allowed) = match written.operator {
             BinaryOperator::Add => (Arithmetic::Add, "numbers or durations"),
             BinaryOperator::Subtract => (Arithmetic::Subtract, "numbers, durations or dates"),
             BinaryOperator::Multiply => {
@@ -35,34 +34,28 @@ impl<'a> Body<'_, 'a> {
             })
         };
         if !(number(self.plain(a)) && number(self.plain(b))) {
-            self.mismatch(operator, place, a, b, allowed);
+            self.mismatch(written, a, b, allowed);
             return None;
         }
         let Some((left, right, ty, untyped)) = self.joined(left, right) else {
-            self.mismatch(
-                operator,
-                place,
-                a,
-                b,
-                "types of which one holds all values of the other",
-            );
+            let allowed = "types of which one holds all values of the other";
+            self.mismatch(written, a, b, allowed);
             return None;
         };
-        self.combine(op, left, right, ty, untyped, place, span)
+        self.combine(op, written, left, right, ty, untyped)
     }
 
     /// An arithmetic node, or its value if both sides are constants.
-    #[allow(clippy::too_many_arguments)]
     pub(super) fn combine(
         &mut self,
         operator: Arithmetic,
+        written: Written,
         left: Expr,
         right: Expr,
         ty: TypeId,
         untyped: bool,
-        place: Span,
-        span: Span,
     ) -> Option<Operand> {
+        let Written { place, span, .. } = written;
         let divides = matches!(operator, Arithmetic::Divide | Arithmetic::Modulo);
         let zero = ExprKind::Constant(Constant::Integer(0));
         if divides && right.kind == zero {
@@ -91,10 +84,9 @@ impl<'a> Body<'_, 'a> {
 
     pub(super) fn power(
         &mut self,
-        place: Span,
+        written: Written,
         left: (Operand, Span),
         right: (Operand, Span),
-        span: Span,
     ) -> Option<Operand> {
         let (a, b) = (left.0.expr.ty, right.0.expr.ty);
         let (base, exponent) = (self.plain(a), self.plain(b));
@@ -102,7 +94,7 @@ impl<'a> Body<'_, 'a> {
             elementary.is_some_and(|elementary| is_integer(elementary) || is_real(elementary))
         };
         if !(number(base) && number(exponent)) {
-            self.mismatch(BinaryOperator::Power, place, a, b, "numbers");
+            self.mismatch(written, a, b, "numbers");
             return None;
         }
         // In REAL if the base is one or fits one, in LREAL if either side needs it.
@@ -124,6 +116,6 @@ impl<'a> Body<'_, 'a> {
         let left = as_number(self, left)?;
         let right = as_number(self, right)?;
         let kind = ExprKind::Intrinsic(Intrinsic::Power, vec![left, right]);
-        Some(Operand::typed(self.expr(ty, kind, span)))
+        Some(Operand::typed(self.expr(ty, kind, written.span)))
     }
 }

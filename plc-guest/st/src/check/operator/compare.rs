@@ -4,7 +4,7 @@ use super::super::body::Body;
 use super::super::expression::Operand;
 use super::super::fold;
 use super::super::types::is_real;
-use super::sign;
+use super::{Written, sign};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Comparison, Elementary, ExprKind, Type};
 use crate::source::Span;
@@ -14,12 +14,11 @@ impl<'a> Body<'_, 'a> {
     pub(super) fn compare(
         &mut self,
         comparison: Comparison,
-        operator: BinaryOperator,
-        place: Span,
+        written: Written,
         left: (Operand, Span),
         right: (Operand, Span),
-        span: Span,
     ) -> Option<Operand> {
+        let Written { operator, place, span } = written;
         let (a, b) = (left.0.expr.ty, right.0.expr.ty);
         let equality = matches!(comparison, Comparison::Equal | Comparison::NotEqual);
         let types = &self.checker.program.types;
@@ -28,7 +27,7 @@ impl<'a> Body<'_, 'a> {
         let (left, right) = if strings || reference(a) || reference(b) {
             let char_or_text = |operand: &Operand| operand.untyped;
             if reference(a) && !equality {
-                self.mismatch(operator, place, a, b, "references only with `=` and `<>`");
+                self.mismatch(written, a, b, "references only with `=` and `<>`");
                 return None;
             }
             let target = if char_or_text(&left.0) { b } else { a };
@@ -39,13 +38,13 @@ impl<'a> Body<'_, 'a> {
             }
         } else if a == b && self.is_enumeration(a) {
             if !equality {
-                self.mismatch(operator, place, a, b, "enumerations only with `=` and `<>`");
+                self.mismatch(written, a, b, "enumerations only with `=` and `<>`");
                 return None;
             }
             (left.0.expr, right.0.expr)
         } else {
             let Some((left, right, _, _)) = self.joined(left, right) else {
-                self.mismatch(operator, place, a, b, "two values of one elementary type or string");
+                self.mismatch(written, a, b, "two values of one elementary type or string");
                 return None;
             };
             (left, right)

@@ -3,6 +3,7 @@
 use super::super::body::Body;
 use super::super::expression::Operand;
 use super::super::types::is_bit_string;
+use super::Written;
 use crate::hir::{Arithmetic, Elementary, ExprKind};
 use crate::source::Span;
 use crate::syntax::ast::BinaryOperator;
@@ -10,12 +11,11 @@ use crate::syntax::ast::BinaryOperator;
 impl<'a> Body<'_, 'a> {
     pub(super) fn logic(
         &mut self,
-        operator: BinaryOperator,
-        place: Span,
+        written: Written,
         left: (Operand, Span),
         right: (Operand, Span),
-        span: Span,
     ) -> Option<Operand> {
+        let Written { operator, span, .. } = written;
         let (a, b) = (left.0.expr.ty, right.0.expr.ty);
         let short = matches!(operator, BinaryOperator::AndThen | BinaryOperator::OrElse);
         let bits = |elementary: Option<Elementary>, untyped: bool| {
@@ -28,12 +28,12 @@ impl<'a> Body<'_, 'a> {
         };
         let allowed = if short { "BOOL" } else { "BOOL or bit strings (BYTE, WORD, DWORD, LWORD)" };
         let Some((left, right, ty, _)) = joined else {
-            self.mismatch(operator, place, a, b, allowed);
+            self.mismatch(written, a, b, allowed);
             return None;
         };
         let elementary = self.plain(ty)?;
         if !is_bit_string(elementary) || short && elementary != Elementary::Bool {
-            self.mismatch(operator, place, a, b, allowed);
+            self.mismatch(written, a, b, allowed);
             return None;
         }
         let op = match operator {
@@ -56,7 +56,7 @@ impl<'a> Body<'_, 'a> {
                 let kind = ExprKind::OrElse(Box::new(left), Box::new(right));
                 Some(Operand::typed(self.expr(ty, kind, span)))
             }
-            _ => self.combine(op, left, right, ty, false, place, span),
+            _ => self.combine(op, written, left, right, ty, false),
         }
     }
 }

@@ -14,6 +14,16 @@ use crate::hir::{Type, TypeId};
 use crate::source::Span;
 use crate::syntax::ast::{BinaryOperator, Expression};
 
+/// An operator as it is written.
+#[derive(Clone, Copy)]
+pub(in crate::check) struct Written {
+    pub operator: BinaryOperator,
+    /// Where it stands, or the name of the function that it is.
+    pub place: Span,
+    /// Where it stands with its operands.
+    pub span: Span,
+}
+
 impl<'a> Body<'_, 'a> {
     pub(in crate::check) fn binary(
         &mut self,
@@ -29,33 +39,31 @@ impl<'a> Body<'_, 'a> {
         let b = self.operand(right, near);
         let (a, b) = (a?, b?);
         let span = left.span.to(right.span);
-        self.binary_operands(operator, place, (a, left.span), (b, right.span), span)
+        self.binary_operands(Written { operator, place, span }, (a, left.span), (b, right.span))
     }
 
     /// An operator on two checked operands, each with its place.
     pub(in crate::check) fn binary_operands(
         &mut self,
-        operator: BinaryOperator,
-        place: Span,
+        written: Written,
         left: (Operand, Span),
         right: (Operand, Span),
-        span: Span,
     ) -> Option<Operand> {
         let left = (self.without_subrange(left.0, left.1), left.1);
         let right = (self.without_subrange(right.0, right.1), right.1);
-        if let Some(comparison) = compare::comparison(operator) {
-            return self.compare(comparison, operator, place, left, right, span);
+        if let Some(comparison) = compare::comparison(written.operator) {
+            return self.compare(comparison, written, left, right);
         }
-        match operator {
+        match written.operator {
             BinaryOperator::And
             | BinaryOperator::Or
             | BinaryOperator::Xor
             | BinaryOperator::AndThen
-            | BinaryOperator::OrElse => self.logic(operator, place, left, right, span),
-            BinaryOperator::Power => self.power(place, left, right, span),
-            _ => match self.time_arithmetic(operator, &left, &right, span) {
+            | BinaryOperator::OrElse => self.logic(written, left, right),
+            BinaryOperator::Power => self.power(written, left, right),
+            _ => match self.time_arithmetic(written, &left, &right) {
                 Some(result) => result,
-                None => self.arithmetic(operator, place, left, right, span),
+                None => self.arithmetic(written, left, right),
             },
         }
     }
@@ -64,17 +72,10 @@ impl<'a> Body<'_, 'a> {
         matches!(self.checker.program.types.get(ty), Type::Enumeration { .. })
     }
 
-    pub(super) fn mismatch(
-        &mut self,
-        operator: BinaryOperator,
-        place: Span,
-        a: TypeId,
-        b: TypeId,
-        allowed: &str,
-    ) {
-        let found =
-            format!("`{}` of {} and {}", sign(operator), self.type_name(a), self.type_name(b));
-        self.tell(Diagnostic::new(Code::TypeMismatch, place, found).allowed(allowed));
+    pub(super) fn mismatch(&mut self, written: Written, a: TypeId, b: TypeId, allowed: &str) {
+        let sign = sign(written.operator);
+        let found = format!("`{sign}` of {} and {}", self.type_name(a), self.type_name(b));
+        self.tell(Diagnostic::new(Code::TypeMismatch, written.place, found).allowed(allowed));
     }
 }
 

@@ -4,6 +4,7 @@ use super::super::body::Body;
 use super::super::convert::common;
 use super::super::expression::Operand;
 use super::super::types::{is_date, is_duration, is_integer, is_real};
+use super::Written;
 use crate::hir::{Arithmetic, Conversion, Elementary};
 use crate::source::Span;
 use crate::syntax::ast::BinaryOperator;
@@ -13,12 +14,14 @@ impl<'a> Body<'_, 'a> {
     #[allow(clippy::option_option)]
     pub(super) fn time_arithmetic(
         &mut self,
-        operator: BinaryOperator,
+        written: Written,
         left: &(Operand, Span),
         right: &(Operand, Span),
-        span: Span,
     ) -> Option<Option<Operand>> {
         use BinaryOperator as Op;
+        let Written { operator, span, .. } = written;
+        // What is wrong here is the value of the whole.
+        let whole = Written { place: span, ..written };
         let (a, b) = (self.plain(left.0.expr.ty)?, self.plain(right.0.expr.ty)?);
         let number = |elementary| is_integer(elementary) || is_real(elementary);
         let (op, ty) = match operator {
@@ -39,7 +42,7 @@ impl<'a> Body<'_, 'a> {
                 let left = self.converted(left.0.clone(), joined, left.1)?;
                 let right = self.converted(right.0.clone(), joined, right.1)?;
                 let difference =
-                    self.combine(Arithmetic::Subtract, left, right, joined, false, span, span)?;
+                    self.combine(Arithmetic::Subtract, whole, left, right, joined, false)?;
                 let expr = self.convert(Conversion::Value, difference.expr, ty, span);
                 return Some(Some(Operand::typed(expr)));
             }
@@ -60,7 +63,7 @@ impl<'a> Body<'_, 'a> {
             }
         };
         let (left, right) = (part(left), part(right));
-        let result = self.combine(op, left, right, within, false, span, span);
+        let result = self.combine(op, whole, left, right, within, false);
         Some(result.map(|result| match scaled {
             true => Operand::typed(self.convert(Conversion::Value, result.expr, ty, span)),
             false => result,

@@ -2,6 +2,7 @@
 
 use super::super::body::Body;
 use super::super::expression::Operand;
+use super::super::operator::Written;
 use super::super::types::is_integer;
 use super::Given;
 use super::table::{Function, Make};
@@ -24,7 +25,8 @@ impl<'a> Body<'_, 'a> {
             Make::Comparison(operator) => self.comparisons(operator, name, given, span),
             Make::Power => {
                 let (exponent, base) = (given.pop()?, given.pop()?);
-                self.binary_operands(BinaryOperator::Power, name.span, base, exponent, span)
+                let power = Written { operator: BinaryOperator::Power, place: name.span, span };
+                self.binary_operands(power, base, exponent)
             }
             Make::Intrinsic(intrinsic) => {
                 let ty = self.same(&given, function, hint)?;

@@ -2,6 +2,7 @@
 
 use super::super::body::Body;
 use super::super::expression::Operand;
+use super::super::operator::Written;
 use super::Given;
 use super::table::Function;
 use crate::diagnostic::{Code, Diagnostic};
@@ -17,10 +18,11 @@ impl<'a> Body<'_, 'a> {
         given: Vec<Given>,
         span: Span,
     ) -> Option<Operand> {
+        let written = Written { operator, place: name.span, span };
         let mut rest = given.into_iter();
         let mut result = rest.next()?;
         for next in rest {
-            let operand = self.binary_operands(operator, name.span, result, next, span)?;
+            let operand = self.binary_operands(written, result, next)?;
             result = (operand, span);
         }
         Some(result.0)
@@ -34,20 +36,15 @@ impl<'a> Body<'_, 'a> {
         given: Vec<Given>,
         span: Span,
     ) -> Option<Operand> {
+        let written = Written { operator, place: name.span, span };
+        let and = Written { operator: BinaryOperator::And, ..written };
         let mut result: Option<Operand> = None;
         for pair in given.windows(2) {
             let [left, right] = pair else { return None };
-            let one =
-                self.binary_operands(operator, name.span, left.clone(), right.clone(), span)?;
+            let one = self.binary_operands(written, left.clone(), right.clone())?;
             result = Some(match result {
                 None => one,
-                Some(before) => self.binary_operands(
-                    BinaryOperator::And,
-                    name.span,
-                    (before, span),
-                    (one, span),
-                    span,
-                )?,
+                Some(before) => self.binary_operands(and, (before, span), (one, span))?,
             });
         }
         if given.len() > 2 && given[1..given.len() - 1].iter().any(|(one, _)| has_call(&one.expr)) {
