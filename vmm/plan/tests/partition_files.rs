@@ -226,6 +226,21 @@ fn a_good_file_says_what_its_tasks_and_schedules_are() {
 }
 
 #[test]
+fn a_good_file_says_what_of_its_programs_is_seen_and_forced_from_outside() {
+    let path = Path::new(FOLDER).join("good/watch-and-force.toml");
+    let file = config::load(&path, HOST_CPUS).unwrap();
+    let programs = file.partitions()[0].programs().iter();
+    let outside: Vec<_> = programs.map(|p| (p.watch.0, p.allow_force)).collect();
+    assert_eq!(outside, [(60 << 10, true), (0, false), (1 << 10, false)]);
+    let report = check::report(&file);
+    let told: Vec<&str> = report.lines().filter(|line| line.contains("from outside")).collect();
+    // What holds without the keys is not told.
+    assert_eq!(told.len(), 2, "{report}");
+    assert!(told[0].contains("60KiB in a cycle, may be written and forced"), "{}", told[0]);
+    assert!(told[1].contains("0 bytes in a cycle, read only"), "{}", told[1]);
+}
+
+#[test]
 fn a_schedule_in_which_a_partition_has_no_time_is_not_analysed() {
     let (_, file) = example("two-schedules.toml");
     let report = check::report(&file);
