@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::fs;
 use std::path::PathBuf;
 
-use crate::{Outcome, Run, scratch, target};
+use crate::{Outcome, Run, initrd_and, scratch, target};
 
 /// What Linux executes where a test wants it busy: it never idles, in kernel and user mode.
 pub const BUSY: &str = "while :; do cat /proc/kallsyms > /dev/null; done";
@@ -68,6 +68,24 @@ impl File {
     #[must_use]
     pub fn linux_with(self, initrd: &str, exec: &str) -> Self {
         self.other_linux(&System { initrd, exec, ..System::default() })
+    }
+
+    /// Adds Linux in the background that compiles until the end; [`Outcome::compiled`] says how far it
+    /// came. These commands come first.
+    ///
+    /// # Panics
+    /// Without what `scripts/load-image` makes.
+    #[must_use]
+    pub fn compiling_linux(self, commands: &str) -> Self {
+        let compiler = fs::read(target("guest/load.cpio")).expect("scripts/load-image has run");
+        let initrd = initrd_and("load-initrd", &compiler);
+        let exec = format!("{commands}takt-load compile");
+        self.other_linux(&System {
+            initrd: &initrd,
+            memory: "448MiB",
+            exec: &exec,
+            ..System::default()
+        })
     }
 
     fn other_linux(mut self, linux: &System<'_>) -> Self {

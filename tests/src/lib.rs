@@ -118,6 +118,15 @@ impl Outcome {
         duration_ns / 1_000 / period_us
     }
 
+    /// Objects that a Linux of [`File::compiling_linux`] has compiled.
+    #[must_use]
+    pub fn compiled(&self) -> u64 {
+        let told = |line: &str| -> Option<u64> {
+            line.split_once("takt-load: compile ")?.1.split(' ').next()?.parse().ok()
+        };
+        self.output.lines().filter_map(told).max().unwrap_or(0)
+    }
+
     /// Fails unless a PLC kept every release, and there were at least so many.
     pub fn assert_kept_its_time(&self, partition: &str, at_least: u64) {
         for key in ["lost", "late_releases", "overruns", "unrecorded"] {

@@ -28,6 +28,8 @@ pub mod objects;
 pub mod process_image;
 #[cfg(test)]
 mod process_image_tests;
+#[cfg(test)]
+mod random_tests;
 pub mod scheduler;
 #[cfg(test)]
 mod scheduler_tests;

@@ -245,34 +245,39 @@ impl<const T: usize> Model<T> {
         }
         key
     }
+}
 
-    fn check(&self) {
-        let s = &self.scheduler;
+/// What must hold between any two steps, in a system of any size.
+pub fn check<const T: usize, const P: usize, const O: usize>(s: &Scheduler<T, P, O>) {
+    for program in s.programs() {
+        let objects = s.programs[program.index()].objects.clone();
         let mut seen = 0;
-        for id in s.ids() {
-            let task = s.task(id);
+        for task in s.ids().map(|id| s.task(id)).filter(|task| task.settings.program == program) {
             assert_eq!(task.held & seen, 0, "two tasks hold a semaphore");
             seen |= task.held;
             assert!(task.held == 0 || task.state() == State::Ready, "a holder waits");
-            for place in 0..OBJECTS as u8 {
-                if let Object::Semaphore { holder, .. } = s.object_at(ObjectId(place)) {
-                    assert_eq!(holder == Some(id), task.held >> place & 1 != 0);
-                }
+        }
+        for (number, place) in objects.enumerate() {
+            if let Object::Semaphore { holder, .. } = s.object_at(ObjectId(place)) {
+                assert_eq!(holder.is_some(), seen >> number & 1 != 0);
+                assert!(holder.is_none_or(|id| s.task(id).held >> number & 1 != 0));
             }
-            match task.state() {
-                State::Waiting(Wait::Message(place)) => {
-                    let queue = s.object_at(ObjectId(place));
-                    assert!(matches!(queue, Object::Queue { count: 0, .. }), "a lost wake-up");
-                }
-                State::Waiting(Wait::Flags { object, mask, all }) => {
-                    let Object::Flags(flags) = s.object_at(ObjectId(object)) else {
-                        panic!("waits for flags that are none");
-                    };
-                    let set = flags & mask;
-                    assert!(if all { set != mask } else { set == 0 }, "a lost wake-up");
-                }
-                _ => {}
+        }
+    }
+    for id in s.ids() {
+        match s.task(id).state() {
+            State::Waiting(Wait::Message(place)) => {
+                let queue = s.object_at(ObjectId(place));
+                assert!(matches!(queue, Object::Queue { count: 0, .. }), "a lost wake-up");
             }
+            State::Waiting(Wait::Flags { object, mask, all }) => {
+                let Object::Flags(flags) = s.object_at(ObjectId(object)) else {
+                    panic!("waits for flags that are none");
+                };
+                let set = flags & mask;
+                assert!(if all { set != mask } else { set == 0 }, "a lost wake-up");
+            }
+            _ => {}
         }
     }
 }
@@ -285,7 +290,7 @@ fn search<const T: usize>(system: &System<T>) -> usize {
     while let Some(model) = open.pop() {
         for step in system.steps(&model) {
             let next = model.after(step);
-            next.check();
+            check(&next.scheduler);
             if seen.insert(next.key()) {
                 open.push(next);
             }

@@ -159,6 +159,22 @@ functions! {
         ".endr",
         "pop r15", "pop r14", "pop r13", "pop r12", "pop rbp",
     ]
+    /// As `Destroy`, and works for a random time first, so that what it preempts next goes on at a random instant.
+    DestroyAtRandom = "takt_test_destroy_at_random": [
+        "push rbp", "push r12", "push r13", "push r14", "push r15",
+        // Knuth's MMIX generator, of which the upper bits are the random ones.
+        "mov rax, 6364136223846793005", "imul rax, [rbx + 16]",
+        "mov rcx, 1442695040888963407", "add rax, rcx", "mov [rbx + 16], rax",
+        "shr rax, 54", "inc eax",
+        "2:", "dec eax", "jnz 2b",
+        ".irp r, rax, rcx, rdx, rsi, rdi, rbp, r8, r9, r10, r11, r12, r13, r14, r15",
+        "mov \\r, 0x7777777777777777",
+        ".endr",
+        ".irp i, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15",
+        "pcmpeqd xmm\\i, xmm\\i",
+        ".endr",
+        "pop r15", "pop r14", "pop r13", "pop r12", "pop rbp",
+    ]
     /// Reads address 0.
     Null = "takt_test_null": ["mov rax, [0]"]
     /// Writes into its code.
@@ -223,6 +239,71 @@ functions! {
     ExtendedState = "takt_test_extended_state": ["xor ecx, ecx", "xgetbv"]
     /// Sets the extended states.
     SetExtendedState = "takt_test_set_extended_state": ["xor ecx, ecx", "xsetbv"]
+    /// Reads an address that is none.
+    ReadFar = "takt_test_read_far": ["mov rax, 0x8000000000000000", "mov rax, [rax]"]
+    /// Reads behind its state.
+    ReadBehind = "takt_test_read_behind": ["mov rax, [0x50004000]"]
+    /// Executes its stack.
+    ExecuteStack = "takt_test_execute_stack": ["push 0x90", "jmp rsp"]
+    /// Jumps into the kernel.
+    ExecuteKernel = "takt_test_execute_kernel": ["mov eax, 0x100000", "jmp rax"]
+    /// Opens interrupts.
+    OpenInterrupts = "takt_test_open_interrupts": ["sti"]
+    /// Reads a foreign port.
+    ReadPortByte = "takt_test_read_port_byte": ["mov dx, 0x60", "in al, dx"]
+    /// Writes a foreign port from memory.
+    WriteString = "takt_test_write_string": ["mov rsi, rbx", "mov dx, 0x7a0c", "outsd"]
+    /// Writes a debug register.
+    DebugRegister = "takt_test_debug_register": ["mov rax, rbx", "mov dr0, rax"]
+    /// Writes the register of the task priority.
+    TaskPriority = "takt_test_task_priority": ["xor eax, eax", "mov cr8, rax"]
+    /// Reads a performance counter.
+    PerformanceCounter = "takt_test_performance_counter": ["xor ecx, ecx", "rdpmc"]
+    /// Loads a table of segments.
+    Segments = "takt_test_segments": ["lgdt [rbx]"]
+    /// Loads a task register.
+    TaskRegister = "takt_test_task_register": ["mov eax, 0x28", "ltr ax"]
+    /// Takes a page out of the processor's memory of page tables.
+    ForgetPage = "takt_test_forget_page": ["invlpg [rbx]"]
+    /// Throws the caches away.
+    ForgetCaches = "takt_test_forget_caches": ["wbinvd"]
+    /// Allows the x87 unit.
+    ClearTaskSwitched = "takt_test_clear_task_switched": ["clts"]
+    /// Exchanges the bases of GS.
+    SwapBase = "takt_test_swap_base": ["swapgs"]
+    /// Returns from a call as the kernel could.
+    ReturnFromCall = "takt_test_return_from_call": ["lea rcx, [rip + 2f]", "mov r11, 0x3002", "sysretq", "2:"]
+    /// Returns from an interrupt to ring 0.
+    ReturnToRing0 = "takt_test_return_to_ring_0": [
+        "mov rax, rsp", "push 0x10", "push rax", "pushfq", "push 8", "lea rax, [rip + 2f]", "push rax", "iretq", "2:",
+    ]
+    /// Returns to a code segment of ring 0.
+    FarReturn = "takt_test_far_return": ["push 8", "lea rax, [rip + 2f]", "push rax", "retfq", "2:"]
+    /// Loads the kernel's data segment.
+    KernelSegment = "takt_test_kernel_segment": ["mov eax, 0x10", "mov ds, ax"]
+    /// Sets bits of the state of SSE that are reserved.
+    ReservedState = "takt_test_reserved_state": ["mov dword ptr [rbx + 16], -1", "ldmxcsr [rbx + 16]"]
+    /// The debug exception, without a debugger.
+    DebugInstruction = "takt_test_debug_instruction": [".byte 0xf1"]
+    /// The page fault, called by its number.
+    FalsePageFault = "takt_test_false_page_fault": ["int 14"]
+    /// Saves the extended states.
+    SaveExtendedState = "takt_test_save_extended_state": ["xor eax, eax", "xor edx, edx", "xsave [0x50002000]"]
+    /// Waits for a write to memory.
+    Monitor = "takt_test_monitor": ["mov rax, rbx", "xor ecx, ecx", "xor edx, edx", "monitor"]
+    /// Calls the hypervisor, as guests on Intel do. KVM would write the other maker's instruction in its place.
+    CallHypervisor = "takt_test_call_hypervisor": ["vmcall"]
+    /// Calls the hypervisor, as guests on AMD do: KVM refuses it to ring 3, without an exception.
+    CallHypervisorOfAmd = "takt_test_call_hypervisor_of_amd": ["mov eax, 5", "vmmcall", "test rax, rax", "js 2f", "ud2", "2:"]
+    /// Asks for alignment checks, and reads a word that is not aligned.
+    AlignmentCheck = "takt_test_alignment_check": [
+        "pushfq", "or qword ptr [rsp], 0x40000", "popfq", "mov rax, [rbx + 1]",
+    ]
+    /// An SSE exception that was unmasked: a division by zero.
+    SseDivide = "takt_test_sse_divide": [
+        "mov dword ptr [rbx + 16], 0x1d80", "ldmxcsr [rbx + 16]",
+        "pcmpeqd xmm0, xmm0", "pslld xmm0, 25", "psrld xmm0, 2", "xorps xmm1, xmm1", "divss xmm0, xmm1",
+    ]
     /// Uses a register that is not there.
     Avx = "takt_test_avx": ["vxorps ymm0, ymm0, ymm0"]
     /// An x87 exception that was unmasked.
@@ -288,6 +369,47 @@ functions! {
         "mov eax, 14",
         "syscall",
         "6:",
+        "pop r13", "pop r12",
+    ]
+    /// Makes as many calls as the parameter says, with random numbers, objects, pointers, lengths and times, of which
+    /// some are valid. It neither ends its job nor stops its program by one.
+    RandomCalls = "takt_test_random_calls": [
+        "push r12", "push r13",
+        "mov r12, [rbx]",
+        // Each task has a sequence of its own.
+        "mov r13, [rbx + 16]", "add r13, rbx",
+        "2:",
+        ".irp r, rdi, rsi, rdx, r10",
+        "mov rax, 6364136223846793005", "imul r13, rax", "mov rax, 1442695040888963407", "add r13, rax",
+        "mov rcx, r13", "shr rcx, 33",
+        "mov rax, r13", "shr rax, 61",
+        "cmp eax, 3", "jb 3f", "je 4f", "cmp eax, 6", "jb 5f",
+        // Anything;
+        "mov \\r, r13", "jmp 6f",
+        // or a small number, as those of objects and lengths are;
+        "3:", "and ecx, 31", "mov \\r, rcx", "jmp 6f",
+        // or a pointer at the edge of something;
+        "4:", "and ecx, 15", "lea rax, [rip + 7f]", "mov \\r, [rax + 8 * rcx]", "jmp 6f",
+        // or one into the upper half of the state, where the calls may write.
+        "5:", "and ecx, 0x1ff8", "add ecx, 0x50002000", "mov \\r, rcx",
+        "6:",
+        ".endr",
+        "mov eax, r13d", "shr eax, 28",
+        // END and STOP become numbers that are none.
+        "test eax, eax", "jnz 3f", "mov eax, 15",
+        "3:", "cmp eax, 14", "jne 3f", "mov rax, r13",
+        "or eax, 64",
+        "3:",
+        "syscall",
+        "dec r12", "jnz 2b",
+        "mov [rbx + 16], r13",
+        "jmp 3f",
+        ".balign 8",
+        "7:",
+        ".quad 0, 0x1000, 0x100000, 0x3ffffff8, 0x40000000, 0x4fffffff, 0x50003ff8, 0x50003fff",
+        ".quad 0x5ffffff0, 0x600ff000, 0x68000000, 0x6fffff00, 0xc0000000, 0x800000000000",
+        ".quad 0xffff800000200000, 0xfffffffffffffff0",
+        "3:",
         "pop r13", "pop r12",
     ]
     /// Stops the program with code 5.

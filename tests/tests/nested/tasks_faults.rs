@@ -1,0 +1,171 @@
+//! Programs that do what programs must not: each stops itself, and nothing else notices.
+
+use takt_program::Nanoseconds;
+use takt_program::build::Task;
+use takt_test_programs::{Entry, Program, cyclic, us};
+
+use super::tasks::{Row, assert_on_time, plc};
+
+/// Each fault, and what is said of it. (The emulated processor has no alignment checks and no
+/// exceptions of SSE.)
+const FAULTS: &[(Entry, &str)] = &[
+    (Entry::Null, "page fault, read of 0x0 "),
+    (Entry::WriteCode, "page fault, write of 0x40000000"),
+    (Entry::WriteConstants, "page fault, write of 0x40001000"),
+    (Entry::WriteInput, "page fault, write of 0x68000000"),
+    (Entry::WriteInformation, "page fault, write of 0x6ffff"),
+    (Entry::WriteCallPage, "page fault, write of 0x3ffff000"),
+    (Entry::JumpIntoData, "page fault, execution of 0x50000000"),
+    (Entry::JumpFar, "general protection fault"),
+    (Entry::Overflow, "page fault, write of 0x600fbff8"),
+    // A stack fault, and in QEMU a general protection fault.
+    (Entry::NoStack, " fault at 0x4000"),
+    (Entry::Halt, "general protection fault"),
+    (Entry::CloseInterrupts, "general protection fault"),
+    (Entry::Port, "general protection fault"),
+    (Entry::ControlRegister, "general protection fault"),
+    (Entry::ModelRegister, "general protection fault"),
+    (Entry::Gates, "general protection fault"),
+    (Entry::Invalid, "invalid opcode"),
+    (Entry::Divide, "division by zero at 0x"),
+    (Entry::DivideInstruction, "divide error"),
+    (Entry::Misaligned, "general protection fault"),
+    (Entry::Step, "debug"),
+    (Entry::StepIntoCall, "debug"),
+    (Entry::Breakpoint, "general protection fault"),
+    (Entry::FalseTick, "general protection fault"),
+    (Entry::OldCall, "general protection fault"),
+    (Entry::Base, "invalid opcode"),
+    (Entry::Segment, "general protection fault"),
+    (Entry::ExtendedState, "invalid opcode"),
+    (Entry::SetExtendedState, ""),
+    (Entry::Avx, "invalid opcode"),
+    (Entry::X87, "x87 floating point"),
+    (Entry::ReadKernel, "page fault, read of 0x100000"),
+    (Entry::ReadRam, "page fault, read of 0xffff800000200000"),
+    (Entry::WriteStatus, "page fault, write of 0xc0001000"),
+    (Entry::ReadFar, "general protection fault"),
+    (Entry::ReadBehind, "page fault, read of 0x50004000"),
+    (Entry::ExecuteStack, "page fault, execution of 0x600f"),
+    (Entry::ExecuteKernel, "page fault, execution of 0x100000"),
+    (Entry::OpenInterrupts, "general protection fault"),
+    (Entry::ReadPortByte, "general protection fault"),
+    (Entry::WriteString, "general protection fault"),
+    (Entry::DebugRegister, "general protection fault"),
+    (Entry::TaskPriority, "general protection fault"),
+    (Entry::PerformanceCounter, "general protection fault"),
+    (Entry::Segments, "general protection fault"),
+    (Entry::TaskRegister, "general protection fault"),
+    (Entry::ForgetPage, "general protection fault"),
+    (Entry::ForgetCaches, "general protection fault"),
+    (Entry::ClearTaskSwitched, "general protection fault"),
+    (Entry::SwapBase, "general protection fault"),
+    (Entry::ReturnFromCall, "general protection fault"),
+    (Entry::ReturnToRing0, "general protection fault"),
+    (Entry::FarReturn, "general protection fault"),
+    (Entry::KernelSegment, "general protection fault"),
+    (Entry::ReservedState, "general protection fault"),
+    (Entry::DebugInstruction, "debug"),
+    (Entry::FalsePageFault, "general protection fault"),
+    (Entry::SaveExtendedState, "invalid opcode"),
+    (Entry::Monitor, "invalid opcode"),
+    (Entry::CallHypervisor, ""),
+];
+
+/// Most programs of a partition, with room for the neighbour.
+const AT_ONCE: usize = 15;
+
+#[test]
+fn a_fault_at_ring_3_stops_its_program_and_no_other() {
+    for (part, faults) in FAULTS.chunks(AT_ONCE).enumerate() {
+        let neighbour = cyclic("main", us(1_000), 0, Entry::Work);
+        let mut programs = vec![("neighbour", Program::new("n").task(neighbour, 100), "")];
+        let names: Vec<String> =
+            (0..faults.len()).map(|number| format!("fault-{number}")).collect();
+        for (name, (entry, _)) in names.iter().zip(faults) {
+            // One fault in each window, so that each has its time.
+            let task = cyclic("main", us(100_000), 1 + programs.len() as u8, *entry);
+            programs.push((name, Program::new("f").task(task, 0), ""));
+        }
+        let test = format!("tasks-faults-{part}");
+        let outcome = plc(&test, 1_000, 400, &programs).run(&test).lasting("2500ms").run();
+        assert_eq!(outcome.status, 0, "{}", outcome.output);
+        for (name, (entry, text)) in names.iter().zip(faults) {
+            let told = format!("program {name}, task main: ");
+            let line = outcome.output.lines().find(|line| line.contains(&told));
+            let line = line.unwrap_or_else(|| panic!("{entry:?} was not told\n{}", outcome.output));
+            assert!(line.contains(text) && line.contains("the program stops"), "{entry:?}: {line}");
+        }
+        Row::of(&outcome, "neighbour.main").assert_in_time(900);
+        assert_on_time(&outcome, "neighbour.main");
+    }
+}
+
+#[test]
+fn a_fault_is_told_with_file_line_and_column() {
+    let program = Program::new("p").task(cyclic("main", us(1_000), 0, Entry::Divide), 0);
+    let outcome = plc("tasks-place", 1_000, 300, &[("p", program, "")])
+        .run("tasks-place")
+        .lasting("1s")
+        .run();
+    outcome.assert_shows("program p, task main: division by zero at 0x4000");
+    outcome.assert_shows("(tank.st:12:7): the program stops");
+}
+
+#[test]
+fn hostile_calls_get_errors_and_flags_do_no_harm() {
+    let bad = Program::new("bad")
+        .task(cyclic("calls", us(1_000), 10, Entry::BadCalls), 0)
+        .task(cyclic("flags", us(1_000), 11, Entry::Flags), 0);
+    let good = Program::new("good").task(cyclic("main", us(1_000), 0, Entry::Nothing), 0);
+    let programs = [("bad", bad, ""), ("good", good, "")];
+    let outcome =
+        plc("tasks-calls", 1_000, 400, &programs).run("tasks-calls").lasting("2500ms").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    assert!(!outcome.output.contains("stops"), "{}", outcome.output);
+    Row::of(&outcome, "bad.calls").assert_in_time(900);
+    Row::of(&outcome, "bad.flags").assert_in_time(900);
+    assert_on_time(&outcome, "good.main");
+}
+
+#[test]
+fn a_fault_of_a_job_that_has_used_up_its_budget_stops_its_program() {
+    let task = cyclic("main", us(1_000), 0, Entry::Divide);
+    let program = Program::new("p").task(Task { budget: Some(Nanoseconds(1)), ..task }, 0);
+    let programs = [("p", program, "on_overrun = \"skip\"")];
+    let outcome =
+        plc("tasks-late-fault", 1_000, 300, &programs).run("tasks-late-fault").lasting("1s").run();
+    outcome.assert_shows("program p, task main: division by zero at 0x4000");
+    outcome.assert_shows("(tank.st:12:7): the program stops");
+}
+
+#[test]
+fn a_program_that_always_fails_to_start_fills_neither_the_windows_nor_the_console() {
+    let bad = Program::new("bad").init(Entry::Divide);
+    let bad = bad.task(cyclic("main", us(1_000), 0, Entry::Nothing), 0);
+    let good = Program::new("good")
+        .task(cyclic("main", us(1_000), 1, Entry::Work), 1_000)
+        .task(cyclic("log", us(1_000_000), 9, Entry::LogTwoLines), 0);
+    let programs = [("bad", bad, "on_fault = \"restart\""), ("good", good, "")];
+    let outcome =
+        plc("tasks-again", 1_000, 300, &programs).run("tasks-again").lasting("2500ms").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    Row::of(&outcome, "good.main").assert_in_time(900);
+    assert_on_time(&outcome, "good.main");
+    let told = outcome.output.matches("program bad, task init: division by zero").count();
+    // 32 at once, and one each 20 ms.
+    assert!((100..=32 + 126).contains(&told), "{told}\n{}", outcome.output);
+    outcome.assert_shows("faults were not told");
+    // No line of a program's text looks like another's.
+    outcome.assert_shows("good.log: hi you");
+}
+
+#[test]
+fn a_program_can_stop_its_partition() {
+    let program = Program::new("p").task(cyclic("main", us(1_000), 0, Entry::Null), 0);
+    let programs = [("p", program, "on_fault = \"stop-partition\"")];
+    let outcome = plc("tasks-stop", 1_000, 300, &programs).run("tasks-stop").lasting("1s").run();
+    outcome.assert_shows("program p, task main: page fault, read of 0x0 at 0x4000");
+    outcome.assert_shows("the partition ends itself, as its file says");
+    assert_ne!(outcome.status, 0, "{}", outcome.output);
+}

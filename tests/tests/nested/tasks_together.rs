@@ -1,0 +1,84 @@
+//! What all kinds of tasks together may cost each other, beside a Linux that compiles.
+
+use takt_program::build::{Event, Task};
+use takt_program::{Direction, Nanoseconds};
+use takt_test_programs::{Entry, Program, cyclic, freewheeling, on, us};
+use takt_tests::{Outcome, long};
+
+use super::tasks::{Row, assert_on_time, limited, plc};
+
+/// The worst response of a task that `takt check` has promised, in ns.
+fn promised(outcome: &Outcome, task: &str) -> u64 {
+    let mut rows = outcome.output.lines().map(|line| line.split("  ").map(str::trim));
+    let row = rows.find_map(|row| {
+        let cells: Vec<&str> = row.filter(|cell| !cell.is_empty()).collect();
+        (cells.len() == 7 && cells[0] == task).then_some(cells)
+    });
+    let row = row.unwrap_or_else(|| panic!("nothing is promised of {task}\n{}", outcome.output));
+    let number = |unit: &str| row[5].strip_suffix(unit)?.parse::<u64>().ok();
+    let ns = number("ns")
+        .or_else(|| number("us").map(|us| us * 1_000))
+        .or_else(|| number("ms").map(|ms| ms * 1_000_000));
+    ns.unwrap_or_else(|| panic!("{row:?}"))
+}
+
+/// Counts up a word in a port for ever, some 50 times a second, while all else goes on.
+const ORDERS: &str = "(n=0; while sleep 0.02; do n=$((n + 1)); takt-port write order --hex \
+    $(printf %02x%02x000000000000 $((n % 256)) $((n / 256))); done) & ";
+
+#[test]
+fn six_tasks_of_two_programs_span_windows_and_cost_the_most_urgent_nothing() {
+    let fast = Program::new("fast")
+        .task(limited(cyclic("control", us(250), 0, Entry::Destroy), 3), 0)
+        .task(limited(cyclic("middle", us(1_000), 10, Entry::Work), 50), 20_000)
+        .task(freewheeling("rest", 200, Entry::Work), 1_000);
+    // 1 ms and 6 ms of work, less than 100 us at a time.
+    let order = Event::Channel("order".into());
+    let slow = Program::new("slow")
+        .port("order", Direction::In)
+        .init(Entry::Nothing)
+        .task(limited(on("order", order, us(5_000), 5, Entry::ReadPort), 10), 0)
+        .task(limited(cyclic("long", us(10_000), 20, Entry::Work), 1_100), 500_000)
+        .task(limited(cyclic("longest", us(100_000), 30, Entry::Work), 6_600), 3_000_000);
+    let programs = [("fast", fast, ""), ("slow", slow, "")];
+    let (duration, jobs) = if long() { ("60s", 239_000) } else { ("8s", 30_000) };
+    let channel = "[[channel]]\nname = \"order\"\nkind = \"sampling\"\nmessage_bytes = 8\n\
+        refresh_period = \"1s\"\nsource = \"linux:order\"\ndestinations = [\"plc:order\"]";
+    let file = plc("tasks-six", 250, 100, &programs).compiling_linux(ORDERS).lines(channel);
+    let outcome = file.run("tasks-six").lasting(duration).run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    assert!(!outcome.output.contains("stops"), "{}", outcome.output);
+    assert!(outcome.compiled() > 0, "Linux did not compile\n{}", outcome.output);
+    for (task, jobs) in [
+        ("fast.control", jobs),
+        ("fast.middle", jobs / 4),
+        ("slow.order", jobs / 400),
+        ("slow.long", jobs / 40),
+        ("slow.longest", jobs / 400),
+    ] {
+        let row = Row::of(&outcome, task);
+        row.assert_in_time(jobs - 1);
+        let (worst, promised) = (row.number("response"), promised(&outcome, task));
+        assert!(worst <= promised, "{task}: {worst} ns, promised {promised}\n{}", outcome.output);
+    }
+    assert!(Row::of(&outcome, "slow.longest").number("response") > 1_000_000, "it spans windows");
+    assert!(Row::of(&outcome, "fast.rest").number("jobs") > 1_000, "{}", outcome.output);
+    assert_on_time(&outcome, "fast.control");
+}
+
+#[test]
+fn registers_survive_preemption_at_any_instant() {
+    let urgent = Program::new("urgent").task(cyclic("destroy", us(250), 0, Entry::Destroy), 0);
+    let lesser = Program::new("lesser")
+        .task(cyclic("one", us(100_000), 10, Entry::Patterns), 100_000)
+        .task(cyclic("two", us(120_000), 5, Entry::Patterns), 30_000);
+    let programs = [("urgent", urgent, ""), ("lesser", lesser, "")];
+    let outcome =
+        plc("tasks-patterns", 250, 100, &programs).run("tasks-patterns").lasting("3s").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    // A changed register stops the program.
+    Row::of(&outcome, "lesser.one").assert_in_time(10);
+    let preempted = Row::of(&outcome, "lesser.one").number("switches");
+    assert!(preempted > 1_000, "{preempted}");
+    assert_on_time(&outcome, "urgent.destroy");
+}
