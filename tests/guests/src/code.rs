@@ -467,6 +467,34 @@ functions! {
     Times = "takt_test_times": [
         "push r12", "mov r12, [rbx]", "2:", "mov eax, 1", "syscall", "dec r12", "jnz 2b", "pop r12",
     ]
+    /// Leaves the time at its end.
+    Stamp = "takt_test_stamp": ["rdtsc", "mov [0x50003020], eax"]
+    /// Keeps the shortest time since the one that `Stamp` or `StampAndSet` has left, and stops the program with it as code in
+    /// the job with the number of the parameter.
+    SinceStamp = "takt_test_since_stamp": [
+        "rdtsc", "sub eax, [0x50003020]",
+        "cmp qword ptr [rbx + 8], 1", "je 2f", "cmp rax, [rbx + 16]", "jae 3f",
+        "2:", "mov [rbx + 16], rax", "3:",
+        "mov rax, [rbx]", "cmp [rbx + 8], rax", "jb 4f",
+        "mov rdi, [rbx + 16]", "mov eax, 14", "syscall", "4:",
+    ]
+    /// Leaves the time and sets a flag of object 0.
+    StampAndSet = "takt_test_stamp_and_set": [
+        "rdtsc", "mov [0x50003020], eax", "mov eax, 9", "xor edi, edi", "mov esi, 1", "syscall",
+    ]
+    /// As `SinceStamp`, when that flag has been set, for which it waits for 900 us. Clears it.
+    AwaitStamp = "takt_test_await_stamp": [
+        "mov eax, 10", "xor edi, edi", "mov esi, 1", "xor edx, edx", "mov r10d, 900000", "syscall",
+        "cmp rax, 1", "jne 5f",
+        "rdtsc", "sub eax, [0x50003020]",
+        "cmp qword ptr [rbx + 8], 1", "je 2f", "cmp rax, [rbx + 16]", "jae 3f",
+        "2:", "mov [rbx + 16], rax", "3:",
+        "mov eax, 11", "xor edi, edi", "mov esi, 1", "syscall",
+        "mov rax, [rbx]", "cmp [rbx + 8], rax", "jb 4f",
+        "mov rdi, [rbx + 16]", "mov eax, 14", "syscall",
+        "5:", "ud2",
+        "4:",
+    ]
     /// Copies the first 16 bytes of its inputs to its outputs.
     CopyInputs = "takt_test_copy_inputs": [
         "movups xmm0, [0x68000000]", "movups [0x68100000], xmm0",

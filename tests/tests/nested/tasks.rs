@@ -9,7 +9,7 @@ use takt_tests::{File, Outcome, plc_image, save_bytes};
 pub type Named<'a> = (&'a str, Program, &'a str);
 
 /// The lines of a PLC that runs programs.
-fn lines(test: &str, programs: &[Named<'_>]) -> String {
+pub fn lines(test: &str, programs: &[Named<'_>]) -> String {
     let tables = programs.iter().map(|(name, program, more)| {
         let image = save_bytes(&format!("{test}-{name}.plc"), &program.image());
         format!("[[partition.program]]\nimage = {image:?}\nname = {name:?}\n{more}\n")
@@ -83,7 +83,7 @@ fn a_task_runs_at_ring_3_at_each_release() {
     assert!((2_000..20_000).contains(&longest), "{longest}\n{}", outcome.output);
 }
 
-fn object(name: &str, kind: ObjectKind) -> Object {
+pub fn object(name: &str, kind: ObjectKind) -> Object {
     Object { name: name.into(), kind }
 }
 

@@ -246,10 +246,11 @@ impl Kernel {
             }
         };
         let violation = self.charge(from);
-        let stops_partition = self.entry_of(task).on_overrun == action::STOP_PARTITION;
         // What a fault or STOP leads to, no action after a budget that is used up takes back.
         let ended = self.ends_program(task, entry);
-        if let Some(violation) = violation.filter(|_| !ended || stops_partition) {
+        if let Some(violation) = violation
+            && (!ended || self.entry_of(task).on_overrun == action::STOP_PARTITION)
+        {
             self.violated(task, violation);
         }
         if let Entry::Call = entry
@@ -394,9 +395,9 @@ impl Kernel {
         self.see_to_the_late();
     }
 
-    fn entry_of(&self, id: TaskId) -> takt_abi::program::Program {
+    fn entry_of(&self, id: TaskId) -> &takt_abi::program::Program {
         let program = usize::from(self.places[id.index()].program);
-        self.programs[program].as_ref().map_or(takt_abi::program::Program::NONE, |p| p.entry)
+        self.programs[program].as_ref().map_or(&takt_abi::program::Program::NONE, |p| &p.entry)
     }
 
     fn see_to_the_late(&mut self) {
