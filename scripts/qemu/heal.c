@@ -216,21 +216,23 @@ static bool heal_lost_interrupt(void) {
     return !mprotect(page, 4096, PROT_READ | PROT_EXEC) && overwrite(vmrun.at, call, sizeof call);
 }
 
-// Why QEMU's loop over translated code ends (EXCP_INTERRUPT): somebody wants to have a look.
+// Why QEMU's loop over translated code ends (EXCP_INTERRUPT), or that it goes on.
 enum { LEAVE_THE_LOOP = 0x10000, GO_ON = -1 };
 
 // Expects what heal_double_delivery has found.
 static void shorten_pause(void) {
-    uint8_t *pause = dlsym(RTLD_DEFAULT, "do_pause");
-    if (!pause) return;
-    // movl $LEAVE_THE_LOOP,EXCEPTION_INDEX(%rdi)
-    uint8_t instruction[10] = {0xc7, 0x87};
-    int32_t why = LEAVE_THE_LOOP;
-    memcpy(instruction + 2, &qemu.exception_index, 4);
-    memcpy(instruction + 6, &why, 4);
-    uint8_t *at = memmem(pause, 48, instruction, sizeof instruction);
-    why = GO_ON;
-    if (at) overwrite(at + 6, &why, 4);
+    // movl $LEAVE_THE_LOOP,FIELD, which only PAUSE does: EXCEPTION_INDEX(%rdi) in QEMU 7.2,
+    // (EXCEPTION_INDEX - ENV)(%rbx) in 10.0
+    struct place forms[] = {{.instruction = "\xc7\x87"}, {.instruction = "\xc7\x83"}};
+    offset fields[] = {qemu.exception_index, qemu.exception_index - qemu.env};
+    for (size_t n = 0; n < sizeof forms / sizeof *forms; n++) {
+        int32_t why = LEAVE_THE_LOOP;
+        memcpy(forms[n].instruction + 2, &fields[n], 4);
+        memcpy(forms[n].instruction + 6, &why, 4);
+        dl_iterate_phdr(search, &forms[n]);
+        why = GO_ON;
+        if (forms[n].count == 1 && overwrite(forms[n].at + 6, &why, 4)) return;
+    }
 }
 
 __attribute__((constructor)) static void heal(void) {
