@@ -11,6 +11,7 @@ mod initrd;
 mod kernel;
 pub mod random;
 pub mod record;
+pub mod trusted_lines;
 
 use std::fs;
 use std::io::{Read, Write};

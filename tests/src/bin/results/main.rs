@@ -18,7 +18,9 @@ mod scaling;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
+
 use std::process::ExitCode;
+use takt_tests::trusted_lines;
 
 use takt_tests::Value;
 
@@ -86,7 +88,7 @@ fn write(measured: &Measured, root: &Path) -> io::Result<()> {
         ("compile", paid::compile(measured)),
         ("beyond", paid::beyond(measured)),
         ("footprint", footprint::table(measured)),
-        ("lines", Some(footprint::lines(root)?)),
+        ("lines", Some(trusted_lines::table(root)?)),
         (
             "scaling",
             scaling::table(measured)
