@@ -69,6 +69,8 @@ enum Command {
     Points(commands::live::Points),
     /// Show values of a PLC that runs; those of a line are from one cycle.
     Watch(commands::live::Watch),
+    /// Record values of a PLC that runs in each cycle, from a trigger on, into a file.
+    Record(commands::record::Record),
     /// Write a value of a PLC that runs, once.
     Write(commands::live::Put),
     /// Keep a value of a PLC that runs, until it is released or the PLC starts anew.
@@ -106,6 +108,7 @@ fn main() -> ExitCode {
         Command::Keygen(command) => command.run(),
         Command::Points(command) => command.run(),
         Command::Watch(command) => command.run(),
+        Command::Record(command) => command.run(),
         Command::Write(command) => command.write(),
         Command::Force(command) => command.force(),
         Command::Release(command) => command.run(),

@@ -17,7 +17,7 @@ pub struct Place {
 }
 
 /// A value.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub enum Value {
     Bool(bool),
     Signed(i64),

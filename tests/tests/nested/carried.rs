@@ -118,7 +118,38 @@ fn operate(file: &Path) {
         last = cycle;
     }
     assert_eq!(lines.len(), 100);
+    record(file);
     client("takt-plc", &["release", file, "p.main.setpoint"]);
+}
+
+/// Records around a trigger, as a table and as a picture.
+fn record(file: &str) {
+    let out = |kind: &str| target("tests").join(format!("carried-record.{kind}"));
+    for kind in ["csv", "json"] {
+        let (path, points) = (out(kind), "p.main.n,p.main.twice");
+        let options = ["--trigger", "p.main.seen = 2.25", "--pre", "10ms", "--for", "100ms"];
+        let record =
+            [&["record", file, "--points", points, "--out", path.to_str().unwrap()], &options[..]];
+        client("takt-plc", &record.concat());
+    }
+    let table = std::fs::read_to_string(out("csv")).unwrap();
+    let mut rows = table.lines();
+    assert_eq!(rows.next(), Some("cycle,release_ns,gap,unsettled,p.main.n,p.main.twice"));
+    let (mut count, mut last) = (0, None);
+    for row in rows {
+        let row: Vec<u64> = row.split(',').map(|field| field.parse().unwrap()).collect();
+        let [cycle, _, gap, _, n, twice] = row[..] else { panic!("{row:?}") };
+        assert_eq!(n * 2, twice, "a row of two cycles: {row:?}");
+        assert!(last.is_none_or(|last| cycle == last + gap + 1), "{row:?} after {last:?}");
+        (count, last) = (count + 1, Some(cycle));
+    }
+    assert!((2..=101).contains(&count), "{count} rows");
+    let picture = parse(&std::fs::read_to_string(out("json")).unwrap());
+    let of = |name: &str| {
+        let events = picture.as_array().unwrap().iter();
+        events.filter(|event| event["name"] == name && event["ph"] == "C").count()
+    };
+    assert!(of("p.main.n") >= 2 && of("p.main.n") == of("p.main.twice"), "{picture:#}");
 }
 
 #[test]

@@ -10,6 +10,7 @@ pub mod keygen;
 pub mod live;
 pub mod lsp;
 pub mod new;
+pub mod record;
 pub mod sign;
 mod structured_text;
 pub mod test;

@@ -4,6 +4,8 @@
 //! hashes of these images are compared with those of the images that run.
 
 pub mod points;
+pub mod recording;
+pub mod trigger;
 
 use std::path::{Path, PathBuf};
 

@@ -183,6 +183,27 @@ impl Point {
         }
     }
 
+    /// Its value in these bytes, to compare and to draw; none of a text or a reference.
+    pub fn value(&self, bytes: &[u8]) -> Option<Value> {
+        Some(Value::from_raw(self.base()?, self.bit, raw(bytes)))
+    }
+
+    /// A value of its type that is written as this text.
+    pub fn constant(&self, text: &str) -> Result<Value, String> {
+        let (bits, _) = self.parse(text)?;
+        let none = || format!("a {} cannot be compared", self.type_name);
+        Ok(Value::from_raw(self.base().ok_or_else(none)?, None, bits))
+    }
+
+    fn base(&self) -> Option<Elementary> {
+        match &self.kind {
+            Kind::Elementary(base) | Kind::Subrange(base, ..) | Kind::Enumeration(base, _) => {
+                Some(*base)
+            }
+            Kind::Text | Kind::WideText | Kind::Reference => None,
+        }
+    }
+
     /// The bytes of a value that is written as this text, and the text as it is told to others.
     pub fn parse(&self, text: &str) -> Result<(u64, String), String> {
         let (base, value) = match &self.kind {
