@@ -4,6 +4,7 @@
 //! hands over its queues. What a device does with them is a [`Device`].
 
 #[cfg(test)]
+#[path = "driver_tests.rs"]
 pub(crate) mod driver;
 pub mod registers;
 
