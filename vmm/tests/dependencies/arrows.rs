@@ -113,7 +113,7 @@ fn clients_link_no_hypervisor() {
 
 #[test]
 fn the_lines_of_code_to_trust_are_counted_in_every_crate_that_takt_links() {
-    let counted = read("tests/src/bin/results/footprint.rs");
+    let counted = read("tests/src/trusted_lines.rs");
     let arguments = ["tree", "-p", "takt", "-e", "normal", "--prefix", "none"];
     let tree = cargo(&root(), &arguments);
     let root = root().canonicalize().unwrap();
