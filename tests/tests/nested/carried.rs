@@ -102,7 +102,7 @@ fn operate(file: &Path) {
     assert_eq!(points.lines().count(), 4, "{points}");
     let forced = client("takt-plc", &["force", file, "p.main.setpoint", "2.25"]);
     assert!(forced.contains("p.main.setpoint"), "{forced}");
-    let watch = ["watch", file, "p.main.*", "--every", "0ms", "--lines", "100", "--json"];
+    let watch = ["watch", file, "p.main.*", "--every", "0ms", "--lines", "30", "--json"];
     let lines: Vec<Value> = client("takt-plc", &watch).lines().map(parse).collect();
     let mut last = 0;
     for line in &lines {
@@ -117,7 +117,7 @@ fn operate(file: &Path) {
         assert!(last == 0 || cycle > last + missed, "{cycle} after {last}: {line}");
         last = cycle;
     }
-    assert_eq!(lines.len(), 100);
+    assert_eq!(lines.len(), 30);
     record(file);
     client("takt-plc", &["release", file, "p.main.setpoint"]);
 }
