@@ -20,7 +20,9 @@
 //!
 //! What has room for some microseconds may be [lazy](Sleeper::lazy): its sleeps of up to [`LAZY`] are one
 //! piece while the clock is trusted, and it is told by others when the clock is found steered
-//! ([`Rest::on_steered`]).
+//! ([`Rest::on_steered`]). Under a clock that is not trusted it wakes once in the last [`LAZY`] of a sleep, be it by such
+//! a message or between two pieces, and not more often: its budget is that of one end of a window
+//! ([`KICKER_RUNTIME`](crate::reservation::KICKER_RUNTIME)), and who has used that up is late by whole periods.
 //!
 //! Where the clock cannot be steered ([`Steering::Impossible`]) none of that is needed: its rate differs from the
 //! counter's by what the two were measured wrong, a millionth. A sleep of up to [`WHOLE`] is one piece then, and
@@ -29,7 +31,7 @@
 //! To convert by the measured rate instead would save wake-ups under a steered clock, and would be no
 //! guard at all against a rate that changes during the sleep.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crate::moment::Moment;
 use crate::rest::Rest;
@@ -84,6 +86,7 @@ pub struct WakeUps {
     early: AtomicU64,
     divided: AtomicU64,
     steered: AtomicU64,
+    distrusting: AtomicBool,
 }
 
 impl WakeUps {
@@ -103,6 +106,12 @@ impl WakeUps {
     #[must_use]
     pub fn steered(&self) -> u64 {
         self.steered.load(Ordering::Relaxed)
+    }
+
+    /// Whether the thread knows already that the clock cannot be trusted.
+    #[must_use]
+    pub fn distrusting(&self) -> bool {
+        self.distrusting.load(Ordering::Relaxed)
     }
 }
 
@@ -161,6 +170,8 @@ pub struct Sleeper {
     last: Option<Moment>,
     /// Sleeps for which the clock is not trusted.
     distrust: u32,
+    /// The end of the last sleep that had a piece within its last [`LAZY`].
+    woken_for: Option<Tsc>,
 }
 
 impl Sleeper {
@@ -168,7 +179,15 @@ impl Sleeper {
     #[must_use]
     pub fn new(frequency: TscFrequency) -> Sleeper {
         let steering = Steering::Possible;
-        Sleeper { frequency, rest: None, lazy: false, steering, last: None, distrust: 1 }
+        Sleeper {
+            frequency,
+            rest: None,
+            lazy: false,
+            steering,
+            last: None,
+            distrust: 1,
+            woken_for: None,
+        }
     }
 
     /// One whose wake-ups between pieces come where `rest` wants them.
@@ -206,8 +225,12 @@ impl Sleeper {
                 }
                 return Woken::OnTime;
             }
-            let piece = self.piece(moment.tsc, remaining);
-            if machine.sleep(moment.clock.plus(piece.unwrap_or(remaining))) == Woken::BySignal {
+            let piece = self.piece(moment.tsc, instant, remaining);
+            let woken = machine.sleep(moment.clock.plus(piece.unwrap_or(remaining)));
+            if remaining <= LAZY {
+                self.woken_for = Some(instant);
+            }
+            if woken == Woken::BySignal {
                 return Woken::BySignal;
             }
             if machine.tsc() >= instant {
@@ -219,12 +242,13 @@ impl Sleeper {
     }
 
     /// How long to sleep first, if not to the end.
-    fn piece(&self, now: Tsc, remaining: Nanos) -> Option<Nanos> {
+    fn piece(&self, now: Tsc, instant: Tsc, remaining: Nanos) -> Option<Nanos> {
         let trusted = self.distrust == 0;
         let short = if trusted || self.lazy { SHORT } else { SHORTER };
         let whole = match (trusted, self.steering) {
             (true, Steering::Impossible) => WHOLE,
             (true, Steering::Possible) if self.lazy => LAZY,
+            _ if self.lazy && self.woken_for == Some(instant) => LAZY,
             _ => short,
         };
         if remaining <= whole {
@@ -239,7 +263,12 @@ impl Sleeper {
         let placed = placed.map(|placed| self.frequency.nanos(placed.since(now)));
         // Where windows fill the time before the instant, a wake-up before them all would help little.
         let patient = trusted && remaining <= LAZY;
-        let helps = |piece: &Nanos| !patient || remaining.less(*piece) <= SHORT.plus(SHORT);
+        let last = match (patient, self.lazy && remaining <= LAZY) {
+            (true, _) => SHORT.plus(SHORT),
+            (false, true) => leave.max(SHORT),
+            (false, false) => remaining,
+        };
+        let helps = |piece: &Nanos| remaining.less(*piece) <= last;
         match placed.filter(|piece| *piece >= PIECE_MIN && helps(piece)) {
             Some(piece) => Some(piece),
             None if patient => None,
@@ -249,14 +278,15 @@ impl Sleeper {
 
     /// Looks whether the clock has kept its rate since the last look.
     fn judge(&mut self, now: Moment, wake_ups: &WakeUps) {
-        let last = self.last.replace(now);
-        if last.is_some_and(|last| !now.agrees_with(last, self.frequency)) {
+        let before = self.last.replace(now);
+        if before.is_some_and(|before| !now.agrees_with(before, self.frequency)) {
             count(&wake_ups.steered);
             if let (0, Some(rest)) = (self.distrust, &self.rest) {
                 rest.tell_steered();
             }
             self.distrust = DISTRUST;
         }
+        wake_ups.distrusting.store(self.distrust > 0, Ordering::Relaxed);
     }
 
     fn nanos_to(&self, instant: Tsc, now: Tsc) -> Nanos {

@@ -195,6 +195,72 @@ fn the_first_step_of_the_rate_is_the_only_one_that_the_lazy_feel() {
     assert_eq!(late.iter().position(is_felt), Some(10));
 }
 
+#[test]
+fn the_lazy_wake_once_before_an_instant_under_a_clock_that_is_not_trusted() {
+    for ppm in STEERINGS {
+        for length in [113_000, 400_000, 1_000_000, 2_000_000] {
+            let mut machine = Steered::new(&[(0, ppm)]);
+            let mut sleeper = Sleeper::new(FREQUENCY).lazy();
+            sleeper.distrust = DISTRUST;
+            let wake_ups = WakeUps::default();
+            for sleep in 1..20 {
+                let instant = Tsc(machine.tsc + length);
+                sleeper.sleep(&mut machine, instant, &wake_ups);
+                let late = machine.tsc.checked_sub(instant.0).expect("not early");
+                // A ninth of a ninth.
+                let most = (length / 81).max(SHORT.0 / 9) + 200;
+                assert!(late <= most, "{ppm} ppm: {length} ns end {late} ns late");
+                assert_eq!(wake_ups.divided(), sleep, "{ppm} ppm, {length} ns");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_the_lazy_are_told_in_mid_sleep_is_their_wake_up() {
+    let mut machine = Told(Steered::new(&[(0, 0), (2_100_000, -100_000)]), 2_600_000, 0);
+    let mut sleeper = Sleeper::new(FREQUENCY).lazy();
+    let wake_ups = WakeUps::default();
+    for end in [1_000_000, 2_000_000] {
+        assert_eq!(sleeper.sleep(&mut machine, Tsc(end), &wake_ups), Woken::OnTime);
+    }
+    assert!(!wake_ups.distrusting());
+    machine.2 = 0;
+    assert_eq!(sleeper.sleep(&mut machine, Tsc(3_000_000), &wake_ups), Woken::BySignal);
+    assert_eq!(sleeper.sleep(&mut machine, Tsc(3_000_000), &wake_ups), Woken::OnTime);
+    assert!(wake_ups.distrusting());
+    // Until it was told, and from there on to the end.
+    assert_eq!(machine.2, 2);
+    let late = machine.0.tsc.checked_sub(3_000_000).expect("not early");
+    assert!(late <= 400_000 / 9 + 100, "{late}");
+}
+
+/// A machine that sends a signal at this instant, once, and counts sleeps.
+struct Told(Steered, u64, u32);
+
+impl Machine for Told {
+    fn tsc(&mut self) -> Tsc {
+        self.0.tsc()
+    }
+
+    fn moment(&mut self) -> Moment {
+        self.0.moment()
+    }
+
+    fn sleep(&mut self, until: Nanos) -> Woken {
+        self.2 += 1;
+        let mut woken = Watched(Steered::new(&self.0.rates), Vec::new());
+        (woken.0.tsc, woken.0.clock) = (self.0.tsc, self.0.clock);
+        woken.sleep(until);
+        if self.0.tsc < self.1 && woken.0.tsc > self.1 {
+            self.0.pass(self.1 - self.0.tsc);
+            return Woken::BySignal;
+        }
+        (self.0.tsc, self.0.clock) = (woken.0.tsc, woken.0.clock);
+        Woken::OnTime
+    }
+}
+
 /// A machine that keeps the instants at which it woke a sleeper between pieces.
 struct Watched(Steered, Vec<u64>);
 

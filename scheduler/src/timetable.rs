@@ -183,19 +183,27 @@ impl Timetable {
         self.shortest(|(_, end)| end)
     }
 
-    fn shortest(&self, instant: impl Fn(Span) -> Nanos) -> Nanos {
-        let within = self.schedules.iter().flat_map(|windows| {
-            windows.windows(2).map(|pair| instant(pair[1]).less(instant(pair[0])))
+    /// Longest time from the end of one window to the end of the next, also across a switch.
+    #[must_use]
+    pub fn longest_between_ends(&self) -> Nanos {
+        self.distances(|(_, end)| end).max().unwrap_or(self.frame)
+    }
+
+    fn shortest(&self, instant: fn(Span) -> Nanos) -> Nanos {
+        self.distances(instant).min().unwrap_or(self.frame)
+    }
+
+    /// From each window to those that may be next.
+    fn distances(&self, instant: fn(Span) -> Nanos) -> impl Iterator<Item = Nanos> {
+        let within = self.schedules.iter().flat_map(move |windows| {
+            windows.windows(2).map(move |pair| instant(pair[1]).less(instant(pair[0])))
         });
         let lasts = self.schedules.iter().filter_map(|windows| windows.last());
-        let across = lasts.flat_map(|&last| {
+        let across = lasts.flat_map(move |&last| {
             let firsts = self.schedules.iter().filter_map(|windows| windows.first());
-            let instant = &instant;
             firsts.map(move |&first| self.frame.plus(instant(first)).less(instant(last)))
         });
-        // `across` borrows the closure, hence the two minima.
-        let across = across.min().unwrap_or(self.frame);
-        within.min().unwrap_or(across).min(across)
+        within.chain(across)
     }
 }
 

@@ -449,7 +449,7 @@ linux      linux  0    64MiB   -      -       2440us, 61.0 %  -
 other      plc    1    4MiB    20us   ignore  0us, 0.0 %      1070us every 4ms
 
 CPU 0: 75.4 % reserved, of at most 90.0 %; 20us every 142500ns to end windows
-CPU 1: 28.2 % reserved, of at most 90.0 %; 20us every 1490us to end windows
+CPU 1: 28.9 % reserved, of at most 90.0 %; 30us every 1490us to end windows
 other: no tasks given: not analysed
 "#;
     assert_eq!(check::report(&file), expected);

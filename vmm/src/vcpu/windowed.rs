@@ -111,7 +111,12 @@ impl Windowed {
         let enforcer = plan.enforcer.clone();
         let rest = plan.quiet.clone().map(|quiet| {
             let rest = Rest::new(quiet, plan.board.clone(), base);
-            rest.on_steered(Box::new(move || enforcer.kick()))
+            // A wake-up that tells nothing new is taken from the budget for its next kick.
+            rest.on_steered(Box::new(move || {
+                if !enforcer.wake_ups().distrusting() {
+                    enforcer.kick();
+                }
+            }))
         });
         let sleeper = Sleeper::new(base.frequency).by_a_clock_whose_steering_is(plan.steering);
         let sleeper = match rest {
