@@ -88,6 +88,18 @@ impl File {
         })
     }
 
+    /// Adds Linux in the background with stress-ng beside what it executes: `takt-load stress` is the load.
+    ///
+    /// # Panics
+    /// Without what `scripts/load-image` makes.
+    #[must_use]
+    pub fn stressed_linux(self, name: &str, exec: &str) -> Self {
+        let stress = fs::read(target("guest/stress.cpio")).expect("scripts/load-image has run");
+        let initrd = initrd_and(&format!("{name}-initrd"), &stress);
+        // In 128 MiB its kernel has no room to unpack all of that.
+        self.other_linux(&System { initrd: &initrd, memory: "256MiB", exec, ..System::default() })
+    }
+
     fn other_linux(mut self, linux: &System<'_>) -> Self {
         let System { kernel, initrd, memory, exec, .. } = linux;
         let exec = match *exec {

@@ -4,17 +4,13 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use takt_tests::{
-    File, Outcome, System, Value, initrd_and, initrd_with, long, parse, silent_kernel, target,
-};
+use takt_tests::{File, Outcome, Value, initrd_with, long, parse, silent_kernel, target};
 
 /// A PLC of the built-in kind at 1 kHz, and a Linux with stress-ng.
-fn beside_stress(name: &str, duration: &str, at_the_end: u64) -> Outcome {
-    let stress = fs::read(target("guest/stress.cpio")).expect("scripts/load-image has run");
-    let initrd = initrd_and(&format!("{name}-initrd"), &stress);
+fn beside_stress(name: &str, duration: &'static str, at_the_end: u64) -> Outcome {
     let exec = format!("takt-load stress & sleep {at_the_end}; grep LOC: /proc/interrupts");
-    let system = System { initrd: &initrd, memory: "256MiB", exec: &exec, ..System::default() };
-    system.run(name, duration)
+    let file = File::new("1ms").plc("plc", None, "").stressed_linux(name, &exec);
+    file.schedule("normal").window("plc", 0, 300).run(name).lasting(duration).run()
 }
 
 /// The largest number that follows `before` on a line of the console.

@@ -4,10 +4,9 @@
 //! Bochs is slower than QEMU. By default both guests run once, and a PLC alone twice; the rest takes some
 //! quarter of an hour of a CPU.
 
-use std::fs;
 use std::process::Command;
 
-use takt_tests::{BUSY, File, Outcome, Run, initrd_and, long, plc_image, root, target};
+use takt_tests::{BUSY, File, Outcome, Run, long, plc_image, root};
 
 /// Runs a system on VMX twice, in two machines, which must not differ.
 fn twice(run: Run<'_>, duration: &'static str) -> Outcome {
@@ -146,10 +145,9 @@ fn a_linux_full_of_timers_lives_and_the_plc_keeps_its_time() {
     if !long() {
         return;
     }
-    let stress = fs::read(target("guest/stress.cpio")).expect("scripts/load-image has run");
     let file = File::new("1ms")
         .plc("plc", None, "")
-        .linux_with(&initrd_and("vmx-stress-initrd", &stress), "takt-load stress")
+        .stressed_linux("vmx-stress", "takt-load stress")
         .schedule("normal")
         .window("plc", 0, 300);
     let outcome = twice(file.run("vmx-stress"), "5s");
