@@ -3,6 +3,7 @@
 use cranelift_codegen::ir::condcodes::IntCC;
 use cranelift_codegen::ir::{InstBuilder, Value, types};
 
+use super::effects::Target;
 use super::lower::Lower;
 use super::runtime::Function;
 use super::target::register;
@@ -17,14 +18,13 @@ impl Lower<'_> {
         right: &Expr,
     ) -> Value {
         let ty = self.scalar(expr.ty);
+        if ty.class() == Class::Float {
+            return self.arithmetic_of_reals(expr, operator, left, right);
+        }
         let (a, b) = (self.expr(left), self.expr(right));
         self.at(expr.location);
         let ins = self.builder.ins();
         match (operator, ty.class()) {
-            (Arithmetic::Add, Class::Float) => ins.fadd(a, b),
-            (Arithmetic::Subtract, Class::Float) => ins.fsub(a, b),
-            (Arithmetic::Multiply, Class::Float) => ins.fmul(a, b),
-            (Arithmetic::Divide, Class::Float) => ins.fdiv(a, b),
             (Arithmetic::Add, _) => ins.iadd(a, b),
             (Arithmetic::Subtract, _) => ins.isub(a, b),
             (Arithmetic::Multiply, _) => ins.imul(a, b),
@@ -34,6 +34,44 @@ impl Lower<'_> {
             (Arithmetic::Divide | Arithmetic::Modulo, _) => {
                 self.divide(expr, operator, (left, a), (right, b), ty)
             }
+        }
+    }
+
+    /// A constant costs nothing as the right operand, if the left one is in a register: it is read from where it lies.
+    /// Where the left one is read from memory itself, a constant in a register is better, which a loop keeps.
+    fn arithmetic_of_reals(
+        &mut self,
+        expr: &Expr,
+        operator: Arithmetic,
+        left: &Expr,
+        right: &Expr,
+    ) -> Value {
+        let commutes = matches!(operator, Arithmetic::Add | Arithmetic::Multiply);
+        // Only the bits of a NaN depend on the order of these two, and no program may rely on them.
+        let (left, right) =
+            if commutes && is_constant(left) { (right, left) } else { (left, right) };
+        let a = self.in_register(left);
+        let b = if commutes && self.reads_memory(left) {
+            self.in_register(right)
+        } else {
+            self.expr(right)
+        };
+        self.at(expr.location);
+        let ins = self.builder.ins();
+        match operator {
+            Arithmetic::Add => ins.fadd(a, b),
+            Arithmetic::Subtract => ins.fsub(a, b),
+            Arithmetic::Multiply => ins.fmul(a, b),
+            Arithmetic::Divide => ins.fdiv(a, b),
+            other => unreachable!("{other:?} of reals"),
+        }
+    }
+
+    fn reads_memory(&self, expr: &Expr) -> bool {
+        let ExprKind::Load(place) = &expr.kind else { return false };
+        match self.target(place) {
+            Target::Cell(cell) => self.register_of(&cell).is_none(),
+            _ => true,
         }
     }
 
@@ -161,7 +199,7 @@ impl Lower<'_> {
         let narrower = match &expr.kind {
             ExprKind::Constant(Constant::Integer(value)) => Some((*value, *value)),
             ExprKind::Load(place) => match self.target(place) {
-                super::effects::Target::Cell(cell) => self.ranges.get(&cell).copied(),
+                Target::Cell(cell) => self.ranges.get(&cell).copied(),
                 _ => None,
             },
             ExprKind::Convert(crate::hir::Conversion::Value, operand) => self
@@ -191,4 +229,8 @@ impl Lower<'_> {
         // What leaves the type's range has wrapped.
         narrower.filter(|(low, high)| *low >= all.0 && *high <= all.1).unwrap_or(all)
     }
+}
+
+fn is_constant(expr: &Expr) -> bool {
+    matches!(expr.kind, ExprKind::Constant(_))
 }

@@ -86,6 +86,33 @@ impl Lower<'_> {
         }
     }
 
+    /// The value of an expression that is wanted in a register. For a constant of REAL and LREAL this is one load from
+    /// the constants, which leaves loops; Cranelift would make it anew, in two instructions, wherever it is used.
+    pub(super) fn in_register(&mut self, expr: &Expr) -> Value {
+        let (ExprKind::Constant(constant), Type::Elementary(scalar)) =
+            (&expr.kind, self.program.types.get(expr.ty))
+        else {
+            return self.expr(expr);
+        };
+        let real = match constant {
+            Constant::Real(value) => *value,
+            _ => 0.0,
+        };
+        let (vector, mut bytes) = match scalar {
+            Elementary::Real => (types::F32X4, (real as f32).to_le_bytes().to_vec()),
+            Elementary::Lreal => (types::F64X2, real.to_le_bytes().to_vec()),
+            _ => return self.expr(expr),
+        };
+        if bytes.iter().all(|byte| *byte == 0) {
+            return self.expr(expr);
+        }
+        bytes.resize(16, 0);
+        self.at(expr.location);
+        let constant = self.builder.func.dfg.constants.insert(bytes.into());
+        let both = self.builder.ins().vconst(vector, constant);
+        self.builder.ins().extractlane(both, 0)
+    }
+
     /// An integer constant. Cranelift wants the bits above the type's width to be zero.
     pub(super) fn integer(&mut self, ty: Elementary, value: i128) -> Value {
         let bits = match ty.size() {
@@ -117,7 +144,11 @@ impl Lower<'_> {
             return self.compare_text(comparison, left, right);
         }
         let class = self.scalar(left.ty).class();
-        let (left, right) = (self.expr(left), self.expr(right));
+        let (left, right) = match comparison {
+            // The processor compares the greater one with what may be in memory.
+            Comparison::Less | Comparison::LessEqual => (self.expr(left), self.in_register(right)),
+            _ => (self.in_register(left), self.expr(right)),
+        };
         if class == Class::Float {
             let condition = match comparison {
                 Comparison::Equal => FloatCC::Equal,
@@ -140,17 +171,19 @@ impl Lower<'_> {
             Cycle => self.information(CYCLE),
             Select => {
                 let choice = self.expr(&arguments[0]);
-                let (zero, one) = (self.expr(&arguments[1]), self.expr(&arguments[2]));
+                let zero = self.in_register(&arguments[1]);
+                let one = self.in_register(&arguments[2]);
                 self.builder.ins().select(choice, one, zero)
             }
             Min | Max => {
                 let class = self.scalar(expr.ty).class();
-                let (left, right) = (self.expr(&arguments[0]), self.expr(&arguments[1]));
+                let (left, right) = (self.in_register(&arguments[0]), self.expr(&arguments[1]));
                 let comparison =
                     if intrinsic == Min { Comparison::Less } else { Comparison::Greater };
+                // "Less" in both cases: in this form Cranelift knows the instructions of the processor.
                 let first = match (class, intrinsic) {
                     (Class::Float, Min) => self.builder.ins().fcmp(FloatCC::LessThan, left, right),
-                    (Class::Float, _) => self.builder.ins().fcmp(FloatCC::GreaterThan, left, right),
+                    (Class::Float, _) => self.builder.ins().fcmp(FloatCC::LessThan, right, left),
                     (class, _) => {
                         let condition = integer_condition(comparison, class == Class::Signed);
                         self.builder.ins().icmp(condition, left, right)

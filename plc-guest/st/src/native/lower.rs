@@ -14,6 +14,7 @@ use cranelift_codegen::ir::{
 use cranelift_frontend::{FunctionBuilder, FunctionBuilderContext, Variable};
 
 use super::alias::Knowledge;
+use super::count::Counter;
 use super::effects::{Base, Cell, Target, target};
 use super::function::signature;
 use super::target::{MEMORY, register};
@@ -60,6 +61,8 @@ pub(super) struct Promoted {
 pub(super) struct LoopBlocks {
     pub next: Block,
     pub exit: Block,
+    /// Whether anything goes to `next`.
+    pub continued: bool,
 }
 
 /// The state of the lowering of one routine.
@@ -75,6 +78,8 @@ pub(super) struct Lower<'a> {
     pub written: Vec<(Cell, Variable)>,
     pub ranges: HashMap<Cell, (i128, i128)>,
     pub loops: Vec<LoopBlocks>,
+    /// The counters of the FOR loops around, the outermost first.
+    pub counters: Vec<Counter>,
     pub return_block: Block,
     pub functions: HashMap<(u32, u32), FuncRef>,
     pub constants: Vec<Vec<u8>>,
@@ -108,6 +113,7 @@ pub fn lower(
         written: Vec::new(),
         ranges: HashMap::new(),
         loops: Vec::new(),
+        counters: Vec::new(),
         return_block: Block::from_u32(0),
         functions: HashMap::new(),
         constants: Vec::new(),

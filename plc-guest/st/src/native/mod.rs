@@ -7,12 +7,15 @@
 mod alias;
 mod arithmetic;
 mod call;
+mod case;
 mod convert;
+mod count;
 mod effects;
 mod expr;
 mod frame;
 mod function;
 mod image;
+mod index;
 mod link;
 mod loops;
 mod lower;

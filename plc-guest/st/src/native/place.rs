@@ -1,13 +1,14 @@
-//! Places: addresses, checks of indices, loads and stores.
+//! Places: addresses, loads and stores.
 
 use cranelift_codegen::ir::condcodes::IntCC;
 use cranelift_codegen::ir::{InstBuilder, Value, types};
 use cranelift_frontend::Variable;
 
-use super::effects::{Cell, Target, constant_index};
+use super::effects::{Cell, Target};
+use super::index::{Distance, Term};
 use super::lower::{Home, Lower};
 use super::target::{MEMORY, register};
-use crate::hir::{Class, Elementary, Expr, Place, Root, Step, TrapKind, Type, TypeId};
+use crate::hir::{Elementary, Place, Root, Step, TrapKind, Type, TypeId};
 
 /// A place whose path has been evaluated.
 #[derive(Clone, Copy)]
@@ -36,6 +37,7 @@ impl Lower<'_> {
         let types = &self.program.types;
         let mut bit = None;
         let (mut base, mut offset, mut ty) = self.root(place, &mut bit);
+        let mut terms = Vec::new();
         for step in &place.path {
             match (step, types.get(ty)) {
                 (Step::Field(index), Type::Structure(structure)) => {
@@ -46,44 +48,20 @@ impl Lower<'_> {
                 (Step::Index(index), Type::Array { element, lower, upper }) => {
                     let size = i64::from(types.size(*element));
                     ty = *element;
-                    if let Some(at) = constant_index(index, *lower, *upper) {
-                        offset += i64::from(at) * size;
-                        continue;
-                    }
-                    let at = self.wide_index(index);
-                    let (low, high) = self.range(index);
-                    let within = low >= i128::from(*lower) && high <= i128::from(*upper);
-                    // From the lower bound on: one unsigned comparison checks both bounds. The difference cannot wrap
-                    // into the bounds, because an array has fewer than 2^32 elements and the bounds are 64 bits wide.
-                    if within {
-                        offset -= *lower * size;
-                        base = self.indexed(base, at, size);
-                    } else {
-                        if low >= 0 && high > i128::from(i64::MAX) && *lower < 0 {
-                            // Only ULINT: what is beyond 2^63 looks negative here and must not pass.
-                            let beyond =
-                                self.builder.ins().icmp_imm_s(IntCC::SignedLessThan, at, 0);
-                            self.trap_if(beyond, TrapKind::Bounds, index.location);
+                    match self.index(index, (*lower, *upper), size) {
+                        Distance::Constant(distance) => offset += distance,
+                        Distance::Term(term) => terms.push(term),
+                        Distance::From(term, distance) => {
+                            terms.push(term);
+                            offset += distance;
                         }
-                        let from_zero = match *lower {
-                            0 => at,
-                            lower => self.builder.ins().iadd_imm_s(at, lower.wrapping_neg()),
-                        };
-                        let last = upper.wrapping_sub(*lower);
-                        let beyond = self.builder.ins().icmp_imm_s(
-                            IntCC::UnsignedGreaterThan,
-                            from_zero,
-                            last,
-                        );
-                        self.trap_if(beyond, TrapKind::Bounds, index.location);
-                        base = self.indexed(base, from_zero, size);
                     }
                 }
                 (Step::OpenIndex(indices), Type::OpenArray { element, .. }) => {
                     let size = i64::from(types.size(*element));
                     ty = *element;
                     let at = self.open_index(place, indices);
-                    base = self.indexed(base, at, size);
+                    terms.push(Term { changes: usize::MAX, value: self.times(at, size) });
                 }
                 (Step::Bit(number), _) => {
                     offset += i64::from(number / 8);
@@ -95,6 +73,11 @@ impl Lower<'_> {
                 }
                 (step, ty) => unreachable!("{step:?} of {ty:?}"),
             }
+        }
+        // What changes in an outer loop first: inner loops find that part of the sum done.
+        terms.sort_by_key(|term: &Term| term.changes);
+        for term in terms {
+            base = self.builder.ins().iadd(base, term.value);
         }
         let (base, offset) = match i32::try_from(offset) {
             Ok(offset) => (base, offset),
@@ -144,63 +127,6 @@ impl Lower<'_> {
                 (address, 0, *target)
             }
         }
-    }
-
-    fn indexed(&mut self, base: Value, at: Value, size: i64) -> Value {
-        let distance = match size {
-            1 => at,
-            size if size.count_ones() == 1 => {
-                self.builder.ins().ishl_imm_u(at, i64::from(size.trailing_zeros()))
-            }
-            size => self.builder.ins().imul_imm_s(at, size),
-        };
-        self.builder.ins().iadd(base, distance)
-    }
-
-    /// An index as a number of 64 bits. One of ULINT that is beyond 2^63 becomes negative.
-    fn wide_index(&mut self, index: &Expr) -> Value {
-        let value = self.expr(index);
-        let ty = self.scalar(index.ty);
-        // A value that is known not to be negative is extended with zeros, which costs nothing on x86-64.
-        let signed = ty.class() == Class::Signed && self.range(index).0 < 0;
-        self.widen(value, ty, signed)
-    }
-
-    pub(super) fn widen(&mut self, value: Value, ty: Elementary, signed: bool) -> Value {
-        match (ty.size(), signed) {
-            (8, _) => value,
-            (_, true) => self.builder.ins().sextend(types::I64, value),
-            (_, false) => self.builder.ins().uextend(types::I64, value),
-        }
-    }
-
-    fn open_index(&mut self, place: &Place, indices: &[Expr]) -> Value {
-        let Root::Local(id) = &place.root else { unreachable!("an open array is a parameter") };
-        let Home::Open(_, bounds) = self.homes[id.0 as usize].clone() else {
-            unreachable!("an open array is a VAR_IN_OUT")
-        };
-        let mut at = None;
-        for (index, (lower, upper)) in indices.iter().zip(bounds) {
-            let value = self.wide_index(index);
-            if self.range(index).1 > i128::from(i64::MAX) {
-                let beyond = self.builder.ins().icmp_imm_s(IntCC::SignedLessThan, value, 0);
-                self.trap_if(beyond, TrapKind::Bounds, index.location);
-            }
-            let (lower, upper) = (self.builder.use_var(lower), self.builder.use_var(upper));
-            let from_zero = self.builder.ins().isub(value, lower);
-            let last = self.builder.ins().isub(upper, lower);
-            let beyond = self.builder.ins().icmp(IntCC::UnsignedGreaterThan, from_zero, last);
-            self.trap_if(beyond, TrapKind::Bounds, index.location);
-            at = Some(match at {
-                None => from_zero,
-                Some(outer) => {
-                    let count = self.builder.ins().iadd_imm_s(last, 1);
-                    let row = self.builder.ins().imul(outer, count);
-                    self.builder.ins().iadd(row, from_zero)
-                }
-            });
-        }
-        at.unwrap_or_else(|| unreachable!("an array has a dimension"))
     }
 
     /// The address of a place. A variable may live in a register meanwhile: then nothing uses the address until it

@@ -1,13 +1,12 @@
-//! Statements but loops.
+//! Statements but CASE and loops.
 
-use cranelift_codegen::ir::condcodes::IntCC;
 use cranelift_codegen::ir::{Block, InstBuilder, Value};
 
-use super::lower::Lower;
+use super::lower::{LoopBlocks, Lower};
 use super::place::Located;
 use super::target::MEMORY;
 use super::walk;
-use crate::hir::{self, CaseArm, Class, Expr, ExprKind, Place, Statement, StatementKind};
+use crate::hir::{self, Expr, ExprKind, Place, Statement, StatementKind};
 
 impl Lower<'_> {
     pub(super) fn block(&mut self, block: &hir::Block) {
@@ -44,7 +43,10 @@ impl Lower<'_> {
             }
             StatementKind::Repeat(body, until) => self.repeat_loop(statement.location, body, until),
             StatementKind::Exit => self.leave(|blocks| blocks.exit),
-            StatementKind::Continue => self.leave(|blocks| blocks.next),
+            StatementKind::Continue => self.leave(|blocks| {
+                blocks.continued = true;
+                blocks.next
+            }),
             StatementKind::Return => {
                 for (cell, variable) in self.written.clone() {
                     self.write_back(&cell, variable);
@@ -55,8 +57,8 @@ impl Lower<'_> {
         }
     }
 
-    fn leave(&mut self, to: impl FnOnce(&super::lower::LoopBlocks) -> Block) {
-        match self.loops.last() {
+    fn leave(&mut self, to: impl FnOnce(&mut LoopBlocks) -> Block) {
+        match self.loops.last_mut() {
             Some(blocks) => {
                 let block = to(blocks);
                 self.builder.ins().jump(block, &[]);
@@ -84,7 +86,7 @@ impl Lower<'_> {
             return;
         }
         if types.scalar(place.ty).is_some() {
-            let value = self.expr(value);
+            let value = self.in_register(value);
             let located = self.locate(place);
             self.store(located, value);
             return;
@@ -120,61 +122,6 @@ impl Lower<'_> {
             self.builder.ins().jump(end, &[]);
             self.builder.switch_to_block(next);
         }
-        self.block(otherwise);
-        self.builder.ins().jump(end, &[]);
-        self.builder.switch_to_block(end);
-    }
-
-    /// Comparisons in turn for ranges; Cranelift's switch, which makes tables and trees, for single values.
-    fn case(&mut self, selector: &Expr, arms: &[CaseArm], otherwise: &hir::Block) {
-        let ty = self.scalar(selector.ty);
-        let signed = ty.class() == Class::Signed;
-        let value = self.expr(selector);
-        let end = self.builder.create_block();
-        let blocks: Vec<Block> = arms.iter().map(|_| self.builder.create_block()).collect();
-        let (least, greatest) = ty.range().unwrap_or((0, 0));
-        let all = || {
-            arms.iter()
-                .zip(&blocks)
-                .flat_map(|(arm, block)| arm.ranges.iter().map(move |range| (range, *block)))
-        };
-        let single = all().all(|((low, high), _)| low == high);
-        let none = self.builder.create_block();
-        if single {
-            let mut switch = cranelift_frontend::Switch::new();
-            let mut seen = std::collections::HashSet::new();
-            let mask = (1u128 << (ty.size() * 8)) - 1;
-            for ((number, _), block) in all() {
-                if *number >= least && *number <= greatest && seen.insert(*number) {
-                    switch.set_entry(*number as u128 & mask, block);
-                }
-            }
-            switch.emit(&mut self.builder, value, none);
-        } else {
-            for (&(low, high), block) in all() {
-                let (low, high) = (low.max(least), high.min(greatest));
-                if low > high {
-                    continue;
-                }
-                let from = self.integer(ty, low);
-                let distance = self.builder.ins().isub(value, from);
-                // One unsigned comparison of the distance from the lower bound, as for an index.
-                let width = self.integer(ty, high - low);
-                let within =
-                    self.builder.ins().icmp(IntCC::UnsignedLessThanOrEqual, distance, width);
-                debug_assert!(signed || low >= 0);
-                let next = self.builder.create_block();
-                self.builder.ins().brif(within, block, &[], next, &[]);
-                self.builder.switch_to_block(next);
-            }
-            self.builder.ins().jump(none, &[]);
-        }
-        for (arm, block) in arms.iter().zip(&blocks) {
-            self.builder.switch_to_block(*block);
-            self.block(&arm.body);
-            self.builder.ins().jump(end, &[]);
-        }
-        self.builder.switch_to_block(none);
         self.block(otherwise);
         self.builder.ins().jump(end, &[]);
         self.builder.switch_to_block(end);

@@ -118,8 +118,48 @@ impl Generator {
             }
     }
 
+    /// The variable of a loop and a constant, with all values within the bounds, or seldom one step beside them.
+    fn counted_index(&mut self, lower: i64, upper: i64) -> Option<Expr> {
+        let (lower, upper) = (i128::from(lower), i128::from(upper));
+        let fitting: Vec<_> = self
+            .counters
+            .iter()
+            .filter(|(_, low, high)| high - low <= upper - lower)
+            .cloned()
+            .collect();
+        if fitting.is_empty() {
+            return None;
+        }
+        let (variable, low, high) = self.random.pick(&fitting).clone();
+        let slack = (upper - lower - (high - low)) as usize;
+        let beside = i128::from(self.random.one_in(20));
+        let more = lower - low + self.random.below(slack + 1) as i128 + beside;
+        i32::try_from(more).ok()?;
+        let own = self.program.types.scalar(variable.ty)?;
+        let mut value = self.node(variable.ty, ExprKind::Load(variable));
+        // In the variable's own type the sum may wrap.
+        let within = |(least, greatest): (i128, i128)| more >= least && more <= greatest;
+        if !own.range().is_some_and(within) || self.random.one_in(2) {
+            let lint = self.elementary(Elementary::Lint);
+            value = self.node(lint, ExprKind::Convert(Conversion::Value, Box::new(value)));
+        }
+        let ty = value.ty;
+        let (operator, more) = if more < 0 && self.random.one_in(2) {
+            (Arithmetic::Subtract, -more)
+        } else {
+            (Arithmetic::Add, more)
+        };
+        let constant = self.node(ty, ExprKind::Constant(Constant::Integer(more)));
+        Some(self.node(ty, ExprKind::Arithmetic(operator, Box::new(value), Box::new(constant))))
+    }
+
     /// An index that is mostly within the bounds.
     pub fn index(&mut self, lower: i64, upper: i64) -> Expr {
+        if self.random.one_in(2)
+            && let Some(index) = self.counted_index(lower, upper)
+        {
+            return index;
+        }
         let lint = self.elementary(Elementary::Lint);
         match self.random.below(12) {
             0 => {

@@ -63,6 +63,8 @@ pub struct Generator {
     /// Open arrays among the parameters.
     pub open: Vec<Place>,
     lines: u32,
+    /// The variables of the FOR loops around that count from one constant to another, with these.
+    pub counters: Vec<(Place, i128, i128)>,
     pub loops: u32,
     pub size: u32,
 }

@@ -24,6 +24,7 @@ pub fn generate(seed: u64) -> Program {
         locals: Vec::new(),
         open: Vec::new(),
         lines: 0,
+        counters: Vec::new(),
         loops: 0,
         size: 0,
     };

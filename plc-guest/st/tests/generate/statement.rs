@@ -246,12 +246,22 @@ impl Generator {
             }
             _ => {
                 let low = self.random.below(5) as i128;
-                let high = self.random.below(12) as i128;
+                let most = *self.random.pick(&[3, 12]);
+                let high = low - 1 + self.random.below(most) as i128;
                 (constant(self, low), constant(self, high), constant(self, 1))
             }
         };
         self.loops += 1;
+        let open = self.counters.len();
+        if let (
+            ExprKind::Constant(Constant::Integer(from)),
+            ExprKind::Constant(Constant::Integer(to)),
+        ) = (&from.kind, &to.kind)
+        {
+            self.counters.push((variable.clone(), *from.min(to), *from.max(to)));
+        }
         let body = self.block(depth - 1);
+        self.counters.truncate(open);
         self.loops -= 1;
         Some(StatementKind::For { variable, from, to, by, body })
     }
