@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::error::PortsError;
+use crate::table::Region;
 
 /// Vendor of the function.
 pub const VENDOR: u32 = 0x1af4;
@@ -35,10 +36,31 @@ pub(crate) fn uio(function: &Path) -> Option<PathBuf> {
     Some(Path::new("/dev").join(name))
 }
 
+/// Where a memory region of the function is in physical memory, by the line of that number in its file `resource`: first
+/// and last address, and flags (kernel, Documentation/PCI/sysfs-pci.rst). `None` if this is no function of the
+/// kernel's, or has no such region.
+pub(crate) fn region(function: &Path, number: usize) -> Option<Region> {
+    if !function.starts_with("/sys/") {
+        return None;
+    }
+    region_of(&fs::read_to_string(function.join("resource")).ok()?, number)
+}
+
+fn region_of(resource: &str, number: usize) -> Option<Region> {
+    let mut fields = resource.lines().nth(number)?.split(' ').map(parse);
+    let (first, last) = (fields.next()??, fields.next()??);
+    let bytes = last.checked_sub(first)?.checked_add(1)?;
+    (first != 0).then_some(Region { offset: first, bytes })
+}
+
+/// A number as sysfs writes it.
+fn parse(text: &str) -> Option<u64> {
+    u64::from_str_radix(text.trim().strip_prefix("0x")?, 16).ok()
+}
+
 /// A file with a number as sysfs writes it.
 fn number(path: &Path) -> Option<u32> {
-    let text = fs::read_to_string(path).ok()?;
-    u32::from_str_radix(text.trim().strip_prefix("0x")?, 16).ok()
+    u32::try_from(parse(&fs::read_to_string(path).ok()?)?).ok()
 }
 
 #[cfg(test)]

@@ -1,12 +1,16 @@
 //! A part of the function's memory, mapped.
 //!
-//! Linux maps `resource1` and `resource2` as uncached, which costs time on processors that respect
-//! what a guest says of its memory, but keeps stores in order. The `_wc` files beside them would be
-//! faster there and wrong: write combining reorders stores, and the channels depend on their order.
+//! Linux maps `resource1` and `resource2` as uncached. On processors that respect what a guest says of its memory
+//! (AMD's) each access then goes to memory. The function's memory is plain memory of the host, so it is
+//! mapped by its physical address instead, which Linux does cached as the memory types of the machine say
+//! (`/dev/mem`, drivers/char/mem.c); if the kernel does not allow that, as under lockdown, it is mapped
+//! uncached. Both keep stores in order. The `_wc` files would not: write combining reorders stores, and the channels
+//! depend on their order.
 
 #![allow(unsafe_code)]
 
 use std::fs::{File, OpenOptions};
+use std::io;
 use std::os::fd::AsRawFd;
 use std::path::Path;
 use std::ptr::{self, NonNull};
@@ -14,6 +18,7 @@ use std::ptr::{self, NonNull};
 use takt_channel::{OwnPages, PeerPages};
 
 use crate::error::PortsError;
+use crate::function;
 use crate::table::Region;
 
 /// A mapped file, for as long as this value lives. It is handed out as atomics only.
@@ -29,29 +34,48 @@ unsafe impl Send for Map {}
 unsafe impl Sync for Map {}
 
 impl Map {
-    /// Maps all of a file for reading.
-    pub(crate) fn readable(path: &Path) -> Result<Map, PortsError> {
-        Self::new(path, File::open(path), libc::PROT_READ)
+    /// Maps all of a region of the function in this folder, for reading.
+    pub(crate) fn readable(function: &Path, region: usize) -> Result<Map, PortsError> {
+        Self::new(function, region, OpenOptions::new().read(true), libc::PROT_READ)
     }
 
-    /// Maps all of a file for reading and writing.
-    pub(crate) fn writable(path: &Path) -> Result<Map, PortsError> {
-        let file = OpenOptions::new().read(true).write(true).open(path);
-        Self::new(path, file, libc::PROT_READ | libc::PROT_WRITE)
+    /// Maps all of a region of the function in this folder, for reading and writing.
+    pub(crate) fn writable(function: &Path, region: usize) -> Result<Map, PortsError> {
+        let access = libc::PROT_READ | libc::PROT_WRITE;
+        Self::new(function, region, OpenOptions::new().read(true).write(true), access)
     }
 
-    fn new(path: &Path, file: std::io::Result<File>, access: i32) -> Result<Map, PortsError> {
-        let failed = |doing, source| PortsError::File { doing, path: path.to_owned(), source };
-        let file = file.map_err(|error| failed("open", error))?;
+    fn new(
+        function: &Path,
+        region: usize,
+        options: &OpenOptions,
+        access: i32,
+    ) -> Result<Map, PortsError> {
+        let path = function.join(format!("resource{region}"));
+        let failed = |doing, source| PortsError::File { doing, path: path.clone(), source };
+        let file = options.open(&path).map_err(|error| failed("open", error))?;
         let bytes = file.metadata().map_err(|error| failed("look at", error))?.len();
-        let bytes = usize::try_from(bytes).unwrap_or(0);
+        if let Some(memory) = function::region(function, region).filter(|m| m.bytes == bytes) {
+            let cached = options.open("/dev/mem").and_then(|all| Self::of(&all, memory, access));
+            if let Ok(cached) = cached {
+                return Ok(cached);
+            }
+        }
+        let whole = Region { offset: 0, bytes };
+        Self::of(&file, whole, access).map_err(|error| failed("map", error))
+    }
+
+    fn of(file: &File, part: Region, access: i32) -> io::Result<Map> {
+        let out_of_range = |_| io::Error::from(io::ErrorKind::InvalidInput);
+        let bytes = usize::try_from(part.bytes).map_err(out_of_range)?;
+        let offset = libc::off_t::try_from(part.offset).map_err(out_of_range)?;
         // SAFETY: a new mapping at an address of the kernel's choice replaces nothing.
         let start = unsafe {
-            libc::mmap(ptr::null_mut(), bytes, access, libc::MAP_SHARED, file.as_raw_fd(), 0)
+            libc::mmap(ptr::null_mut(), bytes, access, libc::MAP_SHARED, file.as_raw_fd(), offset)
         };
         match NonNull::new(start.cast()) {
             Some(start) if start.as_ptr() != libc::MAP_FAILED.cast() => Ok(Map { start, bytes }),
-            _ => Err(failed("map", std::io::Error::last_os_error())),
+            _ => Err(io::Error::last_os_error()),
         }
     }
 

@@ -51,8 +51,8 @@ impl Ports {
     /// # Errors
     /// See [`PortsError`].
     pub fn open(folder: &Path) -> Result<Ports, PortsError> {
-        let readable = Map::readable(&folder.join("resource1"))?;
-        let writable = Map::writable(&folder.join("resource2"))?;
+        let readable = Map::readable(folder, 1)?;
+        let writable = Map::writable(folder, 2)?;
         let table = match readable.whole() {
             Some(page) => Table::read(&page, readable.bytes(), writable.bytes())?,
             None => return Err(TableError::TooSmall(readable.bytes()).into()),

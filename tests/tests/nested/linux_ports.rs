@@ -28,6 +28,12 @@ fn peer_and_linux(name: &str, exec: &str, more: &str, done: &str) -> Outcome {
         .run()
 }
 
+/// Shows how a program of Linux's has the two regions of the function mapped.
+const SHOW_TYPES: &str = "mount -t debugfs none /sys/kernel/debug; \
+    types() { echo $1: $(grep $(sed -n $2p /sys/bus/pci/devices/0000:00:01.0/resource | cut -c1-18) \
+    /sys/kernel/debug/x86/pat_memtype_list); }; \
+    takt-port watch in --hex | { read line; types 'to read' 2; types 'to write' 3; }; ";
+
 /// What the PLC has seen, by its last line.
 fn plc_counts(outcome: &Outcome, what: &str) -> u64 {
     let line = outcome.output.lines().rfind(|line| line.contains("[plc] cycle "));
@@ -43,7 +49,7 @@ fn a_plc_and_a_linux_exchange_records_and_the_shell_goes_on_where_the_program_st
     let outcome = peer_and_linux(
         "linux-exchange",
         &format!(
-            "exchange {count}; takt-port list; takt-port status; \
+            "exchange {count}; takt-port list; takt-port status; {SHOW_TYPES}\
              takt-port recv receive --hex --timeout 1s | cut -c1-32; \
              takt-port recv in; status=$?; sleep 1; echo status $status"
         ),
@@ -53,6 +59,10 @@ fn a_plc_and_a_linux_exchange_records_and_the_shell_goes_on_where_the_program_st
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_shows("exchange: all right");
     outcome.assert_shows("receive  queuing   destination  512    4      refuse  -        no");
+    for what in ["to read", "to write"] {
+        let line = outcome.output.lines().find(|line| line.starts_with(&format!("{what}: ")));
+        assert!(line.is_some_and(|line| line.ends_with("write-back")), "{what}: {line:?}");
+    }
     // No record lies between the program's last one and the shell's.
     let next = u64::to_le_bytes(count + 1).map(|byte| format!("{byte:02x}")).concat();
     outcome.assert_shows(&next.repeat(2));
