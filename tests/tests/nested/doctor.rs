@@ -10,7 +10,7 @@ use takt_tests::{Value, long, root, target};
 /// Findings by their check's name.
 type Findings = BTreeMap<String, Value>;
 
-/// `takt-doctor`, beside the tests.
+/// `takt-doctor` as users have it.
 fn doctor() -> PathBuf {
     let mut cargo = Command::new("cargo");
     cargo.args(["build", "--release", "--quiet", "-p", "takt-doctor"]).current_dir(root());
@@ -22,7 +22,7 @@ fn doctor() -> PathBuf {
     }
     assert!(cargo.status().expect("cargo starts").success(), "takt-doctor does not build");
     let own = std::env::current_exe().unwrap();
-    own.ancestors().nth(2).map(Path::to_owned).unwrap().join("takt-doctor")
+    own.ancestors().nth(3).map(Path::to_owned).unwrap().join("release/takt-doctor")
 }
 
 /// Examines the appliance with a kernel of this flavour; returns the exit status and what was said.

