@@ -139,3 +139,8 @@ unpack_kernel() {
 number_at() {
     od -An -t "u$3" -j $(($2)) -N "$3" "$1" | tr -d ' '
 }
+
+# build_hooked_takt: Takt for tests that make it fail. What users get is built without the feature and in another folder.
+build_hooked_takt() {
+    (cd "$root" && cargo build --quiet --profile hooks --package takt --bin takt --features test-hooks)
+}

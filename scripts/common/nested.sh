@@ -66,6 +66,13 @@ run_appliance() {
     read_status "$outcome"
 }
 
+# lay_hooked_takt_over: puts Takt with the hooks of tests into $overlay, in the place of the appliance's.
+lay_hooked_takt_over() {
+    build_hooked_takt
+    mkdir -p "$overlay"
+    strip -o "$overlay/init" "${CARGO_TARGET_DIR:-$root/target}/x86_64-unknown-linux-gnu/hooks/takt"
+}
+
 # qemu_machine: sets $machine to QEMU with the kernel words $words, its console on standard input and
 # output, and $output.
 qemu_machine() {

@@ -27,6 +27,13 @@ impl Host {
         self
     }
 
+    /// With Takt as it is built with the hooks of tests.
+    #[must_use]
+    pub fn hooked(mut self) -> Self {
+        self.0.arg("--hooks");
+        self
+    }
+
     /// With a file at the path that it has here.
     #[must_use]
     pub fn with_file(mut self, path: &Path) -> Self {

@@ -259,6 +259,12 @@ impl<'a> Run<'a> {
         self
     }
 
+    /// With an option that only Takt with the hooks of tests has, without its dashes.
+    #[must_use]
+    pub fn hooked(self, option: &'a str) -> Self {
+        self.with("--hook").with(option)
+    }
+
     /// Given up after this much real time, in seconds, if not after a quarter of an hour.
     #[must_use]
     pub fn given_up_after(self, timeout_s: &'a str) -> Self {

@@ -1,4 +1,4 @@
-//! The program as it was linked: nothing that is called is missing.
+//! The program as it was linked: nothing that is called is missing, and no hook of tests is in it.
 //!
 //! The standard library declares some functions of the C library weak, for systems that lack them, and
 //! looks whether they are there before it calls them. With optimisation across all crates one such
@@ -50,6 +50,30 @@ fn no_source_calls_what_the_standard_library_declares_weak() {
         check(&root().join(folder), &mut sources);
     }
     assert!(sources > 200, "only {sources} sources");
+}
+
+/// What finds the hooks of `vmm/src/hooks/present.rs` in a program: an option, a word or a message of each.
+const HOOKS: [&str; 7] = [
+    "without-kick",
+    "panic-after",
+    "late-wake-up",
+    "provoke-syscall",
+    "fail-at",
+    "TAKT_STEERED",
+    "TEST: ",
+];
+
+#[test]
+fn what_users_get_has_no_hook_of_tests() {
+    let has = |build: &str, name: &str| {
+        let program = fs::read(target(&format!("x86_64-unknown-linux-gnu/{build}/takt"))).unwrap();
+        program.windows(name.len()).any(|bytes| bytes == name.as_bytes())
+    };
+    let in_release: Vec<&str> = HOOKS.into_iter().filter(|name| has("release", name)).collect();
+    assert!(in_release.is_empty(), "{in_release:?}");
+    // The names are what one has to look for.
+    let unknown: Vec<&str> = HOOKS.into_iter().filter(|name| !has("hooks", name)).collect();
+    assert!(unknown.is_empty(), "{unknown:?}");
 }
 
 fn check(folder: &Path, sources: &mut usize) {

@@ -16,6 +16,7 @@ pub mod event;
 pub mod footprint;
 pub mod handoff;
 pub mod health;
+pub mod hooks;
 pub mod host_clock;
 pub mod host_ports;
 pub mod host_watchdog;

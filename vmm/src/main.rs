@@ -10,7 +10,8 @@ use std::time::{Duration, Instant};
 use clap::{Parser, Subcommand};
 use takt::appliance::Role;
 use takt::config::{self, PartitionFile};
-use takt::run::Options;
+use takt::hooks::Hooks;
+use takt::run::{Options, duration};
 use takt::sandbox::{Mode, descriptors};
 use takt::{appliance, check, probe, run};
 
@@ -95,24 +96,11 @@ struct Run {
     /// What the report says of what emulates this machine.
     #[arg(long, value_name = "TEXT")]
     emulator: Option<String>,
-    /// For tests: do not end windows by kicks, so that only SCHED_DEADLINE is left.
-    #[arg(long, hide = true)]
-    without_kick: bool,
-    /// For tests: panic after this time.
-    #[arg(long, hide = true, value_name = "DURATION", value_parser = duration)]
-    panic_after: Option<Duration>,
-    /// For tests: let the wake-ups for the release of this number come late.
-    #[arg(long, hide = true, value_name = "RELEASE")]
-    late_wake_up: Option<u64>,
     /// For development: what follows from a system call that a thread may not make.
     #[arg(long, hide = true, value_name = "enforce|log", default_value = "enforce")]
     seccomp: Mode,
-    /// For tests: have this thread make such a call (a partition, `kicker`, or `main`).
-    #[arg(long, hide = true, value_name = "THREAD")]
-    provoke_syscall: Option<String>,
-    /// For tests: fail after this step of the start.
-    #[arg(long, hide = true, value_name = "STEP")]
-    fail_at: Option<u32>,
+    #[command(flatten)]
+    hooks: Hooks,
 }
 
 impl Run {
@@ -145,18 +133,10 @@ impl Run {
             control: self.control.clone(),
             lane: self.lane.clone(),
             emulator: self.emulator.clone(),
-            without_kick: self.without_kick,
-            panic_after: self.panic_after,
-            late_wake_up: self.late_wake_up,
             seccomp: self.seccomp,
-            provoke: self.provoke_syscall.clone(),
-            fail_at: self.fail_at,
+            hooks: self.hooks.clone(),
         }
     }
-}
-
-fn duration(text: &str) -> Result<Duration, String> {
-    config::parse_duration(text).map(|ns| Duration::from_nanos(ns.0)).map_err(|e| e.to_string())
 }
 
 fn main() -> ExitCode {

@@ -94,6 +94,7 @@ pub enum RunError {
     View(#[from] ViewError),
     #[error("cannot lock memory: {0}; run as root, or raise the limit (ulimit -l unlimited)")]
     Lock(io::Error),
+    #[cfg(feature = "test-hooks")]
     #[error("TEST: a step of the start has failed, as was asked for")]
     Provoked,
     #[error("cannot {what}: {source}")]

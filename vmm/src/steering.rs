@@ -15,19 +15,19 @@ use std::path::Path;
 
 use takt_scheduler::sleep::Steering;
 
+use crate::hooks;
+
 /// Number of the privilege to set clocks (`CAP_SYS_TIME`, include/uapi/linux/capability.h).
 const SYS_TIME: u32 = 25;
 /// What the kernel calls its first namespace of processes: `PROC_PID_INIT_INO` of include/linux/proc_ns.h.
 const FIRST_NAMESPACE: &str = "pid:[4026531836]";
-/// A word of the kernel's command line, which it hands to process 1: a test steers the clock.
-const STEERED: &str = "TAKT_STEERED";
 
 /// Takes the privilege from all processes that this one is going to start. For process 1.
 ///
 /// # Errors
 /// What the kernel says.
 pub fn give_up() -> io::Result<()> {
-    if std::env::var_os(STEERED).is_some() {
+    if hooks::clock_may_be_steered() {
         return Ok(());
     }
     // SAFETY: touches no memory, and takes a privilege only from programs that are executed later.

@@ -23,6 +23,7 @@ fn outputs_are_safe_after_takt_was_killed_or_has_panicked() {
         .save("killed");
     let kills = if long() { "20" } else { "4" };
     let outcome = Host::new()
+        .hooked()
         .with("--device", "parallel=/dev/null")
         .with_file(&file)
         .with_file(&image)

@@ -153,7 +153,7 @@ fn the_doors_are_shut_and_trying_them_ends_the_process_with_safe_values() {
         &file.save("sandbox"),
         &[plc_image("outputs")],
         &[&["ticks of a write", "1"], threads].concat(),
-        &["--device", &device],
+        &["--hooks", "--device", &device],
     );
 
     let guardian = looked.read("guardian");
@@ -303,7 +303,7 @@ fn a_start_that_fails_at_any_step_leaves_the_machine_as_it_was() {
     }
     let file = root().join("configs/separate-cpus.toml");
     let files = ["vmlinuz", "initrd.img"].map(|name| root().join("target/guest").join(name));
-    let options = ["--lane", "emulated", "--cpus", "2", "--memory", "768"];
+    let options = ["--hooks", "--lane", "emulated", "--cpus", "2", "--memory", "768"];
     fail_at_each_step("failing-starts", &file, &files, &[], &options);
 }
 
@@ -348,7 +348,7 @@ host_socket = "/tmp/level.sock"
         .save("failing-devices");
     let files = [plc_image("outputs"), disk, target("guest/vmlinuz"), target("guest/initrd.img")];
     let modules = ["kvaser_pci", "uio_pci_generic", "i6300esb"];
-    let mut options = vec!["--memory", "512", "--device", "parallel=/dev/null"];
+    let mut options = vec!["--hooks", "--memory", "512", "--device", "parallel=/dev/null"];
     options.extend(["--device", "can", "--device", "watchdog"]);
     options.extend(modules.iter().flat_map(|module| ["--module", module]));
     fail_at_each_step("failing-devices", &file, &files, &modules, &options);

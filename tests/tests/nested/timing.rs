@@ -83,7 +83,7 @@ fn a_guarded_release_has_no_jitter_and_linux_gets_what_the_plc_leaves() {
 fn a_guard_that_follows_its_host_narrows_and_one_late_wake_up_widens_it_at_once() {
     let run = |at| {
         let run = tenth("auto", at).run("auto-guard").lasting("8s");
-        run.with("--late-wake-up").with("6000").run()
+        run.hooked("late-wake-up=6000").run()
     };
     let outcome = apart_from_ticks_but_one(run);
     assert_eq!(outcome.status, 0, "{}", outcome.output);
@@ -122,7 +122,7 @@ fn without_a_guard_the_wake_up_is_the_jitter_and_each_disturbance_is_told_with_i
     let _ = fs::remove_dir_all(&folder);
     let run = unguarded("disturbed").run("unguarded").for_jitter().lasting("2s");
     let run = run.with("--out").with(folder.to_str().unwrap());
-    let run = run.with("--late-wake-up").with("1200").with("--max-latency").with("100us");
+    let run = run.hooked("late-wake-up=1200").with("--max-latency").with("100us");
     let outcome = run.with("--max-lost").with("0").run();
     // The wake-up that comes 100 us late exceeds the limit, and nothing else does.
     assert_eq!(outcome.status, 5, "{}", outcome.output);
@@ -194,7 +194,7 @@ fn an_overrun_ends_at_its_windows_end_and_moves_no_release() {
 
 #[test]
 fn without_the_kick_the_reservation_still_bounds_an_overrun() {
-    let outcome = monopolist(0).run("no-kick").with("--without-kick").lasting("2s").run();
+    let outcome = monopolist(0).run("no-kick").hooked("without-kick").lasting("2s").run();
     assert_eq!(outcome.report["kick"], false);
     // 370 us in each ms are reserved: guard, window and 50 us for the kick that does not come. The
     // scheduler enforces that as its timer finds it, 1.3 % of the CPU late.

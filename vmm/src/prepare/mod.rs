@@ -27,6 +27,7 @@ use crate::config::{Kind, Partition, PartitionFile};
 use crate::cpuset::Domains;
 use crate::disk::DiskThread;
 use crate::health::bus_locks;
+use crate::hooks::LateWakeUp;
 use crate::init_watch::{Console, InitSeen};
 use crate::interrupts::Interrupts;
 use crate::memory::Pages;
@@ -104,8 +105,8 @@ pub struct Preparation<'a> {
     pub interrupts: Interrupts,
     /// Whether the clock by which threads sleep may be steered.
     pub steering: Steering,
-    /// For tests: the release whose wake-ups come late.
-    pub late_wake_up: Option<u64>,
+    /// Which wake-up a test wants late.
+    pub late_wake_up: LateWakeUp,
     /// The deadlines of the Linux guest's timer, if there are windows of others on its CPU.
     pub deadlines: Option<Arc<Deadlines>>,
     /// Of the threads that end windows, which are made last.

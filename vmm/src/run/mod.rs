@@ -4,7 +4,6 @@
 //! threads with their reservations. Then all partitions start from one epoch, and from there on
 //! nothing is allocated or mapped for a guest.
 
-mod disturbances;
 mod epoch;
 mod options;
 mod output;
@@ -25,8 +24,7 @@ use takt_scheduler::switch::ScheduleState;
 use takt_scheduler::table::Cpu;
 use takt_scheduler::time::{Nanos, Tsc, TscFrequency};
 
-use disturbances::{Steps, panic_after};
-pub use options::Options;
+pub use options::{Options, duration};
 use output::Output;
 use start::Started;
 
@@ -38,6 +36,7 @@ use crate::control::Operators;
 use crate::cpuset::Domains;
 use crate::event::{self, eventfd};
 use crate::footprint;
+use crate::hooks::Steps;
 use crate::host_ports::HostPorts;
 use crate::huge_pages;
 use crate::interrupts::Interrupts;
@@ -65,7 +64,7 @@ use crate::vcpu::{Control, kick, thread};
 /// # Errors
 /// See [`RunError`]. A partition that fails is not an error of the run: the report tells of it.
 pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> {
-    let steps = Steps::new(options.fail_at);
+    let steps = options.hooks.steps();
     sandbox::prepare(|| {
         let written = emergency_stop::do_it();
         terminal::restore();
@@ -131,7 +130,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         doorbell: eventfd()?,
         interrupts: Interrupts::new()?,
         steering: steering::look(),
-        late_wake_up: options.late_wake_up,
+        late_wake_up: options.hooks.late_wake_up(),
         deadlines: Preparation::deadlines(file, &board),
         enforcers: BTreeMap::new(),
         mode: options.seccomp,
@@ -144,7 +143,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         steps.pass()?;
     }
     let kickers =
-        if options.without_kick { Vec::new() } else { preparation.window_enforcers(&prepared)? };
+        if options.hooks.kicks() { preparation.window_enforcers(&prepared)? } else { Vec::new() };
     steps.pass()?;
     let Some(frequency) = preparation.frequency else {
         return Err(MachineError::Missing("a machine to run").into());
@@ -197,9 +196,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let screen = Screen::new(console_outlet, raw, file.partitions().len());
     let controls: Vec<Arc<Control>> = prepared.iter().map(|p| p.account.control.clone()).collect();
     let guard = devices.guard(&controls);
-    if let Some(after) = options.panic_after {
-        panic_after(after, options.seccomp)?;
-    }
+    options.hooks.start_panicking(options.seccomp)?;
     drop(hurry);
     let result = run
         .start(prepared, kickers, console, screen, sources)

@@ -1,9 +1,11 @@
-//! What the command line adds to the partition file, and what only tests ask for.
+//! What the command line adds to the partition file.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use crate::appliance::Role;
+use crate::config;
+use crate::hooks::Hooks;
 use crate::sandbox;
 
 /// What the command line adds to the partition file.
@@ -27,16 +29,16 @@ pub struct Options {
     pub lane: String,
     /// What emulates the machine, for the report.
     pub emulator: Option<String>,
-    /// For tests: windows are not ended by kicks, so that only SCHED_DEADLINE is left.
-    pub without_kick: bool,
-    /// For tests: a thread panics after this time.
-    pub panic_after: Option<Duration>,
-    /// For tests: the wake-ups for the release of this number come late.
-    pub late_wake_up: Option<u64>,
     /// What follows from a system call that a thread may not make.
     pub seccomp: sandbox::Mode,
-    /// For tests: the thread that makes such a call, a second after the start.
-    pub provoke: Option<String>,
-    /// For tests: the step of the start after which it fails, from 1 on.
-    pub fail_at: Option<u32>,
+    /// What only tests ask for.
+    pub hooks: Hooks,
+}
+
+/// A time on the command line, such as `10s`.
+///
+/// # Errors
+/// What is wrong with it, for people.
+pub fn duration(text: &str) -> Result<Duration, String> {
+    config::parse_duration(text).map(|ns| Duration::from_nanos(ns.0)).map_err(|e| e.to_string())
 }

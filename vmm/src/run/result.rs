@@ -51,7 +51,7 @@ impl Run<'_> {
             system: self.file.name().to_owned(),
             epoch_tsc: base.epoch.0,
             duration_ns: duration.0,
-            kick: !self.options.without_kick,
+            kick: self.options.hooks.kicks(),
             tick: epoch.told(),
             schedule: report::Schedule {
                 current: schedule(status.current),

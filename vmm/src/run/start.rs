@@ -7,7 +7,6 @@ use takt_scheduler::table::Cpu;
 use takt_scheduler::time::{Nanos, Timebase};
 use vmm_sys_util::eventfd::EventFd;
 
-use super::disturbances::provoke;
 use super::epoch::Epoch;
 use super::{Run, nanos};
 use crate::account::Account;
@@ -79,9 +78,7 @@ impl Run<'_> {
             disks.extend(own);
         }
         let watchdog = self.watchdog(&accounts, &kickers)?;
-        if let Some(thread) = &self.options.provoke {
-            provoke(thread, &accounts, &kickers)?;
-        }
+        self.options.hooks.arm(&accounts, &kickers)?;
         let clock = HostClock::open(self.frequency);
         self.steps.pass()?;
         // Nothing of the host is opened any more, and no guest has run yet.
@@ -156,11 +153,8 @@ impl Run<'_> {
                 );
             }
         }
-        if self.options.without_kick {
-            screen.line("takt", "TEST: windows are not ended by kicks");
-        }
-        if let Some(release) = self.options.late_wake_up {
-            screen.line("takt", &format!("TEST: the wake-up for release {release} comes late"));
+        for text in self.options.hooks.told() {
+            screen.line("takt", &text);
         }
     }
 

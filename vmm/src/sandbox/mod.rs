@@ -25,7 +25,6 @@ pub mod descriptors;
 pub mod files;
 pub mod filter;
 pub mod privileges;
-pub mod provoke;
 pub mod violation;
 
 use std::io;

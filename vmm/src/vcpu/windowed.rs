@@ -14,7 +14,7 @@ use takt_scheduler::quiet::QuietTimes;
 use takt_scheduler::rest::Rest;
 use takt_scheduler::sleep::{Sleeper, Steering, Woken};
 use takt_scheduler::switch::{ScheduleState, Switch};
-use takt_scheduler::time::{Nanos, Timebase, Tsc};
+use takt_scheduler::time::{Timebase, Tsc};
 use takt_scheduler::timetable::{Slot, Timetable};
 
 use super::Control;
@@ -26,10 +26,7 @@ use super::record::{DETOURS_MAX, Detour, Exit, Record, WindowRecord};
 use super::tick::Tick;
 use crate::boot::StartMode;
 use crate::health::{Access, Answer, Detail, Reporter};
-
-/// How much later the wake-up comes that a test wants late: than any guard in the tests, and than
-/// any wake-up in the lab.
-const LATE: Nanos = Nanos::from_micros(100);
+use crate::hooks::LateWakeUp;
 
 /// When a partition runs.
 pub struct Plan {
@@ -45,8 +42,8 @@ pub struct Plan {
     pub steering: Steering,
     /// Who ends the windows of its CPU, to be told of a steered clock.
     pub enforcer: Arc<Control>,
-    /// For tests: the wake-up for the release of this number comes late.
-    pub late_wake_up: Option<u64>,
+    /// Which wake-up a test wants late.
+    pub late_wake_up: LateWakeUp,
     /// A Linux's deadlines that wait for this partition's windows, if it is not that Linux's own.
     pub deadlines: Option<Arc<Deadlines>>,
     /// How the partition is started anew when a switch takes effect; `None`: it goes on.
@@ -180,8 +177,7 @@ impl Windowed {
             let start = self.base.instant(release.start);
             let end = self.base.instant(release.end);
             let due = start.before(self.base.frequency.ticks(self.plan.guard.length()));
-            let late =
-                if self.plan.late_wake_up == Some(release.sequence) { LATE } else { Nanos::ZERO };
+            let late = self.plan.late_wake_up.delay(release.sequence);
             if !self.sleep(due.after(self.base.frequency.ticks(late)), control) {
                 return End::Stopped;
             }

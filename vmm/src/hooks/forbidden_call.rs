@@ -1,7 +1,7 @@
-//! For tests: one system call that no list has, on a thread of choice.
+//! One system call that no list has, on a thread of choice.
 //!
 //! A timer of the kernel's signals the thread, and the handler makes the call. It is set up before
-//! the doors are closed, so that nothing needs to be allowed for it.
+//! the sandbox is entered, so that nothing needs to be allowed for it.
 
 use std::ffi::{c_int, c_void};
 use std::io;

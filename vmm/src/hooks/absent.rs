@@ -1,0 +1,86 @@
+//! The hooks of a build that users get: none.
+
+use takt_scheduler::time::Nanos;
+
+use crate::account::Account;
+use crate::prepare::WindowEnforcer;
+use crate::run_error::RunError;
+use crate::sandbox::Mode;
+
+/// No options.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct Hooks {}
+
+/// No wake-up is made late.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LateWakeUp;
+
+/// No step of the start is made to fail.
+#[derive(Debug)]
+pub struct Steps;
+
+impl Hooks {
+    /// The steps of a start.
+    #[must_use]
+    pub const fn steps(&self) -> Steps {
+        Steps
+    }
+
+    /// Windows are ended by kicks.
+    #[must_use]
+    pub const fn kicks(&self) -> bool {
+        true
+    }
+
+    /// No wake-up is made late.
+    #[must_use]
+    pub const fn late_wake_up(&self) -> LateWakeUp {
+        LateWakeUp
+    }
+
+    /// No thread makes a forbidden call.
+    ///
+    /// # Errors
+    /// Never.
+    pub const fn arm(&self, _: &[Account], _: &[WindowEnforcer]) -> Result<(), RunError> {
+        Ok(())
+    }
+
+    /// No thread panics.
+    ///
+    /// # Errors
+    /// Never.
+    pub const fn start_panicking(&self, _: Mode) -> Result<(), RunError> {
+        Ok(())
+    }
+
+    /// There is nothing to tell of.
+    #[must_use]
+    pub const fn told(&self) -> Vec<String> {
+        Vec::new()
+    }
+}
+
+impl LateWakeUp {
+    /// How much later the wake-up for this release comes.
+    #[must_use]
+    pub const fn delay(self, _: u64) -> Nanos {
+        Nanos::ZERO
+    }
+}
+
+impl Steps {
+    /// A step is done.
+    ///
+    /// # Errors
+    /// Never.
+    pub const fn pass(&self) -> Result<(), RunError> {
+        Ok(())
+    }
+}
+
+/// The appliance's clock is not steered.
+#[must_use]
+pub const fn clock_may_be_steered() -> bool {
+    false
+}
