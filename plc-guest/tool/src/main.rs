@@ -55,7 +55,7 @@ enum Command {
     Build(commands::build::Build),
     /// Run the tests of a project on this machine, or an image cycle by cycle against a table.
     Test(commands::test::Test),
-    /// Show what is in an image.
+    /// Show what is in an image; of Structured Text, how many instructions its tasks take at most.
     Inspect(commands::inspect::Inspect),
     /// Compare two versions of a program: what a change of the running one would keep, and whether it can be made.
     Diff(commands::diff::Diff),

@@ -135,6 +135,43 @@ fn stages_of_the_compiler_are_shown() {
 }
 
 #[test]
+fn the_instructions_of_a_job_are_bounded_or_the_loop_without_a_bound_is_named() {
+    let folder = Folder::new();
+    let source = "PROGRAM Short
+VAR i, sum : DINT; name : STRING; END_VAR
+FOR i := 1 TO 9 DO sum := sum + i; END_FOR;
+name := 'short';
+END_PROGRAM
+PROGRAM Long
+VAR n : DINT; END_VAR
+n := 1000;
+WHILE n > 0 DO
+  n := n - 3;
+END_WHILE;
+END_PROGRAM
+CONFIGURATION c
+TASK often (INTERVAL := T#10ms, PRIORITY := 1);
+TASK seldom (INTERVAL := T#1s, PRIORITY := 2);
+PROGRAM a WITH often : Short;
+PROGRAM b WITH seldom : Long;
+END_CONFIGURATION
+";
+    folder.write("main.st", source);
+    let shown = folder.takt_plc(&["inspect", "main.st"]);
+    let shown = shown.expect(0, "no bound: the rounds of the loop at main.st:9 are not known");
+    shown.expect(0, "without those of functions for strings, copies and reals (calls: 1)");
+    let shown = folder.takt_plc(&["inspect", "main.st", "--json"]).expect(0, "\"main.st:9\"");
+    let start = shown.text.find('{').expect("JSON");
+    let shown: serde_json::Value = serde_json::from_str(&shown.text[start..]).expect("JSON");
+    let often = shown["tasks"][0]["instructions"].as_u64().expect("a number");
+    assert!((9 * 3..9 * 10).contains(&often), "{shown}");
+    assert_eq!(shown["tasks"][1]["instructions"], serde_json::Value::Null);
+
+    folder.write("a.plc", "no image");
+    folder.takt_plc(&["inspect", "a.plc", "main.st"]).expect(2, "one image, or sources");
+}
+
+#[test]
 fn a_project_of_plcopen_is_imported_built_and_tested() {
     let folder = Folder::new();
     let project = r#"<project><types><pous><pou name="Doubler" pouType="program"><interface><localVars>

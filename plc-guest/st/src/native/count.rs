@@ -104,6 +104,9 @@ impl Lower<'_> {
         }
         self.body(body, blocks);
         self.at(location);
+        let most =
+            if bounded { rounds.and_then(|rounds| u64::try_from(rounds).ok()) } else { None };
+        self.mark_loop(most, location);
 
         let leave = self.builder.create_block();
         // In a register the counter shows itself at the beginning of each round, and behind the last one.

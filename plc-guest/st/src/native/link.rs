@@ -10,6 +10,7 @@ use super::lower::{CONSTANTS, ROUTINES, RUNTIME};
 use super::runtime;
 use super::target::address::CODE;
 use super::trap::trap_kind;
+use super::worst::{Flow, Loop};
 use super::{NativeError, TrapSite};
 use crate::hir::{Location, Program, RoutineId, Trap};
 
@@ -22,6 +23,8 @@ pub struct Compiled {
     /// Where the code of a source line begins.
     pub lines: Vec<(u32, Location)>,
     pub constants: Vec<Vec<u8>>,
+    /// For the greatest number of its instructions.
+    pub flow: Flow,
     /// Bytes of the frame, with the return address.
     pub frame: u32,
 }
@@ -48,6 +51,7 @@ impl Compiled {
         code: &cranelift_codegen::CompiledCode,
         locations: &[Location],
         constants: Vec<Vec<u8>>,
+        loops: Vec<Loop>,
     ) -> Compiled {
         let location = |at: u32| {
             let found = code
@@ -83,6 +87,7 @@ impl Compiled {
         Compiled {
             code: code.code_buffer().to_vec(),
             alignment: code.buffer.alignment.max(16),
+            flow: Flow::new(code, loops),
             relocations: relocations.collect(),
             traps: traps.collect(),
             lines: lines.collect(),

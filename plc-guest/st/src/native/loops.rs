@@ -96,6 +96,7 @@ impl Lower<'_> {
         self.builder.ins().brif(first, round, &[], exit, &[]);
         self.builder.switch_to_block(round);
         self.body(body, blocks);
+        self.mark_loop(None, location);
         self.spend(budget, location);
         let again = self.expr(condition);
         self.builder.ins().brif(again, round, &[], exit, &[]);
@@ -121,6 +122,7 @@ impl Lower<'_> {
         let ends = self.expr(until);
         self.builder.ins().brif(ends, exit, &[], again, &[]);
         self.builder.switch_to_block(again);
+        self.mark_loop(None, location);
         self.spend(budget, location);
         self.builder.ins().jump(round, &[]);
         self.builder.switch_to_block(exit);

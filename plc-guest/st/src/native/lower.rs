@@ -9,7 +9,8 @@
 use std::collections::HashMap;
 
 use cranelift_codegen::ir::{
-    self, Block, FuncRef, Function, InstBuilder, SourceLoc, StackSlot, UserFuncName, Value, types,
+    self, Block, DebugTag, FuncRef, Function, InstBuilder, SourceLoc, StackSlot, UserFuncName,
+    Value, types,
 };
 use cranelift_frontend::{FunctionBuilder, FunctionBuilderContext, Variable};
 
@@ -19,6 +20,7 @@ use super::effects::{Base, Cell, Target, target};
 use super::function::signature;
 use super::target::{MEMORY, register};
 use super::trap::trap_code;
+use super::worst::Loop;
 use crate::hir::{Location, Place, Program, Routine, RoutineId, TrapKind};
 
 /// External names of this namespace are routines of the program.
@@ -36,6 +38,8 @@ pub struct Lowered {
     pub constants: Vec<Vec<u8>>,
     /// Source locations of Cranelift are indices of this list, from 1.
     pub locations: Vec<Location>,
+    /// Its loops; the numbers of their marks are indices of this list.
+    pub loops: Vec<Loop>,
 }
 
 /// Where a local variable is.
@@ -83,6 +87,7 @@ pub(super) struct Lower<'a> {
     pub return_block: Block,
     pub functions: HashMap<(u32, u32), FuncRef>,
     pub constants: Vec<Vec<u8>>,
+    marked: Vec<Loop>,
     locations: Vec<Location>,
     known_locations: HashMap<Location, u32>,
 }
@@ -117,13 +122,14 @@ pub fn lower(
         return_block: Block::from_u32(0),
         functions: HashMap::new(),
         constants: Vec::new(),
+        marked: Vec::new(),
         locations: Vec::new(),
         known_locations: HashMap::new(),
     };
     lower.routine();
-    let Lower { builder, constants, locations, .. } = lower;
+    let Lower { builder, constants, locations, marked, .. } = lower;
     builder.finalize(frontend);
-    Lowered { function, constants, locations }
+    Lowered { function, constants, locations, loops: marked }
 }
 
 impl<'a> Lower<'a> {
@@ -179,6 +185,14 @@ impl<'a> Lower<'a> {
         self.at(location);
         self.builder.ins().trapnz(condition, trap_code(kind));
         self.builder.set_srcloc(before);
+    }
+
+    /// Marks what follows as a part of a loop, in no loop within it. The mark is no instruction.
+    pub(super) fn mark_loop(&mut self, rounds: Option<u64>, location: Location) {
+        let number = self.marked.len() as u32;
+        self.marked.push(Loop { rounds, location });
+        let mark = self.builder.ins().sequence_point();
+        self.builder.func.debug_tags.set(mark, [DebugTag::User(number)]);
     }
 
     /// The variable that holds the cell in this part of the routine.

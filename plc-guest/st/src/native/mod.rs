@@ -29,8 +29,10 @@ mod target;
 mod text;
 mod trap;
 mod walk;
+mod worst;
 
 pub use image::image;
+pub use worst::{Cost, Worst, worst};
 
 use cranelift_codegen::ir::Function;
 use cranelift_codegen::isa::TargetIsa;
@@ -110,17 +112,9 @@ pub fn compile(program: &Program) -> Result<Native, NativeError> {
     if program.state_size() > takt_program::limit::STATE_BYTES {
         return Err(NativeError::TooMuchState(program.state_size()));
     }
-    let mut with_init = program.clone();
-    // An index of an array at an output is a LINT.
-    with_init.types.elementary(crate::hir::Elementary::Lint);
-    let init = with_init.add_routine(start::routine(&with_init));
+    let (with_init, compiled) = prepared(program)?;
     let program = &with_init;
-    let machine = target::machine();
-    let knowledge = alias::Knowledge::of(program);
-    let compiled =
-        parallel::map(program.routines.len(), FunctionBuilderContext::new, |frontend, index| {
-            routine(program, &knowledge, &*machine, frontend, RoutineId(index as u32))
-        })?;
+    let init = RoutineId(program.routines.len() as u32 - 1);
     let linked = link::link(program, &compiled)?;
     let stacks = link::stacks(program, &compiled);
     let mut of_tasks = Vec::new();
@@ -143,6 +137,21 @@ pub fn compile(program: &Program) -> Result<Native, NativeError> {
     })
 }
 
+/// All routines, the last one of which sets the outputs to their initial values, and the code of each.
+fn prepared(program: &Program) -> Result<(Program, Vec<link::Compiled>), NativeError> {
+    let mut program = program.clone();
+    // An index of an array at an output is a LINT.
+    program.types.elementary(crate::hir::Elementary::Lint);
+    program.add_routine(start::routine(&program));
+    let machine = target::machine();
+    let knowledge = alias::Knowledge::of(&program);
+    let compiled =
+        parallel::map(program.routines.len(), FunctionBuilderContext::new, |frontend, index| {
+            routine(&program, &knowledge, &*machine, frontend, RoutineId(index as u32))
+        })?;
+    Ok((program, compiled))
+}
+
 /// Compiles one routine.
 fn routine(
     program: &Program,
@@ -158,7 +167,13 @@ fn routine(
         return Err(NativeError::Internal { routine, message: format!("{:?}", error.inner) });
     }
     let Some(code) = context.compiled_code() else { unreachable!("it was compiled") };
-    Ok(link::Compiled::new(&context.func, code, &lowered.locations, lowered.constants))
+    Ok(link::Compiled::new(
+        &context.func,
+        code,
+        &lowered.locations,
+        lowered.constants,
+        lowered.loops,
+    ))
 }
 
 /// The machine code of each routine as text, for `--emit asm`. A routine that Cranelift refuses is left out: building

@@ -1,4 +1,5 @@
-//! `takt plc inspect`: what is in an image, for people and for scripts.
+//! `takt plc inspect`: what is in an image, for people and for scripts. Of sources in Structured Text it shows how many
+//! instructions their tasks take at most, which an image does not say.
 
 use std::path::PathBuf;
 
@@ -7,23 +8,38 @@ use takt_program::{
     Area, Direction, EventSource, Flags, Image, Object, ObjectKind, Task, TaskKind, Variable,
 };
 
-use super::{hex, image, read};
+use super::structured_text::{Messages, is_text};
+use super::{hex, image, read, worst};
 use crate::Failure;
 
 /// Arguments of `inspect`.
 #[derive(clap::Args)]
 pub struct Inspect {
-    /// The image.
-    image: PathBuf,
+    /// An image; or sources in Structured Text (.st), and folders of which all such files are taken: of them, the
+    /// greatest number of instructions of each task is shown. Without any, the project in the current folder is taken.
+    inputs: Vec<PathBuf>,
     /// Print JSON.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    messages: Messages,
 }
 
 impl Inspect {
     pub fn run(self) -> Result<(), Failure> {
-        let bytes = read(&self.image)?;
-        let image = image(&self.image, &bytes)?;
+        let path = match &self.inputs[..] {
+            [path] if !is_text(path) => path,
+            inputs if inputs.iter().all(|input| is_text(input)) => {
+                return worst::show(inputs, &self.messages, self.json);
+            }
+            _ => {
+                return Err(Failure::input(
+                    "found more than one image; one image, or sources in Structured Text (.st), are allowed",
+                ));
+            }
+        };
+        let bytes = read(path)?;
+        let image = image(path, &bytes)?;
         if self.json {
             println!("{:#}", as_json(&image));
         } else {

@@ -15,6 +15,7 @@ pub mod sign;
 mod structured_text;
 pub mod test;
 pub mod verify;
+mod worst;
 
 use std::fs::Permissions;
 use std::os::unix::fs::PermissionsExt;
