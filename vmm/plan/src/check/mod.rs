@@ -16,6 +16,7 @@ mod passthrough;
 mod programs;
 mod tables;
 mod timeline;
+mod unconnected;
 
 use takt_scheduler::schedules::ScheduleId;
 

@@ -5,7 +5,7 @@ use takt_program::{Area, Image, TaskId, TypeId, TypeKind, Variable};
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::time::Nanos;
 
-use super::{line, tables};
+use super::{line, tables, unconnected};
 use crate::points;
 use crate::program_tasks::{ProgramTask, Release};
 use crate::programs::{WATCH_DEFAULT, action_name, hex};
@@ -119,17 +119,21 @@ fn points(out: &mut String, partition: &Partition, number: usize, image: &Image<
     let is_point = |v: &Variable<'_>| matches!(v.area, Area::Input | Area::Output);
     let mut points: Vec<Variable<'_>> = image.variables().filter(is_point).collect();
     points.sort_by_key(|v| (v.area, v.offset, v.bit));
-    let connections = partition.connections().iter();
+    let all = partition.connections();
     let connections: Vec<&Connection> =
-        connections.filter(|c| usize::from(c.mapping.program) == number).collect();
+        all.iter().filter(|c| usize::from(c.mapping.program) == number).collect();
     let rows = points.iter().take(POINTS_MAX).map(|v| {
         let writer = v.writer.and_then(|id| image.task(id)).map(|task| task.name.to_owned());
         let writer = match v.area {
             Area::Input => "-".to_owned(),
             _ => writer.unwrap_or_else(|| "not told".to_owned()),
         };
-        let places = connections.iter().filter(|c| c.meets(v)).map(|c| place(c, image));
-        let places = places.collect::<Vec<_>>().join("; ");
+        let own = connections.iter().filter(|c| c.meets(v)).map(|c| place(c, image));
+        let readers = all.iter().filter(|c| c.reads(number, v)).map(|c| {
+            let reader = partition.programs().get(usize::from(c.mapping.program));
+            format!("input {} of {}", c.point, reader.map_or("-", |reader| reader.name.as_str()))
+        });
+        let places = own.chain(readers).collect::<Vec<_>>().join("; ");
         let places = if places.is_empty() { "not connected".to_owned() } else { places };
         [points::address(v), v.name.to_owned(), type_name(image, v.ty), writer, places]
     });
@@ -145,6 +149,7 @@ fn points(out: &mut String, partition: &Partition, number: usize, image: &Image<
     if points.len() > POINTS_MAX {
         line(out, &format!("    and {} more", points.len() - POINTS_MAX));
     }
+    unconnected::warn(out, all, number, &points);
 }
 
 /// A place, and what is special about the connection.

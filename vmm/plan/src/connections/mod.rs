@@ -42,13 +42,23 @@ impl Connection {
     #[must_use]
     pub fn meets(&self, variable: &Variable<'_>) -> bool {
         let area = if self.mapping.direction == INPUT { Area::Input } else { Area::Output };
-        let bits = writers::bits(
-            variable.offset.into(),
-            variable.bit.unwrap_or(WHOLE),
-            variable.bytes.into(),
-        );
-        variable.area == area && writers::meet(writers::in_image(&self.mapping), bits)
+        variable.area == area && writers::meet(writers::in_image(&self.mapping), bits_of(variable))
     }
+
+    /// True if it is an input that comes from some bits of this output of the program with this place.
+    #[must_use]
+    pub fn reads(&self, program: usize, output: &Variable<'_>) -> bool {
+        let m = &self.mapping;
+        let from = (m.kind, m.place) == (kind::PROGRAM, program as u64);
+        let bits = writers::meet(writers::at_place(m), bits_of(output));
+        from && output.area == Area::Output && bits
+    }
+}
+
+/// The bits of a variable in its area.
+fn bits_of(variable: &Variable<'_>) -> writers::Bits {
+    let bit = variable.bit.unwrap_or(WHOLE);
+    writers::bits(variable.offset.into(), bit, variable.bytes.into())
 }
 
 /// What the tables of one partition are checked against.

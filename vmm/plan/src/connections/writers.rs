@@ -68,8 +68,8 @@ pub fn in_image(m: &Mapping) -> Bits {
     bits(m.offset.into(), m.bit, m.bytes.into())
 }
 
-/// The bits of a message or register that are written.
-fn at_place(m: &Mapping) -> Bits {
+/// The bits of a message, register or other image at the place.
+pub fn at_place(m: &Mapping) -> Bits {
     bits(m.field.into(), m.place_bit, m.bytes.into())
 }
 

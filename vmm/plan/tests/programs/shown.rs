@@ -37,6 +37,8 @@ fn programs_are_shown_with_tasks_points_and_writers() {
         "    point   name        type  writer  connected to",
         "    %IB4    Main.level  REAL  -       not connected",
         "    %QX0.2  Main.valve  BOOL  main    not connected",
+        "    warning: inputs that no [[partition.io]] connects, and that read as 0: Main.level",
+        "    warning: outputs that no [[partition.io]] connects to anything: Main.valve",
         "  signed: s 0.0.0",
         &format!("    signed with {}", public(&PRIVATE)),
     ] {
@@ -46,4 +48,47 @@ fn programs_are_shown_with_tasks_points_and_writers() {
     let needs = needs(&file);
     let place = case.folder.canonicalize().unwrap();
     assert!(needs.contains(&format!("file {}/s.plc\n", place.display())), "{needs}");
+}
+
+/// A program with these inputs or outputs of one byte each.
+fn bytes(name: &str, area: Area, points: &[&str]) -> Vec<u8> {
+    let mut program = builder(name);
+    (program.input_bytes, program.output_bytes) = (64, 64);
+    let byte = program.elementary(Elementary::Byte);
+    for (at, point) in points.iter().enumerate() {
+        program.variable(Variable::new(point, byte, area, at as u32));
+    }
+    program.build().unwrap()
+}
+
+#[test]
+fn a_point_without_a_connection_and_a_connection_without_a_point_are_warned_of() {
+    let source = bytes("source", Area::Output, &["read", "lost"]);
+    let sink =
+        bytes("sink", Area::Input, &["i0", "i1", "i2", "i3", "i4", "i5", "i6", "i7", "i8", "i9"]);
+    let from = |at: &str| {
+        format!(
+            "[[partition.io]]\nprogram = \"sink\"\nat = \"{at}\"\n\
+             output = \"read\"\noutput_of = \"source\""
+        )
+    };
+    let case = Case::new("unconnected").file("source.plc", &source).file("sink.plc", &sink);
+    let case = case.program("source.plc", "").program("sink.plc", "");
+    let text = report(&case.with(&from("%IB0")).with(&from("%IB20")).good());
+    for line in [
+        "  input %IB0 of sink; input %IB20 of sink\n",
+        "    warning: outputs that no [[partition.io]] connects to anything: lost\n",
+        "that read as 0: i1, i2, i3, i4, i5, i6, i7, i8 and 1 more\n",
+        "at which the program declares no point: %IB20\n",
+    ] {
+        assert!(text.contains(line), "no {line:?} in\n{text}");
+    }
+    assert_eq!(text.matches("warning: ").count(), 3, "{text}");
+
+    let whole = bytes("sink", Area::Input, &["i0"]);
+    let source = bytes("source", Area::Output, &["read"]);
+    let case = Case::new("connected").file("source.plc", &source).file("sink.plc", &whole);
+    let case = case.program("source.plc", "").program("sink.plc", "").with(&from("%IB0"));
+    let text = report(&case.good());
+    assert!(!text.contains("warning: ") && !text.contains("not connected"), "{text}");
 }
