@@ -1,4 +1,4 @@
-//! The example programs: formatted, built, and tested by their tables.
+//! The example programs: formatted, built, and tested by their tables. Needs gcc and make.
 
 mod common;
 
@@ -32,4 +32,10 @@ fn a_traffic_light_has_its_phases() {
 #[test]
 fn a_conveyor_counts_by_an_event() {
     example("conveyor", &[]);
+}
+
+#[test]
+fn batches_are_dosed_by_a_program_in_c() {
+    let source = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/dosing");
+    Folder::new().run("make", &["-C", source, "test"]).expect(0, "all as expected");
 }

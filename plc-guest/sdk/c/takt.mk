@@ -1,0 +1,18 @@
+# Makes objects of control programs in C: build/NAME.o of NAME.c, and build/takt.o, which each program needs. For the
+# end of a Makefile.
+TAKT ?= takt
+CC ?= gcc
+CFLAGS ?= -O2 -g -Wall -Wextra
+SDK := $(patsubst %/,%,$(dir $(lastword $(MAKEFILE_LIST))))
+# There is no C library and no loader: all addresses are fixed when the image is linked.
+FREESTANDING = -std=c11 -ffreestanding -fno-pie -fno-stack-protector -fno-math-errno \
+	-fno-asynchronous-unwind-tables -ffunction-sections -fdata-sections -mno-avx -I$(SDK)
+
+build/%.o: %.c $(SDK)/takt.h
+	@mkdir -p build
+	$(CC) $(CFLAGS) $(FREESTANDING) -c $< -o $@
+
+# gcc would make calls of memcpy of the loops that memcpy is made of.
+build/takt.o: $(SDK)/takt.c $(SDK)/takt.h
+	@mkdir -p build
+	$(CC) $(CFLAGS) $(FREESTANDING) -fno-builtin -fno-tree-loop-distribute-patterns -c $< -o $@
