@@ -78,3 +78,20 @@ fn a_project_without_a_mistake_is_checked_without_a_word() {
     let output = check(&["."], folder.path());
     assert_eq!((output.status.code(), error_text(&output)), (Some(0), String::new()));
 }
+
+#[test]
+fn a_time_as_a_number_is_refused_with_the_way_by_nanoseconds() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let checked = |value: &str| {
+        let text = format!(
+            "PROGRAM Main\nVAR t : TIME; r : LREAL; END_VAR\nt := T#1s;\nr := {value};\nt := T#2s * r;\nEND_PROGRAM\n"
+        );
+        std::fs::write(folder.path().join("main.st"), text).expect("it can be written");
+        let output = check(&["main.st"], folder.path());
+        (output.status.code(), error_text(&output))
+    };
+    let (status, text) = checked("TIME_TO_LREAL(t)");
+    assert_eq!(status, Some(2));
+    assert!(text.contains("hint: by nanoseconds: `LINT_TO_LREAL(TIME_TO_LINT(...))`"), "{text}");
+    assert_eq!(checked("LINT_TO_LREAL(TIME_TO_LINT(t))"), (Some(0), String::new()));
+}

@@ -194,3 +194,14 @@ END_TEST
     );
     folder.takt_plc(&["test", "main.st", "t.st"]).expect(0, "1 tests, all as expected");
 }
+
+/// A sequence of steps, a cascade, recipes, alarms, a ramp, a checksum, a buffer, references, arrays of any size, shifts:
+/// what automation engineers write, each in a file with a test.
+#[test]
+fn ten_programs_as_engineers_write_them_pass_their_tests() {
+    let project = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/programs/engineers");
+    let folder = Folder::new();
+    folder.takt_plc(&["fmt", "--check", project]).expect(0, "");
+    folder.takt_plc(&["test", project]).expect(0, "10 tests, all as expected");
+    folder.takt_plc(&["build", project, "-o", "engineers.plc"]).expect(0, "2 tasks");
+}

@@ -89,18 +89,12 @@ impl<'a> Body<'_, 'a> {
         if let Some(index) = self.variable(name) {
             return self.own_variable(index, name, access);
         }
-        if let Some(unit) = self.unit {
-            let entry = &self.checker.units[unit];
-            if entry.ast.name.key == name.key && entry.ast.kind == UnitKind::Function {
-                if let Some((local, ty)) = entry.result {
-                    self.result_assigned |= access == Access::Write;
-                    return Some(Place::local(local, ty));
-                }
-                let found = format!("the function `{}` has no result", name.text);
-                let one = Diagnostic::new(Code::WrongKind, name.span, found);
-                self.tell(one.hint("write the type of the result behind its name"));
+        if self.is_result(name) {
+            if access == Access::Write && self.counting.contains(&None) {
+                self.counted(name);
                 return None;
             }
+            return self.result(name, access);
         }
         match self.checker.names.get(&name.key).cloned() {
             Some(Entry::Global(global)) => {
@@ -125,6 +119,33 @@ impl<'a> Body<'_, 'a> {
         }
     }
 
+    /// Whether the name is that of the function whose body this is.
+    pub(super) fn is_result(&self, name: &Name) -> bool {
+        self.unit.is_some_and(|unit| {
+            let ast = self.checker.units[unit].ast;
+            ast.name.key == name.key && ast.kind == UnitKind::Function
+        })
+    }
+
+    /// The variable of the function's result.
+    pub(super) fn result(&mut self, name: &Name, access: Access) -> Option<Place> {
+        if let Some((local, ty)) = self.unit.and_then(|unit| self.checker.units[unit].result) {
+            self.result_assigned |= access == Access::Write;
+            return Some(Place::local(local, ty));
+        }
+        let found = format!("the function `{}` has no result", name.text);
+        let one = Diagnostic::new(Code::WrongKind, name.span, found);
+        self.tell(one.hint("write the type of the result behind its name"));
+        None
+    }
+
+    /// Tells of an assignment of a control variable.
+    fn counted(&mut self, name: &Name) {
+        let found = format!("`{}` is the control variable of a FOR around it", name.text);
+        let one = Diagnostic::new(Code::NotAssignable, name.span, found);
+        self.tell(one.hint("leave the loop with EXIT, or use WHILE"));
+    }
+
     fn own_variable(&mut self, index: usize, name: &Name, access: Access) -> Option<Place> {
         let variable = &mut self.variables[index];
         variable.read |= access == Access::Read;
@@ -137,15 +158,8 @@ impl<'a> Body<'_, 'a> {
             let wrong = match variable.kind {
                 _ if variable.constant => Some("a constant"),
                 SectionKind::Input if !instance => Some("an input of this unit"),
-                _ if self.counting.contains(&index) => {
-                    self.tell(
-                        Diagnostic::new(
-                            Code::NotAssignable,
-                            name.span,
-                            format!("`{}` is the control variable of a FOR around it", name.text),
-                        )
-                        .hint("leave the loop with EXIT, or use WHILE"),
-                    );
+                _ if self.counting.contains(&Some(index)) => {
+                    self.counted(name);
                     return None;
                 }
                 _ => None,
@@ -182,9 +196,10 @@ impl<'a> Body<'_, 'a> {
             Entry::Units(units) => match self.checker.units[units[0]].ast.kind {
                 UnitKind::Function => ("a function", "call it with parentheses"),
                 UnitKind::FunctionBlock => ("a function block", "declare an instance of it in VAR"),
-                UnitKind::Program | UnitKind::Test => {
-                    ("a program", "give it a task in a CONFIGURATION")
-                }
+                UnitKind::Program | UnitKind::Test => (
+                    "a program",
+                    "its variables are its own; share a global variable or an address",
+                ),
             },
             Entry::Global(_) => ("a variable", ""),
         };

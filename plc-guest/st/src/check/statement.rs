@@ -2,6 +2,7 @@
 
 use super::Entry;
 use super::body::Body;
+use super::place::Access;
 use super::types::is_integer;
 use super::unit::{Storage, is_part};
 use crate::diagnostic::{Code, Diagnostic};
@@ -160,10 +161,14 @@ impl<'a> Body<'_, 'a> {
         (from, to, by): (&'a Expression, &'a Expression, Option<&'a Expression>),
         body: &'a [Statement],
     ) -> Option<Hir> {
-        let place = self.control_variable(name);
-        let (Some(place), index) = (place, self.variable(name)) else {
+        let Some(place) = self.control_variable(name) else {
             self.looped(body);
             return None;
+        };
+        let own = match self.variable(name) {
+            None if self.is_result(name) => Some(None),
+            None => None,
+            index => Some(index),
         };
         let ty = place.ty;
         let from = self.value_of(from, ty);
@@ -173,9 +178,9 @@ impl<'a> Body<'_, 'a> {
             Some(by) => self.value_of(by, ty),
             None => Some(self.integer(ty, 1, name.span)),
         };
-        self.counting.extend(index);
+        self.counting.extend(own);
         let body = self.looped(body);
-        if index.is_some() {
+        if own.is_some() {
             self.counting.pop();
         }
         let (from, to, by) = (from?, to?, by?);
@@ -206,6 +211,7 @@ impl<'a> Body<'_, 'a> {
     /// The place of a loop's variable: of an integer type, without an index or reference on the way.
     fn control_variable(&mut self, name: &'a Name) -> Option<Place> {
         let index = self.variable(name);
+        let around = "the control variable of a FOR around this one";
         let place = match index {
             Some(index) => {
                 let variable = &mut self.variables[index];
@@ -215,22 +221,23 @@ impl<'a> Body<'_, 'a> {
                 let wrong = match &storage {
                     Storage::Reference(..) => Some("a VAR_IN_OUT"),
                     Storage::Constant(..) => Some("a constant"),
-                    _ if self.counting.contains(&index) => {
-                        Some("the control variable of a FOR around this one")
-                    }
+                    _ if self.counting.contains(&Some(index)) => Some(around),
                     _ if variable.kind == crate::syntax::ast::SectionKind::Input => {
                         Some("an input of this unit")
                     }
                     _ => None,
                 };
                 if let Some(wrong) = wrong {
-                    let found = format!("`{}` is {wrong}", name.text);
-                    let one = Diagnostic::new(Code::NotAssignable, name.span, found);
-                    self.tell(one.allowed("a variable of this unit, of an integer type"));
+                    self.no_control_variable(name, wrong);
                     return None;
                 }
                 self.checker.variable_place(self.unit, &storage, ty)?
             }
+            None if self.is_result(name) && self.counting.contains(&None) => {
+                self.no_control_variable(name, around);
+                return None;
+            }
+            None if self.is_result(name) => self.result(name, Access::Write)?,
             None => self.global_control(name)?,
         };
         if !self.plain(place.ty).is_some_and(is_integer) || is_part(&place) {
@@ -240,6 +247,12 @@ impl<'a> Body<'_, 'a> {
             return None;
         }
         Some(place)
+    }
+
+    fn no_control_variable(&mut self, name: &Name, wrong: &str) {
+        let found = format!("`{}` is {wrong}", name.text);
+        let one = Diagnostic::new(Code::NotAssignable, name.span, found);
+        self.tell(one.allowed("a variable of this unit, of an integer type"));
     }
 
     fn global_control(&mut self, name: &Name) -> Option<Place> {

@@ -274,7 +274,10 @@ impl<'a> Body<'_, 'a> {
         ast: &'a ast::Unit,
         structure: Option<TypeId>,
     ) -> Option<(LocalId, TypeId)> {
-        for section in &ast.sections {
+        // Constants first: sizes and initial values may need those of a section further down.
+        let (constants, others): (Vec<_>, Vec<_>) =
+            ast.sections.iter().partition(|section| section.constant.is_some());
+        for section in constants.into_iter().chain(others) {
             self.section(section, structure);
         }
         let result = self.type_spec(ast.result.as_ref()?, None)?;

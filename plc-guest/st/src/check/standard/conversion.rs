@@ -88,7 +88,17 @@ impl<'a> Body<'_, 'a> {
         let Some(way) = scalar.and_then(|from| way(from, to, truncates)) else {
             let found = format!("`{}` of {}", name.text, self.type_name(from));
             let one = Diagnostic::new(Code::WrongArguments, span, found);
-            self.tell(one.allowed("a conversion of the standard's tables 22 to 27"));
+            let one = one.allowed("a conversion of the standard's tables 22 to 27");
+            let is_time = |ty| is_duration(ty) || is_date(ty);
+            let is_number = |ty| is_integer(ty) || is_real(ty);
+            let hinted = match scalar {
+                Some(from) if is_time(from) && is_number(to) || is_number(from) && is_time(to) => {
+                    let (from, to) = (from.name(), to.name());
+                    one.hint(format!("by nanoseconds: `LINT_TO_{to}({from}_TO_LINT(...))`"))
+                }
+                _ => one,
+            };
+            self.tell(hinted);
             return None;
         };
         let day = |body: &Self, ty: TypeId| Box::new(body.integer(ty, DAY, span));
