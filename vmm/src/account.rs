@@ -7,13 +7,12 @@ use takt_devices::output::{Allowance, OutputEnd};
 use takt_devices::watchdog::Timer;
 use takt_scheduler::guard::GuardChange;
 use takt_scheduler::table::PartitionId;
-use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
+use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
 
-use crate::boot::StartMode;
-use crate::control::Orders;
 use crate::handoff::Taker;
 use crate::health::{Detail, Watch};
 use crate::kernel_watch::{KernelWatch, News};
+use crate::life::{Effects, Event, Finished, Life, Order, Refused};
 use crate::live::Banks;
 use crate::load;
 use crate::power_button::PowerButton;
@@ -23,29 +22,11 @@ use crate::screen::Screen;
 use crate::statistics;
 use crate::terminal::Lines;
 use crate::vcpu::Control;
-use crate::vcpu::guest::End;
 use crate::vcpu::guest_timer::Deadlines;
 use crate::vcpu::record::{Detour, Record, WindowRecord};
 use takt_record::WindowAssembler;
 
-/// What a vCPU's thread leaves behind.
-#[derive(Clone, Copy, Debug)]
-pub struct Finished {
-    /// Why it ended.
-    pub end: End,
-    /// When.
-    pub at: Tsc,
-    /// True if the guest had not scanned since its start; never for a guest without scans.
-    pub starting: bool,
-    /// Errors that were noted before.
-    pub noted: u64,
-    /// CPU time that it used.
-    pub cpu_time: Nanos,
-    /// Records that did not fit into the ring.
-    pub unrecorded: u64,
-}
-
-/// The event thread's side of a partition.
+/// The supervisor thread's side of a partition.
 pub struct Account {
     /// The name in front of its lines.
     pub name: String,
@@ -87,18 +68,8 @@ pub struct Account {
     pub restart: Option<Restart>,
     /// What its thread tells of its ends.
     pub ends: Taker<Finished>,
-    /// How often its guest was started anew.
-    pub restarts: u64,
-    /// Set once its guest has ended and is not started again.
-    pub finished: Option<Finished>,
-    /// True if an error of it has ended the run.
-    pub ended_run: bool,
-    /// How its guest was started last.
-    pub start_mode: StartMode,
-    /// What an operator wants of it.
-    pub orders: Orders,
-    /// An error of the host's for which its guest has to end.
-    pub host_fault: Option<Detail>,
+    /// Whether its guest runs, and what is to become of it.
+    pub life: Life,
     /// Output that is no whole line yet.
     pub lines: Lines,
 }
@@ -153,11 +124,45 @@ impl Account {
         self.load.as_ref()?.course(&self.name, end)
     }
 
-    /// Takes note that its guest was started anew.
-    pub fn restarted(&mut self, mode: StartMode) {
-        self.restarts += 1;
-        self.start_mode = mode;
-        self.orders = Orders::default();
+    /// With what can start its guest anew.
+    pub fn can_restart(&mut self, restart: Restart) {
+        self.life = Life::new(restart.starts());
+        self.restart = Some(restart);
+    }
+
+    /// Goes on by an event, and does what follows for its thread. The rest is the supervisor's.
+    pub fn step(&mut self, event: Event) -> Effects {
+        let effects = self.life.step(event);
+        self.carry_out(&effects);
+        effects
+    }
+
+    /// The same by an operator's order.
+    ///
+    /// # Errors
+    /// If it is refused.
+    pub fn order(&mut self, order: Order) -> Result<Effects, Refused> {
+        let effects = self.life.order(order)?;
+        self.carry_out(&effects);
+        Ok(effects)
+    }
+
+    fn carry_out(&mut self, effects: &Effects) {
+        if effects.halt {
+            self.control.halt();
+        }
+        if effects.release {
+            self.control.halted();
+        }
+        if let Some(start) = effects.load {
+            if let Some(restart) = &mut self.restart {
+                restart.start(start);
+            }
+            self.restarted();
+        }
+    }
+
+    fn restarted(&mut self) {
         if let Some(kernel) = &mut self.kernel {
             kernel.restarted();
         }
@@ -171,20 +176,8 @@ impl Account {
 
     /// Takes note of an error of the host's, and ends its guest if its table does not let it go on.
     pub fn raise(&mut self, detail: Detail, now: Nanos, show: impl FnMut(&str)) {
-        if self.finished.is_none() && !self.health.raise(detail, now, show).goes_on() {
-            self.host_fault = Some(detail);
-            self.control.halt();
-        }
-    }
-
-    /// Its thread has stopped: the same with the error of the host's that was the reason, if one was.
-    pub fn with_reason(&mut self, finished: Finished) -> Finished {
-        let Some(detail) = self.host_fault.take() else { return finished };
-        self.control.halted();
-        match finished.end {
-            End::Stopped => Finished { end: End::Raised(detail), ..finished },
-            // It has ended by itself before it was asked to.
-            _ => finished,
+        if self.life.is_up() && !self.health.raise(detail, now, show).goes_on() {
+            self.step(Event::HostFault(detail));
         }
     }
 
@@ -199,7 +192,7 @@ impl Account {
     /// Looks whether its kernel does something. A thread with windows is not asked: it has little to
     /// do in them, and how it is can be told from them.
     pub fn look_at_kernel(&mut self, base: &Timebase, now: Nanos) -> Option<News> {
-        let runs = self.finished.is_none() && self.control.has_guest();
+        let runs = self.life.is_up() && self.control.has_guest();
         let control = (runs && self.records.is_none()).then_some(&*self.control);
         self.kernel.as_mut()?.look(base, now, control)
     }

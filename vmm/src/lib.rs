@@ -25,6 +25,7 @@ pub mod init_watch;
 pub mod interrupts;
 pub mod kernel_tree;
 pub mod kernel_watch;
+pub mod life;
 pub mod linux_machine;
 pub mod live;
 pub mod machine;

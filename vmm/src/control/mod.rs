@@ -36,6 +36,6 @@ mod tracing;
 pub use channels::ViewError;
 pub use operator::Operator;
 pub use operators::Operators;
-pub use orders::{Order, Orders, Outcome};
+pub use orders::Outcome;
 pub use server::Server;
 pub use takt_protocol as protocol;

@@ -14,6 +14,7 @@ use super::protocol::{
 use crate::account::Account;
 use crate::health::Fault;
 use crate::host_ports::HostPorts;
+use crate::life::Order;
 use crate::live::{Live, ValueOrder};
 use crate::schedule_requests::ScheduleRequests;
 
@@ -53,10 +54,14 @@ impl Operated<'_> {
         Ok(&mut self.accounts[place])
     }
 
-    fn done(&mut self, partition: &str, outcome: Outcome) -> String {
+    /// Gives an order; the answer is its outcome, or `begun` if that is not known yet.
+    fn order(&mut self, partition: &str, order: Order, begun: &str) -> Result<String, Refusal> {
+        let Some(outcome) = self.find(partition)?.operate(order)? else {
+            return Ok(format!("{partition} {begun}"));
+        };
         let text = format!("{partition}: {}", outcome.text);
         self.outcomes.push((partition.to_owned(), outcome));
-        text
+        Ok(text)
     }
 
     fn channels(&mut self) -> Vec<ChannelStatus> {
@@ -97,10 +102,10 @@ impl Operator for Operated<'_> {
                 kind: facts.kind.to_owned(),
                 cpu: facts.cpu,
                 background: facts.background,
-                state: account.state(),
-                start_mode: account.start_mode.into(),
+                state: account.life.state(),
+                start_mode: account.life.start_mode().into(),
                 end: account.end(),
-                restarts: account.restarts,
+                restarts: account.life.restarts(),
                 cpu_time_ns: cpu_time.0,
                 cpu_share: cpu_time.0 as f64 / now.0.max(1) as f64,
                 illegal_accesses: account.health.count(Fault::IllegalRequest),
@@ -139,19 +144,15 @@ impl Operator for Operated<'_> {
     }
 
     fn stop(&mut self, partition: &str) -> Result<String, Refusal> {
-        self.find(partition)?.order_stop()
+        self.order(partition, Order::Stop, "stops")
     }
 
     fn start(&mut self, partition: &str, mode: Mode) -> Result<String, Refusal> {
-        let outcome = self.find(partition)?.order_start(mode.into())?;
-        Ok(self.done(partition, outcome))
+        self.order(partition, Order::Start(mode.into()), "starts")
     }
 
     fn restart(&mut self, partition: &str, mode: Mode) -> Result<String, Refusal> {
-        match self.find(partition)?.order_restart(mode.into())? {
-            Some(outcome) => Ok(self.done(partition, outcome)),
-            None => Ok(format!("{partition} stops, and starts again")),
-        }
+        self.order(partition, Order::Restart(mode.into()), "stops, and starts again")
     }
 
     fn switch_schedule(&mut self, name: &str) -> Result<String, Refusal> {

@@ -24,7 +24,6 @@ mod reporter;
 mod watch;
 
 pub use detail::{Access, ClockFault, Detail, Target, Text};
-pub use monitor::{Monitor, Reason, Verdict};
 pub use reporter::{Answer, Counts, Occurrence, Reporter};
 pub use takt_plan::health::{ACTIONS, Action, FAULTS, Fault, Limit, Table};
 pub use watch::Watch;

@@ -10,11 +10,11 @@ use rtrb::Consumer;
 use takt_scheduler::time::{Nanos, Timebase};
 
 use super::detail::Detail;
-use super::monitor::{Monitor, Verdict};
+use super::monitor::Monitor;
 use super::reporter::{Counts, Occurrence, Reporter};
 use super::{Action, Table};
 use super::{FAULTS, Fault};
-use crate::account::Finished;
+use crate::life::Finished;
 use crate::report;
 
 /// Lines a second about errors that a guest survives.
@@ -143,7 +143,7 @@ impl Watch {
         finished: &Finished,
         base: Timebase,
         mut show: impl FnMut(&str),
-    ) -> Option<Verdict> {
+    ) -> Option<Action> {
         let fault = finished.end.fault()?;
         let at = base.offset(finished.at);
         self.take(base, at, &mut show);
@@ -156,7 +156,7 @@ impl Watch {
         if self.list.len() < LISTED_WITH_ENDS {
             self.list.push(event);
         }
-        Some(verdict)
+        Some(verdict.action)
     }
 
     /// Counts the notes before this one that did not fit into the ring.
@@ -233,8 +233,8 @@ mod tests {
         reporter.end(End::TripleFault);
         let mut lines = Vec::new();
         let end = finished(End::TripleFault, 9, reporter.noted());
-        let verdict = watch.end(&end, BASE, |line| lines.push(line.to_owned()));
-        assert_eq!(verdict.unwrap().action, Action::Idle);
+        let action = watch.end(&end, BASE, |line| lines.push(line.to_owned()));
+        assert_eq!(action, Some(Action::Idle));
         assert_eq!(
             lines,
             [

@@ -103,7 +103,7 @@ impl Preparation<'_> {
         let (restart, revivals) = Restart::new(LinuxLoader(board), self.spawner)?;
         let processor = Processor { vcpu, ready: |_: &mut VcpuFd| Ok(()) };
         let mut prepared = self.spawn(partition, processor, memory, guest, output, revivals)?;
-        prepared.account.restart = Some(restart);
+        prepared.account.can_restart(restart);
         prepared.account.is_terminal = true;
         if let Some(deadlines) = &self.deadlines {
             deadlines.served_by(prepared.account.control.clone());

@@ -106,7 +106,7 @@ impl Preparation<'_> {
         };
         let processor = Processor { vcpu: machine.vcpu, ready };
         let mut prepared = self.spawn(partition, processor, memory, guest, output, revivals)?;
-        prepared.account.restart = Some(restart);
+        prepared.account.can_restart(restart);
         prepared.account.banks = banks;
         Ok(prepared)
     }

@@ -13,15 +13,15 @@ use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use vmm_sys_util::eventfd::EventFd;
 
 use super::{Preparation, Prepared};
-use crate::account::{Account, Finished};
+use crate::account::Account;
 use crate::boot::StartMode;
 use crate::boot::touch::TouchError;
 use crate::config::{Kind, Partition, ScheduleChange};
-use crate::control::Orders;
 use crate::event;
 use crate::handoff::{Giver, Gone, handoff};
 use crate::health::bus_locks::BusLocks;
 use crate::health::{Reporter, Watch};
+use crate::life::{Finished, Life, Starts};
 use crate::memory::GuestMemory;
 use crate::restart::{Revival, Revivals};
 use crate::run_error::RunError;
@@ -167,13 +167,8 @@ impl Preparation<'_> {
             banks: None,
             power_button: None,
             restart: None,
-            restarts: 0,
-            finished: None,
+            life: Life::new(Starts::None),
             ends,
-            ended_run: false,
-            start_mode: StartMode::Cold,
-            orders: Orders::default(),
-            host_fault: None,
             lines: Lines::default(),
         };
         Ok(Prepared { account, thread, disks: Vec::new(), linux: None })

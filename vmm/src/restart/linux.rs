@@ -6,6 +6,7 @@ use std::time::Duration;
 use super::{Loader, Revival};
 use crate::boot::Start;
 use crate::handoff::{Giver, handoff};
+use crate::life::Starts;
 use crate::linux_machine::LinuxMachine;
 use crate::run_error::RunError;
 use crate::sandbox::Kind;
@@ -21,7 +22,7 @@ pub struct LinuxLoader(pub LinuxMachine);
 impl Loader for LinuxLoader {
     type Guest = LinuxGuest;
     const THREAD: (&str, Kind) = ("loader", Kind::Loader);
-    const RETAINS: bool = false;
+    const STARTS: Starts = Starts::Cold;
 
     fn load(&mut self, _: Start, thread: &mut Giver<Revival<LinuxGuest>>) -> Result<(), RunError> {
         let (vcpu, new) = self.0.start_anew()?;

@@ -16,6 +16,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::boot::Start;
 use crate::handoff::{Giver, Taker, handoff};
+use crate::life::Starts;
 use crate::run_error::RunError;
 use crate::sandbox::Kind;
 use crate::vcpu::kick::Kickable;
@@ -39,8 +40,8 @@ pub trait Loader: Send + 'static {
     type Guest: 'static;
     /// Name and kind of the thread.
     const THREAD: (&str, Kind);
-    /// Whether a guest finds what it retained, so that a warm start is another than a cold one.
-    const RETAINS: bool;
+    /// Which starts a guest can have. One that retains nothing has no warm start.
+    const STARTS: Starts;
 
     /// Loads the guest, and gives its thread the word. The guest must not run any more.
     ///
@@ -57,7 +58,7 @@ pub trait Loader: Send + 'static {
 pub struct Restart {
     orders: Giver<Start>,
     failure: Failure,
-    retains: bool,
+    starts: Starts,
 }
 
 impl Restart {
@@ -83,7 +84,7 @@ impl Restart {
         };
         let (name, kind) = L::THREAD;
         spawn(name, kind, Box::new(work))?;
-        Ok((Self { orders, failure, retains: L::RETAINS }, revivals))
+        Ok((Self { orders, failure, starts: L::STARTS }, revivals))
     }
 
     /// Orders the guest to be loaded and its thread to go on. The thread must have told of its end. If it
@@ -99,10 +100,10 @@ impl Restart {
         lock(&self.failure).take()
     }
 
-    /// Whether a guest finds what it retained.
+    /// Which starts the guest can have.
     #[must_use]
-    pub fn retains(&self) -> bool {
-        self.retains
+    pub fn starts(&self) -> Starts {
+        self.starts
     }
 }
 

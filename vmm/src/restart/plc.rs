@@ -10,6 +10,7 @@ use crate::boot::programs::Programs;
 use crate::channels::OwnRegion;
 use crate::handoff::Giver;
 use crate::interrupts::apic;
+use crate::life::Starts;
 use crate::memory::GuestMemory;
 use crate::passthrough::vfio::Space;
 use crate::run_error::RunError;
@@ -37,7 +38,7 @@ pub struct PlcLoader {
 impl Loader for PlcLoader {
     type Guest = PlcGuest;
     const THREAD: (&str, Kind) = ("plc-loader", Kind::PlcLoader);
-    const RETAINS: bool = true;
+    const STARTS: Starts = Starts::ColdAndWarm;
 
     fn load(
         &mut self,

@@ -79,7 +79,7 @@ impl Run<'_> {
         linux: Option<&LinuxParts>,
         base: Timebase,
     ) -> report::Partition {
-        let finished = account.finished;
+        let finished = account.life.finished();
         let unrecorded = finished.map_or(0, |f| f.unrecorded);
         let schedules = self.file.schedules();
         let cpu_time = finished.map_or(Nanos::ZERO, |f| f.cpu_time);
@@ -107,8 +107,8 @@ impl Run<'_> {
                 Some(Pages::Huge(size)) => size.bytes(),
                 _ => PAGE,
             },
-            failed: account.ended_run || finished.is_none_or(|f| f.end.is_failure()),
-            restarts: account.restarts,
+            failed: account.life.ended_run() || finished.is_none_or(|f| f.end.is_failure()),
+            restarts: account.life.restarts(),
             cpu_share: cpu_time.0 as f64 / duration.0.max(1) as f64,
             events: account.health.report(),
             illegal_accesses: account.health.count(Fault::IllegalRequest),

@@ -9,6 +9,7 @@ use event_manager::{EventOps, EventSet, Events, MutEventSubscriber};
 
 use super::Supervisor;
 use crate::account::Account;
+use crate::control::protocol::State;
 use crate::host_ports::HostPorts;
 use crate::interrupts::Interrupts;
 use crate::linux_machine;
@@ -84,7 +85,7 @@ impl MutEventSubscriber for Supervisor {
             let _ = self.sources.endings.read();
             self.note_endings();
             // What an operator has stopped he may start again.
-            let goes_on = |a: &Account| a.finished.is_none() || a.orders.stopped();
+            let goes_on = |a: &Account| a.life.state() != State::Ended;
             self.running &= self.accounts.iter().any(goes_on);
             self.running &= !self.leaving || self.awaits_power_off();
         } else {

@@ -51,7 +51,7 @@ impl Supervisor {
     /// none to press.
     fn ask_to_power_off(&mut self, now: Nanos) -> Option<Nanos> {
         let mut longest = None;
-        for account in self.accounts.iter_mut().filter(|account| account.finished.is_none()) {
+        for account in self.accounts.iter_mut().filter(|account| account.life.is_up()) {
             let Some(button) = &mut account.power_button else { continue };
             if !account.control.has_guest() {
                 continue;
@@ -72,7 +72,7 @@ impl Supervisor {
 
 /// Whether a guest has been asked and has not ended.
 fn is_awaited(account: &Account) -> bool {
-    account.finished.is_none() && is_asked(account)
+    account.life.is_up() && is_asked(account)
 }
 
 /// Whether a guest has been asked, and so is not started again whatever its end.

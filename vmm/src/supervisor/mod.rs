@@ -26,16 +26,16 @@ use takt_scheduler::quiet::QuietTimes;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 
-use crate::account::{Account, Finished};
-use crate::boot::{Start, StartMode, StartReason};
+use crate::account::Account;
 use crate::control::protocol::EventKind;
 use crate::control::{Operators, Outcome};
-use crate::health::{Action, Detail, Verdict};
+use crate::health::Detail;
 use crate::host_clock::HostClock;
 use crate::host_ports::HostPorts;
 use crate::host_watchdog::HostWatchdog;
 use crate::init_watch::Console;
 use crate::interrupts::Interrupts;
+use crate::life::{Effects, Event, Finished, Told};
 use crate::outlet::Trace;
 use crate::restart::Restart;
 use crate::schedule_requests::ScheduleRequests;
@@ -240,7 +240,7 @@ impl Supervisor {
         loop {
             let told = self.accounts.iter_mut().enumerate().filter_map(|(id, account)| {
                 let finished = account.ends.take().ok()??;
-                Some((PartitionId(id), account.with_reason(finished)))
+                Some((PartitionId(id), account.life.cause(finished)))
             });
             let mut told: Vec<_> = told.collect();
             if told.is_empty() {
@@ -250,67 +250,42 @@ impl Supervisor {
             // What they said last comes before the news of their ends.
             self.drain();
             for (id, finished) in told {
-                let start = self.judge(id, &finished);
-                self.follow(id, finished, start);
+                self.note_end(id, finished);
             }
         }
     }
 
-    /// Says how a partition has ended, and decides whether it is to be started anew.
-    fn judge(&mut self, id: PartitionId, finished: &Finished) -> Option<Start> {
+    /// Says how a partition's guest has ended, and does what follows.
+    fn note_end(&mut self, id: PartitionId, finished: Finished) {
         let (base, now) = (self.desk.base(), self.desk.now());
-        let account = self.accounts.get_mut(id.0)?;
+        let Some(account) = self.accounts.get_mut(id.0) else { return };
         account.finish_line(id, &mut self.screen);
-        let Account { name, health, ended_run, .. } = account;
-        if let End::ScheduleChange(mode) = finished.end {
+        let Account { name, health, .. } = account;
+        if let End::ScheduleChange(_) = finished.end {
             self.screen.line("takt", &format!("{name}: {}", finished.end));
-            return Some(Start { mode, reason: StartReason::ScheduleChange });
         }
-        let verdict = health.end(finished, base, |line| {
+        let action = health.end(&finished, base, |line| {
             self.screen.line("takt", &format!("{name}: {line}"));
             tell(&mut self.operators, now, EventKind::Health, Some(name), line);
         });
-        if matches!(verdict, Some(verdict) if verdict.action == Action::ShutDown) {
-            *ended_run = true;
-            self.running = false;
+        if let Some(error) = account.restart.as_ref().and_then(Restart::failure) {
+            self.screen.line("takt", &format!("{}: {error}", account.name));
         }
-        start_of(verdict)
-    }
-
-    /// Does what follows from a partition's end: an operator's order, if there is one, or else
-    /// `start`.
-    fn follow(&mut self, id: PartitionId, finished: Finished, start: Option<Start>) {
-        let now = self.desk.now();
-        let Some(account) = self.accounts.get_mut(id.0) else { return };
-        if let Some(Outcome { kind, text }) = account.obey(finished) {
+        let leaving = leaving::is_asked(account);
+        let Effects { end_run, told, .. } = account.step(Event::Left { finished, action, leaving });
+        self.running &= !end_run;
+        let Some(told) = told else { return };
+        if let Some(Outcome { kind, text }) = account.outcome(told) {
             self.screen.line("takt", &format!("{}: {text}", account.name));
             tell(&mut self.operators, now, kind, Some(&account.name), &text);
             return;
         }
-        let failure = account.restart.as_ref().and_then(Restart::failure);
-        let start = start.filter(|_| {
-            let asked = leaving::is_asked(account);
-            if asked {
-                let text = format!("{}: not started again, since the run ends", account.name);
-                self.screen.line("takt", &text);
-            }
-            !asked
-        });
-        let started = start.filter(|start| {
-            account.restart.as_mut().map(|restart| restart.start(*start)).is_some()
-        });
-        if let Some(error) = failure {
-            self.screen.line("takt", &format!("{}: {error}", account.name));
+        if told == Told::NotStarted {
+            let text = format!("{}: not started again, since the run ends", account.name);
+            self.screen.line("takt", &text);
         }
-        let kind = if let Some(start) = started {
-            account.restarted(start.mode);
-            EventKind::Restarted
-        } else {
-            account.finished = Some(finished);
-            EventKind::Ended
-        };
-        let text = finished.end.to_string();
-        tell(&mut self.operators, now, kind, Some(&account.name), &text);
+        let kind = if told == Told::Restarted { EventKind::Restarted } else { EventKind::Ended };
+        tell(&mut self.operators, now, kind, Some(&account.name), &finished.end.to_string());
     }
 
     /// Lets go of the threads whose guests have ended, and makes no guest wait any more.
@@ -319,7 +294,7 @@ impl Supervisor {
         self.over = true;
         for account in &mut self.accounts {
             account.restart = None;
-            account.orders.forget();
+            account.step(Event::RunOver);
         }
         self
     }
@@ -373,16 +348,6 @@ impl Supervisor {
             tell(&mut self.operators, now, outcome.kind, Some(&name), &outcome.text);
         }
     }
-}
-
-/// The start that a verdict asks for.
-fn start_of(verdict: Option<Verdict>) -> Option<Start> {
-    let mode = match verdict?.action {
-        Action::ColdStart => StartMode::Cold,
-        Action::WarmStart => StartMode::Warm,
-        Action::Ignore | Action::Log | Action::Idle | Action::ShutDown => return None,
-    };
-    Some(Start { mode, reason: StartReason::HealthMonitor })
 }
 
 /// Tells the clients of the control socket of an event.
