@@ -1,4 +1,4 @@
-//! The event thread: keyboard, screen, clock of the run, and the account of each partition.
+//! The supervisor thread: keyboard, screen, clock of the run, and the account of each partition.
 //!
 //! It is an ordinary thread and may be as late as it likes: vCPU threads never wait for it. They
 //! leave what they have to tell in rings, and it looks at those many times a second. Only five
@@ -10,6 +10,7 @@
 //! ([`outlet`](crate::outlet)), reading files, loading guests ([`restart`](crate::restart)). What it does in
 //! one turn is bounded, whatever guests and clients do.
 
+mod endings;
 pub mod error;
 mod events;
 mod leaving;
@@ -27,27 +28,24 @@ use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 
 use crate::account::Account;
+use crate::control::Operators;
 use crate::control::protocol::EventKind;
-use crate::control::{Operators, Outcome};
 use crate::health::Detail;
 use crate::host_clock::HostClock;
 use crate::host_ports::HostPorts;
 use crate::host_watchdog::HostWatchdog;
 use crate::init_watch::Console;
 use crate::interrupts::Interrupts;
-use crate::life::{Effects, Event, Finished, Told};
 use crate::outlet::Trace;
-use crate::restart::Restart;
 use crate::schedule_requests::ScheduleRequests;
 use crate::screen::Screen;
-use crate::vcpu::guest::End;
 use error::{SupervisorError, cannot};
 use own_timers::OwnTimers;
 pub use signals::take_signals;
 pub use sources::Sources;
 use typing::Typing;
 
-/// The state of the event thread.
+/// The state of the supervisor thread.
 pub struct Supervisor {
     /// All partitions, by [`PartitionId`].
     pub accounts: Vec<Account>,
@@ -233,70 +231,6 @@ impl Supervisor {
         for news in interrupts.take_news() {
             self.screen.line("takt", &news);
         }
-    }
-
-    /// Takes note of the partitions whose threads have ended.
-    pub fn note_endings(&mut self) {
-        loop {
-            let told = self.accounts.iter_mut().enumerate().filter_map(|(id, account)| {
-                let finished = account.ends.take().ok()??;
-                Some((PartitionId(id), account.life.cause(finished)))
-            });
-            let mut told: Vec<_> = told.collect();
-            if told.is_empty() {
-                return;
-            }
-            told.sort_by_key(|(_, finished)| finished.at);
-            // What they said last comes before the news of their ends.
-            self.drain();
-            for (id, finished) in told {
-                self.note_end(id, finished);
-            }
-        }
-    }
-
-    /// Says how a partition's guest has ended, and does what follows.
-    fn note_end(&mut self, id: PartitionId, finished: Finished) {
-        let (base, now) = (self.desk.base(), self.desk.now());
-        let Some(account) = self.accounts.get_mut(id.0) else { return };
-        account.finish_line(id, &mut self.screen);
-        let Account { name, health, .. } = account;
-        if let End::ScheduleChange(_) = finished.end {
-            self.screen.line("takt", &format!("{name}: {}", finished.end));
-        }
-        let action = health.end(&finished, base, |line| {
-            self.screen.line("takt", &format!("{name}: {line}"));
-            tell(&mut self.operators, now, EventKind::Health, Some(name), line);
-        });
-        if let Some(error) = account.restart.as_ref().and_then(Restart::failure) {
-            self.screen.line("takt", &format!("{}: {error}", account.name));
-        }
-        let leaving = leaving::is_asked(account);
-        let Effects { end_run, told, .. } = account.step(Event::Left { finished, action, leaving });
-        self.running &= !end_run;
-        let Some(told) = told else { return };
-        if let Some(Outcome { kind, text }) = account.outcome(told) {
-            self.screen.line("takt", &format!("{}: {text}", account.name));
-            tell(&mut self.operators, now, kind, Some(&account.name), &text);
-            return;
-        }
-        if told == Told::NotStarted {
-            let text = format!("{}: not started again, since the run ends", account.name);
-            self.screen.line("takt", &text);
-        }
-        let kind = if told == Told::Restarted { EventKind::Restarted } else { EventKind::Ended };
-        tell(&mut self.operators, now, kind, Some(&account.name), &finished.end.to_string());
-    }
-
-    /// Lets go of the threads whose guests have ended, and makes no guest wait any more.
-    #[must_use]
-    pub fn without_restarts(mut self) -> Self {
-        self.over = true;
-        for account in &mut self.accounts {
-            account.restart = None;
-            account.step(Event::RunOver);
-        }
-        self
     }
 
     /// Says which kernels do nothing any more.
