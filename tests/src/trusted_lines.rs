@@ -21,6 +21,9 @@ const TRUSTED: [(&str, &str); 12] = [
     ("plc-guest/change/src", "changes of control programs"),
 ];
 
+/// Files that only a build with the feature `test-hooks` has: nothing of them is in what users run.
+const HOOKS: [&str; 2] = ["vmm/src/hooks/present.rs", "vmm/src/hooks/forbidden_call.rs"];
+
 /// Lines of each of these folders: the folder, what it is, and the lines.
 ///
 /// # Errors
@@ -53,6 +56,8 @@ fn lines_below(folder: &Path) -> io::Result<usize> {
         let name = path.file_name().and_then(|name| name.to_str()).unwrap_or("");
         if path.is_dir() {
             sum += if name == "tests" { 0 } else { lines_below(&path)? };
+        } else if HOOKS.iter().any(|hook| path.ends_with(hook)) {
+            // Not built.
         } else if name.ends_with(".rs") && name != "tests.rs" && !name.ends_with("_tests.rs") {
             sum += code_lines(&fs::read_to_string(&path)?);
         }

@@ -8,11 +8,12 @@ use std::sync::{Arc, LazyLock};
 use std::time::Instant;
 
 use kvm_ioctls::{Kvm, VcpuFd, VmFd};
-use takt_devices::ports::PortBus;
+use takt_devices::ports::{Overlap, PortBus};
 use takt_devices::power::{AcpiPower, KeyboardController, PowerLine};
 use takt_devices::serial;
 use takt_devices::watchdog::{self, Timer, Watchdog};
 use takt_scheduler::time::{Nanos, TscFrequency};
+use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress};
 use vmm_sys_util::eventfd::EventFd;
 
@@ -20,7 +21,7 @@ use crate::boot;
 use crate::boot::acpi::{
     AcpiConfig, POWER_BUTTON_GSI, POWER_PORT, SERIAL_IRQ, SERIAL_PORT, WATCHDOG_PORT,
 };
-use crate::boot::linux::Image;
+use crate::boot::linux::{Image, LinuxImageError};
 use crate::boot::long_mode::{self, StartError};
 use crate::disk::Drive;
 use crate::init_watch::Console;
@@ -29,11 +30,26 @@ use takt_plan::linux_map::{HOLE_END, HOLE_START, PCI_WINDOW};
 
 use crate::memory::GuestMemory;
 use crate::net::Interface;
-use crate::pci::PciPortDevice;
-use crate::run_error::RunError;
+use crate::pci::{PciError, PciPortDevice};
 use crate::vcpu::guest_timer::{Deadlines, GuestTimer};
 use crate::vcpu::kick;
 use crate::vcpu::linux::LinuxGuest;
+
+/// A Linux's machine could not be made.
+#[derive(Debug, Error)]
+#[expect(missing_docs, reason = "each wraps the error of the module that its name says")]
+pub enum LinuxMachineError {
+    #[error(transparent)]
+    Machine(#[from] MachineError),
+    #[error("partition {partition}: {source}")]
+    Image { partition: String, source: LinuxImageError },
+    #[error(transparent)]
+    Start(#[from] StartError),
+    #[error(transparent)]
+    Pci(#[from] PciError),
+    #[error("two devices of the Linux machine collide: {0}")]
+    Ports(#[from] Overlap),
+}
 
 /// A watchdog that waits so long for a sign of life.
 #[must_use]
@@ -92,8 +108,8 @@ impl LinuxMachine {
     /// processor, about to execute the first instruction.
     ///
     /// # Errors
-    /// See [`RunError`].
-    pub fn start(&mut self) -> Result<(VcpuFd, LinuxGuest), RunError> {
+    /// See [`LinuxMachineError`].
+    pub fn start(&mut self) -> Result<(VcpuFd, LinuxGuest), LinuxMachineError> {
         self.vm = None;
         let fittings = AcpiConfig {
             pci: self.card.as_ref().map(|_| PCI_WINDOW),
@@ -108,7 +124,7 @@ impl LinuxMachine {
             &self.cmdline,
             fittings,
         )
-        .map_err(|source| RunError::Linux { partition: self.partition.clone(), source })?;
+        .map_err(|source| LinuxMachineError::Image { partition: self.partition.clone(), source })?;
         let owner = if self.deadlines.is_some() { TimerOwner::Takt } else { TimerOwner::Kvm };
         let Machine { vcpu, vm, tsc } = machine::for_linux(&self.kvm, &self.memory, owner)?;
         long_mode::start(&vcpu, self.memory.regions(), entry)?;
@@ -150,8 +166,8 @@ impl LinuxMachine {
     /// As [`start`](Self::start), after a guest has run there. The guest must not run any more.
     ///
     /// # Errors
-    /// See [`RunError`].
-    pub fn start_anew(&mut self) -> Result<(VcpuFd, LinuxGuest), RunError> {
+    /// See [`LinuxMachineError`].
+    pub fn start_anew(&mut self) -> Result<(VcpuFd, LinuxGuest), LinuxMachineError> {
         self.vm = None;
         self.console.reset();
         // What a disk still read, or a packet that came, would lie in the new guest's memory.

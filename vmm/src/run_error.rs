@@ -3,10 +3,8 @@
 use std::io;
 use std::path::PathBuf;
 
-use takt_devices::ports::Overlap;
 use thiserror::Error;
 
-use crate::boot::linux::LinuxImageError;
 use crate::boot::long_mode::StartError;
 use crate::boot::plc::PlcImageError;
 use crate::boot::programs::ProgramError;
@@ -18,6 +16,7 @@ use crate::event::EventError;
 use crate::host_ports::HostPortError;
 use crate::huge_pages::HugePageError;
 use crate::interrupts::InterruptError;
+use crate::linux_machine::LinuxMachineError;
 use crate::live::LiveError;
 use crate::machine::MachineError;
 use crate::memory::MemoryError;
@@ -43,11 +42,9 @@ pub enum RunError {
     #[error("partition {partition}: {source}")]
     Plc { partition: String, source: PlcImageError },
     #[error(transparent)]
-    Reload(PlcImageError),
-    #[error(transparent)]
     Program(#[from] ProgramError),
-    #[error("partition {partition}: {source}")]
-    Linux { partition: String, source: LinuxImageError },
+    #[error(transparent)]
+    Linux(#[from] LinuxMachineError),
     #[error(transparent)]
     Channel(#[from] ChannelError),
     #[error(transparent)]
@@ -78,8 +75,6 @@ pub enum RunError {
     Sandbox(#[from] SandboxError),
     #[error(transparent)]
     Pci(#[from] PciError),
-    #[error("two devices of the Linux machine collide: {0}")]
-    Ports(#[from] Overlap),
     #[error(
         "cannot serve the host's watchdog, /dev/watchdog: {0}; is its driver loaded, and is it free of other users?"
     )]
@@ -110,7 +105,7 @@ impl RunError {
         matches!(
             self,
             RunError::Plc { .. }
-                | RunError::Linux { .. }
+                | RunError::Linux(LinuxMachineError::Image { .. })
                 | RunError::Disk(DiskError::File(_))
                 | RunError::Control(SocketError::InUse(_) | SocketError::NotASocket(_))
         )

@@ -18,7 +18,7 @@ use crate::disk::Drive;
 use crate::event;
 use crate::init_watch::{InitSeen, InitWatch, PanicSeen};
 use crate::kernel_watch::KernelWatch;
-use crate::linux_machine::{self, LinuxMachine};
+use crate::linux_machine::{self, LinuxMachine, LinuxMachineError};
 use crate::machine;
 use crate::memory::GuestMemory;
 use crate::net::{self, Interface};
@@ -38,7 +38,8 @@ impl Preparation<'_> {
         initrd: Option<&Path>,
         cmdline: &str,
     ) -> Result<Prepared, RunError> {
-        let unfit = |source| RunError::Linux { partition: partition.name().to_owned(), source };
+        let unfit =
+            |source| LinuxMachineError::Image { partition: partition.name().to_owned(), source };
         let unplugged = |source| RunError::Net { partition: partition.name().to_owned(), source };
         let pci = Pci::new(self.channels.of(partition.id(), partition.kind()))?;
         let views = pci.as_ref().map(Pci::views).unwrap_or_default();

@@ -3,12 +3,11 @@
 
 use std::time::Duration;
 
-use super::{Loader, Revival};
+use super::{LoadError, Loader, Revival};
 use crate::boot::Start;
 use crate::handoff::{Giver, handoff};
 use crate::life::Starts;
 use crate::linux_machine::LinuxMachine;
-use crate::run_error::RunError;
 use crate::sandbox::Kind;
 use crate::vcpu::exit_count::ExitCount;
 use crate::vcpu::linux::LinuxGuest;
@@ -24,7 +23,7 @@ impl Loader for LinuxLoader {
     const THREAD: (&str, Kind) = ("loader", Kind::Loader);
     const STARTS: Starts = Starts::Cold;
 
-    fn load(&mut self, _: Start, thread: &mut Giver<Revival<LinuxGuest>>) -> Result<(), RunError> {
+    fn load(&mut self, _: Start, thread: &mut Giver<Revival<LinuxGuest>>) -> Result<(), LoadError> {
         let (vcpu, new) = self.0.start_anew()?;
         let (mut replace, mut replaced) = handoff(1);
         let exit_count = ExitCount::of(&vcpu);

@@ -14,10 +14,17 @@ mod plc;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use thiserror::Error;
+
 use crate::boot::Start;
+use crate::boot::long_mode::StartError;
+use crate::boot::plc::PlcImageError;
+use crate::boot::programs::ProgramError;
+use crate::channels::ChannelError;
 use crate::handoff::{Giver, Taker, handoff};
 use crate::life::Starts;
-use crate::run_error::RunError;
+use crate::linux_machine::LinuxMachineError;
+use crate::passthrough::error::DeviceError;
 use crate::sandbox::Kind;
 use crate::vcpu::kick::Kickable;
 use crate::vcpu::thread::{Spawn, ThreadError};
@@ -32,7 +39,25 @@ pub type Revival<G> = Box<dyn FnOnce(&mut Kickable, &mut G) -> bool + Send>;
 /// Where a partition's thread gets the word. It may be a deadline thread, so it never waits here.
 pub type Revivals<G> = Taker<Revival<G>>;
 
-type Failure = Arc<Mutex<Option<RunError>>>;
+/// A guest could not be loaded anew.
+#[derive(Debug, Error)]
+#[expect(missing_docs, reason = "each wraps the error of the module that its name says")]
+pub enum LoadError {
+    #[error(transparent)]
+    Linux(#[from] LinuxMachineError),
+    #[error(transparent)]
+    Plc(#[from] PlcImageError),
+    #[error(transparent)]
+    Program(#[from] ProgramError),
+    #[error(transparent)]
+    Channel(#[from] ChannelError),
+    #[error(transparent)]
+    Start(#[from] StartError),
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+}
+
+type Failure = Arc<Mutex<Option<LoadError>>>;
 
 /// What loads a guest anew, on a thread of its own.
 pub trait Loader: Send + 'static {
@@ -46,12 +71,12 @@ pub trait Loader: Send + 'static {
     /// Loads the guest, and gives its thread the word. The guest must not run any more.
     ///
     /// # Errors
-    /// See [`RunError`]. Then there was no word.
+    /// See [`LoadError`]. Then there was no word.
     fn load(
         &mut self,
         start: Start,
         thread: &mut Giver<Revival<Self::Guest>>,
-    ) -> Result<(), RunError>;
+    ) -> Result<(), LoadError>;
 }
 
 /// What is needed to start a guest anew. When it is dropped, the thread that loads comes to its end.
@@ -96,7 +121,7 @@ impl Restart {
 
     /// Why the guest could not be loaded, if its thread has told so.
     #[must_use]
-    pub fn failure(&self) -> Option<RunError> {
+    pub fn failure(&self) -> Option<LoadError> {
         lock(&self.failure).take()
     }
 
@@ -108,6 +133,6 @@ impl Restart {
 }
 
 /// Nothing that happens under the lock leaves it half-done.
-fn lock(failure: &Failure) -> MutexGuard<'_, Option<RunError>> {
+fn lock(failure: &Failure) -> MutexGuard<'_, Option<LoadError>> {
     failure.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{Loader, Revival};
+use super::{LoadError, Loader, Revival};
 use crate::boot::Start;
 use crate::boot::long_mode::{self, StartError};
 use crate::boot::plc::PlcImage;
@@ -13,7 +13,6 @@ use crate::interrupts::apic;
 use crate::life::Starts;
 use crate::memory::GuestMemory;
 use crate::passthrough::vfio::Space;
-use crate::run_error::RunError;
 use crate::sandbox::Kind;
 use crate::vcpu::first_state::FirstState;
 use crate::vcpu::kick::Kickable;
@@ -44,14 +43,14 @@ impl Loader for PlcLoader {
         &mut self,
         start: Start,
         thread: &mut Giver<Revival<PlcGuest>>,
-    ) -> Result<(), RunError> {
+    ) -> Result<(), LoadError> {
         if let Some(space) = &self.space {
             space.stop()?;
         }
         if let Some(programs) = &self.programs {
             programs.begin_start();
         }
-        let entry = self.image.reload(&self.memory, start.mode).map_err(RunError::Reload)?;
+        let entry = self.image.reload(&self.memory, start.mode)?;
         if let Some(programs) = &self.programs {
             let table = programs.load(&self.memory)?;
             if let Some(mut page) = self.memory.program_table() {
