@@ -1,7 +1,7 @@
 //! The way of a guest's console output to the terminal.
 //!
 //! A vCPU thread must not write to a terminal: it could block, and the PLC's must not even make
-//! the call. Bytes go through a ring that was allocated at start-up; the event thread takes them
+//! the call. Bytes go through a ring that was allocated at start-up; the supervisor thread takes them
 //! out. When the ring is full the kinds of guest differ. One with windows drops and counts, because
 //! nothing may hold it up, nor wake it while others have windows. A Linux in the background waits, because
 //! it can, and loses nothing as long as somebody reads.
@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use rtrb::{Consumer, Producer, RingBuffer};
 
-/// Bytes that a ring holds: the event thread empties it many times a second.
+/// Bytes that a ring holds: the supervisor thread empties it many times a second.
 const CAPACITY: usize = 16 * 1024;
 /// How long a waiting writer sleeps before it looks again.
 pub(crate) const RETRY: Duration = Duration::from_millis(1);

@@ -1,7 +1,7 @@
 //! The serial port that is the Linux guest's console.
 //!
 //! The registers are vm-superio's. What is added here: the lock between the vCPU thread, which
-//! makes the guest's accesses, and the event thread, which brings what was typed; and a queue for
+//! makes the guest's accesses, and the supervisor thread, which brings what was typed; and a queue for
 //! typed bytes that the 16-byte-deep view of the guest has no room for yet.
 
 use std::collections::VecDeque;

@@ -1,3 +1,5 @@
+//! Sleeps under clocks that are steady, steered, or change their rate in the middle.
+
 use std::sync::Arc;
 
 use super::*;

@@ -1,7 +1,7 @@
 //! The releases of one owner, for ever, whatever schedules come and go.
 //!
 //! An owner is a partition, or a CPU whose windows have to be ended. It stands at a [`Slot`] and
-//! asks for the next one; nothing else is remembered. A release's instant is computed from the
+//! asks for the next one; it remembers only that slot. A release's instant is computed from the
 //! number of its frame alone, so that no release depends on when an earlier one took place.
 
 use crate::switch::Switch;

@@ -10,7 +10,7 @@
 //! * at the kernel's clock source, in sysfs, which was a counter's at the start and is none any more;
 //! * at the counter itself, against CLOCK_MONOTONIC: the two may differ by what NTP may steer, 10 %.
 //!
-//! The event thread looks, some times a second: one `pread` of a file that was opened before the
+//! The supervisor thread looks, some times a second: one `pread` of a file that was opened before the
 //! sandbox was entered, and two readings of clocks. What follows is a matter of each partition's table
 //! (`clock-fault`).
 

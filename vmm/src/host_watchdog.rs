@@ -2,9 +2,9 @@
 //!
 //! Takt supervises partitions, and somebody has to supervise Takt: if it is killed, hangs, or its
 //! kernel stands still, no software is left that could notice. A hardware watchdog restarts the
-//! machine then. It is served by the event thread, and only as long as all threads with windows, and
+//! machine then. It is served by the supervisor thread, and only as long as all threads with windows, and
 //! those that end windows, get to run: a host whose deadline scheduling has come to a halt is as
-//! good as dead, even if the event thread is not.
+//! good as dead, even if the supervisor thread is not.
 //!
 //! That a thread gets to run is seen in its CPU time, which grows each time it wakes, whatever its
 //! guest does. So nothing is added to what the threads do.
@@ -26,7 +26,7 @@ const DEVICE: &str = "/dev/watchdog";
 const SET_TIMEOUT: libc::c_ulong = 0xc004_5706;
 /// What is written before the device is closed in order; the driver then stops the watchdog.
 const STOP: &[u8] = b"V";
-/// Anything else is a sign of life.
+/// Any other byte is a heartbeat.
 const ALIVE: &[u8] = b"\0";
 /// How often one is given.
 const INTERVAL: Nanos = Nanos::from_millis(200);
@@ -80,7 +80,7 @@ impl HostWatchdog {
         })
     }
 
-    /// Gives a sign of life if there is one, and it is time. `now` counts from the epoch.
+    /// Writes a heartbeat, if it is time and no thread is stuck. `now` counts from the epoch.
     pub fn serve(&mut self, now: Nanos) {
         if now.less(self.served) < INTERVAL {
             return;

@@ -3,7 +3,7 @@
 //! An unmodified guest does not tell Takt so, but it tells its console: every kernel since 5.0
 //! prints "Run /init as init process" just before it leaves kernel mode for the first time. That
 //! line is watched for in the output, and so is the one that a kernel prints when it panics. They are
-//! used for the report and a message and nothing else, since a guest can print what it likes.
+//! used only for the report and a message, since a guest can print what it likes.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -49,7 +49,7 @@ impl PanicSeen {
     }
 }
 
-/// The serial port of the Linux guest, watched, and through a ring to the event thread.
+/// The serial port of the Linux guest, watched, and through a ring to the supervisor thread.
 pub type Console = SerialPort<InitWatch<Box<dyn ConsoleOutput + Send>>>;
 
 /// Passes console output on and watches it.

@@ -51,7 +51,7 @@ pub enum LinuxMachineError {
     Ports(#[from] Overlap),
 }
 
-/// A watchdog that waits so long for a sign of life.
+/// A watchdog that waits so long for a heartbeat.
 #[must_use]
 pub fn timer(time: Nanos) -> Timer {
     let counts = time.0 / (u64::from(watchdog::PERIOD_MS) * 1_000_000);

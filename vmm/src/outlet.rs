@@ -6,7 +6,7 @@
 //! waits: what finds no room is refused, and the caller counts it.
 //!
 //! ```text
-//! event thread -- push --> queue, bounded by lane --> thread of the outlet -- write --> pipe, file, ...
+//! supervisor thread -- push --> queue, bounded by lane --> thread of the outlet -- write --> pipe, file, ...
 //! ```
 //!
 //! The room is divided into lanes, so that one who fills his takes nothing of another's. The order of
@@ -153,7 +153,7 @@ impl Outlet {
         put.saturating_sub(self.written())
     }
 
-    /// Bytes that were written so far: a sign of life of who reads them.
+    /// Bytes that were written so far: as long as they grow, the reader takes them.
     #[must_use]
     pub fn written(&self) -> u64 {
         self.shared.written.load(Ordering::SeqCst)

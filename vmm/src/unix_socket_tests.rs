@@ -1,3 +1,5 @@
+//! The file of a socket: who may use it, and what is replaced or removed.
+
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::os::unix::net::UnixListener;
 

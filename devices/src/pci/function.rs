@@ -40,8 +40,8 @@ const CLASS_REVISION: u32 = 0x05_80_00 << 8 | 1;
 /// Pin A, in the second byte of the interrupt register.
 const PIN_A: u32 = 1 << 8;
 
-/// Bits of the command register that can be written: memory space, and interrupt disable. Without
-/// the function's taking part in the bus there is nothing else to switch.
+/// Bits of the command register that can be written: memory space, and interrupt disable. The
+/// function takes no part in the bus, so it has no other bit to switch.
 const COMMAND_WRITABLE: u16 = 1 << 1 | 1 << 10;
 /// Bit of the status register: an interrupt is pending.
 const STATUS_INTERRUPT: u16 = 1 << 3;

@@ -182,7 +182,7 @@ fn one(
 }
 
 /// Padding is zero, so that two images with the same content have the same bytes, and a page of a
-/// segment shows nothing else.
+/// segment shows only that segment.
 fn zeros(file: &[u8], from: usize, to: usize) -> Result<(), ImageError> {
     let gap = file.get(from..to).unwrap_or_default();
     match gap.iter().position(|&byte| byte != 0) {

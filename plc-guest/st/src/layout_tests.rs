@@ -1,3 +1,5 @@
+//! Where variables lie when a program changes: what stays, what moves.
+
 use super::*;
 
 fn part(size: u32, old: Option<(u32, u32)>) -> Part {

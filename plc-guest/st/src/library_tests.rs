@@ -1,3 +1,5 @@
+//! The library compiles, block by block.
+
 use super::FILES;
 use crate::diagnostic::text;
 use crate::project;

@@ -1,3 +1,5 @@
+//! The manifest of a project, and each mistake in it.
+
 use super::*;
 
 fn folder_with(text: &str) -> tempfile::TempDir {

@@ -1,3 +1,5 @@
+//! Places in sources: lines, columns, and text that is none.
+
 use super::*;
 
 #[test]

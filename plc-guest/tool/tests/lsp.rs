@@ -1,6 +1,6 @@
 //! `takt plc lsp` as an editor uses it: a whole session with the program, message by message.
 //!
-//! The client waits for what it expects and for nothing else. The long timeout ends a test that would hang.
+//! The client waits only for what it expects. The long timeout ends a test that would hang.
 
 mod common;
 

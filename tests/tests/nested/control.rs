@@ -140,7 +140,7 @@ fn a_run_is_looked_at_traced_and_told_what_to_do_and_keeps_its_time() {
     let khz = named("trace").next().unwrap()["trace"]["tsc_khz"].as_u64().unwrap();
     for partition in ["plc", "other"] {
         let of: Vec<&&Value> = windows.iter().filter(|w| w["partition"] == partition).collect();
-        // 200 ms, and up to a tick of the event thread.
+        // 200 ms, and up to a tick of the supervisor thread.
         assert!((195..=245).contains(&of.len()), "{partition}: {} windows", of.len());
         for pair in of.windows(2) {
             let difference =

@@ -119,7 +119,7 @@ fn restarts_cost_a_neighbour_nothing_and_takt_does_not_grow() {
     let ends = |error: &str| outcome.number("linux", &format!("events.totals.{error}"));
     assert!(ends("partition-silent").abs_diff(ends("partition-reset")) <= 1);
     assert_eq!(ends("partition-silent") + ends("partition-reset"), starts + 1);
-    outcome.assert_shows("linux: partition-silent: no sign of life for 100ms -> cold-start");
+    outcome.assert_shows("linux: partition-silent: no heartbeat for 100ms -> cold-start");
     outcome.assert_kept_its_time("good", 100 * starts);
     outcome.assert_punctual("good");
     outcome.assert_not_grown(1 << 20);
@@ -206,10 +206,10 @@ fn a_linux_that_panics_or_whose_programs_hang_is_noticed_by_its_watchdog() {
     assert_eq!(outcome.status, 4, "{}", outcome.output);
     outcome.assert_shows("status 0");
     outcome.assert_shows("Kernel panic - not syncing: sysrq triggered crash");
-    outcome.assert_shows("linux: partition-silent: no sign of life for 4s -> cold-start");
+    outcome.assert_shows("linux: partition-silent: no heartbeat for 4s -> cold-start");
     // WDIOF_CARDRESET, in the kernel's include/uapi/linux/watchdog.h.
     outcome.assert_shows("status 32");
-    outcome.assert_shows("no sign of life for 4s -> idle: started again 1 time within 60s");
+    outcome.assert_shows("no heartbeat for 4s -> idle: started again 1 time within 60s");
     assert_eq!(outcome.number("linux", "events.totals.partition-silent"), 2);
     outcome.assert_kept_its_time("plc", 30_000);
 }

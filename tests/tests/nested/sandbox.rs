@@ -390,7 +390,7 @@ fn check_process(text: &str, threads: &[&str]) {
     // 2 is "by a filter".
     assert!(of("Seccomp:").iter().all(|value| value == "2"), "{text}");
     assert_eq!(of("Seccomp_filters:"), vec!["1"; threads.len()], "{text}");
-    // 6 is SCHED_DEADLINE, for who has windows and who ends them. The event thread was of a real-time
+    // 6 is SCHED_DEADLINE, for who has windows and who ends them. The supervisor thread was of a real-time
     // class while it prepared the run, and is of the ordinary one.
     let mut policies = of("policy:");
     policies.sort();

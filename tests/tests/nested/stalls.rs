@@ -12,7 +12,7 @@ fn left(script: &str, name: &str) -> String {
     fs::read_to_string(path).unwrap_or_default()
 }
 
-/// A script with the host's watchdog, which restarts the machine after a second without a sign of life: then
+/// A script with the host's watchdog, which restarts the machine after a second without a heartbeat: then
 /// nothing is left of the run, and the script has no exit status of its own.
 fn host() -> Host {
     Host::new().with("--device", "watchdog").with("--module", "i6300esb")

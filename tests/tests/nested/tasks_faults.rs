@@ -1,4 +1,4 @@
-//! Programs that do what programs must not: each stops itself, and nothing else notices.
+//! Programs that do what programs must not: each stops itself, and the others run on as before.
 
 use takt_program::build::Task;
 use takt_program::{Direction, Nanoseconds, ObjectKind};

@@ -243,7 +243,7 @@ impl Plant {
                 }
                 server.serve(&mut run);
                 server.window(|| window(sequence));
-                // The tick of this event thread; nothing depends on its length.
+                // The tick of this supervisor thread; nothing depends on its length.
                 thread::park_timeout(Duration::from_millis(1));
             }
         }));

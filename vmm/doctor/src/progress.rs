@@ -1,4 +1,4 @@
-//! Signs of life on standard error, which a report's reader never sees.
+//! Progress on standard error, which a report's reader never sees.
 //!
 //! On a terminal one line changes in place; elsewhere each step is told once, without its time.
 

@@ -51,7 +51,7 @@ pub enum Cause {
         /// How many in the whole window.
         exits: u64,
     },
-    /// The guest ran, and nothing else explains the time.
+    /// The guest ran, and no other cause explains the time.
     GuestComputation,
     /// KVM does not count exits here, or not all exits are recorded.
     Unknown,

@@ -1,3 +1,5 @@
+//! The causes of late starts and long scans.
+
 use super::*;
 use takt_record::{DETOURS_MAX, Exit};
 use takt_scheduler::schedules::ScheduleId;

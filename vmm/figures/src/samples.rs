@@ -13,7 +13,7 @@
 //! The distributions are histograms with three significant digits: exact below 2048 ns, within one
 //! part in a thousand above.
 //!
-//! All of this happens on the event thread, when it empties the rings. The memory of the points is
+//! All of this happens on the supervisor thread, when it empties the rings. The memory of the points is
 //! taken before the run starts.
 
 use serde::{Deserialize, Serialize};

@@ -1,3 +1,5 @@
+//! Samples of releases: what a point holds, and that memory does not grow.
+
 use super::*;
 use takt_record::Scan;
 use takt_record::example as record;

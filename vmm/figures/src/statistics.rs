@@ -1,7 +1,7 @@
 //! From the records of windows to the figures of a report.
 //!
 //! The records are made on the PLC's path and only copied there; everything that takes time, such
-//! as sorting values into a histogram, happens here on the event thread.
+//! as sorting values into a histogram, happens here on the supervisor thread.
 
 use hdrhistogram::Histogram;
 use takt_scheduler::time::{Nanos, Timebase};

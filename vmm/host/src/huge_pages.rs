@@ -1,7 +1,7 @@
 //! How many huge pages the host has set aside.
 //!
 //! Huge pages are set aside by the host's owner, at its start or later
-//! (`Documentation/admin-guide/mm/hugetlbpage.rst`), and serve nothing else. The other kind, large pages that the
+//! (`Documentation/admin-guide/mm/hugetlbpage.rst`), and serve no other purpose. The other kind, large pages that the
 //! kernel makes of small ones by itself (THP), a PREEMPT_RT kernel does not have (`mm/Kconfig`).
 
 use std::fs;

@@ -11,7 +11,7 @@
 //!    `host_ports`), of the health monitor's tables (`health`), of the host's devices (`passthrough`), and of the files
 //!    that are named (`images`, `programs`, `contents`, `placement`, `disks`, `nets`);
 //! 3. a [`PartitionFile`], which has private fields and no other way to be made. The rest of Takt
-//!    takes nothing else and checks nothing again. Only a command line can add words to a guest's
+//!    takes only that and does not check it again. Only a command line can add words to a guest's
 //!    (`append`).
 //!
 //! The first defect ends it: in a file of 40 lines a second message is more often a consequence of
@@ -137,7 +137,7 @@ impl PartitionFile {
         self.control.as_deref()
     }
 
-    /// After how long without a sign of life from Takt the host's watchdog restarts the machine; `None`
+    /// After how long without a heartbeat from Takt the host's watchdog restarts the machine; `None`
     /// if it is not served.
     #[must_use]
     pub fn watchdog(&self) -> Option<Nanos> {

@@ -354,7 +354,7 @@ fn check_change(change: Option<&Spanned<String>>) -> Result<ScheduleChange, Diag
 pub fn check_watchdog(watchdog: &Spanned<Duration>) -> Result<Nanos, Diagnostic> {
     let time = watchdog.get_ref().0;
     if time < WATCHDOG[0] || time > WATCHDOG[1] {
-        let found = format!("a watchdog that waits {time} for a sign of life");
+        let found = format!("a watchdog that waits {time} for a heartbeat");
         let allowed = format!("{} to {}", WATCHDOG[0], WATCHDOG[1]);
         return Err(Diagnostic::new(watchdog.span(), found, allowed));
     }

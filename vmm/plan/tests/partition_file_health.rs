@@ -67,10 +67,10 @@ health monitor, where it is not the default
     illegal-request -> log
     partition-reset -> idle
     partition-ended -> cold-start
-    watchdog: no sign of life for 5s -> idle
+    watchdog: no heartbeat for 5s -> idle
     at most 0 starts within 86400s
 
-the host's watchdog restarts this machine 10s after Takt's last sign of life
+the host's watchdog restarts this machine 10s after Takt's last heartbeat
 ";
     let report_of_changes = report("good/health.toml");
     assert!(report_of_changes.ends_with(expected), "{report_of_changes}");

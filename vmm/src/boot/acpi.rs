@@ -140,7 +140,7 @@ fn watchdog_table(counts: u32) -> Sdt {
     const WRITE_COUNT: u8 = 3;
     // Action, instruction, register, value.
     let entries = [
-        // A sign of life.
+        // A heartbeat.
         (1, WRITE, watchdog::CONTROL, watchdog::SET),
         // What is left, what the time is, and another time.
         (4, READ_COUNT, watchdog::LEFT, 0),

@@ -13,7 +13,7 @@
 //! Takt, and other users cannot open it (mode 0600). A client is not trusted beyond that. It may hang,
 //! flood or send garbage, and none of it may delay a partition. So:
 //!
-//! * The event thread serves all clients on its tick and is never woken by one. However often a
+//! * The supervisor thread serves all clients on its tick and is never woken by one. However often a
 //!   client writes, it is looked at fifty times a second, for a bounded number of requests.
 //! * Every buffer has an end. A client that sends a line that is too long, or does not read what it asked
 //!   for, is let go of.

@@ -22,7 +22,7 @@ fn no_programs() -> Refusal {
     Refusal::new(ErrorKind::Unsupported, "this partition has no programs")
 }
 
-/// What of the event thread an operator sees and changes.
+/// What of the supervisor thread an operator sees and changes.
 pub struct Operated<'a> {
     /// What never changes.
     pub facts: &'a Facts,

@@ -1,4 +1,4 @@
-//! The event thread's side of the control socket: everything that it has to do with operators.
+//! The supervisor thread's side of the control socket: everything that it has to do with operators.
 
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::time::{Nanos, Tsc};

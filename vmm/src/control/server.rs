@@ -211,7 +211,7 @@ fn at_once(
             client.follows = follow;
             Ok(Answer::Events { events: kept.iter().cloned().collect() })
         }
-        // Each trace costs the event thread its share, so there is no second one.
+        // Each trace costs the supervisor thread its share, so there is no second one.
         Request::Trace(_) if traced => {
             Err(Refusal::new(ErrorKind::Refused, "there is a trace under way"))
         }

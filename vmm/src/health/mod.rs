@@ -6,10 +6,11 @@
 //! follows ([`Table`]). The rest of Takt only reports and obeys.
 //!
 //! ```text
-//!  vCPU thread                                       event thread
+//!  vCPU thread                                       supervisor thread
 //!  error, guest can go on ---> Reporter --ring--->   Watch: line, report
 //!     the table has worse than `log`: the guest ends
-//!  guest ends --------------------------------->     Monitor: what follows, escalation
+//!  guest ends --------------------------------->     Watch, by Monitor: which action
+//!                                                    Life: what follows
 //! ```
 //!
 //! An error that the guest survives costs its thread a count and an entry in a ring; the thread does not

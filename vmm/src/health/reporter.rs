@@ -19,7 +19,7 @@ use super::{Action, Table};
 use super::{FAULTS, Fault};
 use crate::vcpu::guest::{End, Guest, Step};
 
-/// Notes that the event thread may be behind: it looks fifty times a second.
+/// Notes that the supervisor thread may be behind: it looks fifty times a second.
 const NOTES: usize = 1024;
 
 /// Notes that may wait before no more system calls are made for further ones: as many as a report
@@ -89,7 +89,7 @@ pub struct Reporter {
 }
 
 impl Reporter {
-    /// A reporter that goes by this table, and the ends of what it leaves for the event thread.
+    /// A reporter that goes by this table, and the ends of what it leaves for the supervisor thread.
     #[must_use]
     pub fn new(table: Table) -> (Reporter, Arc<Counts>, Consumer<Occurrence>) {
         let (notes, consumer) = RingBuffer::new(NOTES);

@@ -1,4 +1,4 @@
-//! The event thread's side: from notes and ends to lines and a report.
+//! The supervisor thread's side: from notes and ends to lines and a report.
 //!
 //! A guest decides how many errors it makes, and must not decide how much is printed or kept. So
 //! a partition has so many lines a second and so many places in the report, and whatever has none

@@ -1,6 +1,6 @@
 //! How much a port may do between two ticks.
 //!
-//! The event thread competes with a Linux guest in the background for the same CPU. A client that
+//! The supervisor thread competes with a Linux guest in the background for the same CPU. A client that
 //! floods a socket must not make it work more than a port may cost; and what one port does must
 //! not keep the others, the keyboard and the records of the windows waiting.
 

@@ -5,7 +5,7 @@
 //! need a second guest that it trusts. So Takt takes part in channels, and hands messages on
 //! through sockets and files.
 //!
-//! All of it happens in the event thread, on its tick and when a socket has something, but for reading
+//! All of it happens in the supervisor thread, on its tick and when a socket has something, but for reading
 //! and writing files, which threads of their own do. The other
 //! end of each channel is in shared memory and never waits; so whatever a client, a disk or this
 //! thread does, no vCPU thread is the later for it. What a port may do in a tick is bounded

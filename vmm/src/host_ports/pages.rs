@@ -2,7 +2,7 @@
 //!
 //! A guest gets at a region through its memory slots; Takt has a mapping of its own for each end
 //! that it has, read-only where the other end writes. The words of the region belong to the value
-//! here, and not to the value's user for a borrowed time, since both move into the event thread.
+//! here, and not to the value's user for a borrowed time, since both move into the supervisor thread.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering, fence};

@@ -1,20 +1,20 @@
 //! Interrupts of passed-through devices, on their way into a PLC.
 //!
 //! ```text
-//! device -> host's kernel: UIO -> event thread -> eventfd -> KVM: irqfd -> local APIC
-//!    ^      (masks the line)                                                   |
-//!    |                                                                         v  in a window only
-//! event thread <- eventfd <- KVM: ioeventfd <----- out 0x7a18, vector ------ guest
+//! device -> host's kernel: UIO -> supervisor thread -> eventfd -> KVM: irqfd -> local APIC
+//!    ^      (masks the line)                                                        |
+//!    |                                                                              v  in a window only
+//! supervisor thread <- eventfd <- KVM: ioeventfd <----- out 0x7a18, vector ---- guest
 //! (unmasks it, at a bounded rate)
 //! ```
 //!
 //! A line that a device holds until its registers are served is masked by the host with each
 //! interrupt, and only the guest knows when it may be opened again. So nothing comes before the
-//! guest asks for it, and then one interrupt. What the guest asks for is done by the event thread,
+//! guest asks for it, and then one interrupt. What the guest asks for is done by the supervisor thread,
 //! [`PER_TICK`] times in a tick at most: whatever device and guest do, the host takes no more
 //! interrupts than that.
 //!
-//! VFIO closes the line and signals by itself: there the way in leads past the event thread, and only
+//! VFIO closes the line and signals by itself: there the way in leads past the supervisor thread, and only
 //! the way out through it.
 //!
 //! A vCPU that is outside its window is not in KVM, and nothing of all this wakes its thread: what
@@ -36,13 +36,13 @@ use vmm_sys_util::eventfd::EventFd;
 pub use error::InterruptError;
 use line::Line;
 
-/// How often a source is armed between two ticks of the event thread, at most: a thousand times a
+/// How often a source is armed between two ticks of the supervisor thread, at most: a thousand times a
 /// second.
 pub const PER_TICK: u32 = 20;
 /// Events that are taken at once.
 const EVENTS: usize = 16;
 
-/// The sources of interrupts of all partitions, for the event thread.
+/// The sources of interrupts of all partitions, for the supervisor thread.
 pub struct Interrupts {
     sources: Vec<Source>,
     epoll: Epoll,

@@ -12,7 +12,7 @@ use crate::vcpu::probe::Sample;
 
 /// How long an episode lasts until it is told.
 pub const TIME: Nanos = Nanos::from_millis(2_000);
-/// The same before the first sign of life: a kernel unpacks itself with interrupts off, and where the
+/// The same before the kernel was first active: a kernel unpacks itself with interrupts off, and where the
 /// processor is emulated that takes seconds.
 const TIME_AT_START: Nanos = Nanos::from_millis(10_000);
 /// Fewest looks of an episode that is told.
@@ -52,7 +52,7 @@ struct Episode {
 }
 
 impl Judge {
-    /// A judge of a kernel that has not given a sign of life yet.
+    /// A judge of a kernel that has not been active yet.
     pub fn new(injections_are_counted: bool) -> Self {
         Self { injections_are_counted, alive: false, episode: None }
     }

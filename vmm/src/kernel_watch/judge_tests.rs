@@ -1,3 +1,5 @@
+//! Kernels that hang, and kernels that only look so.
+
 use super::*;
 
 const RUNNING: Sample = Sample { interrupts_off: false, halted: false, injections: Some(500) };
@@ -98,7 +100,7 @@ fn a_kernel_that_gets_no_processor_is_not_to_blame() {
 }
 
 #[test]
-fn before_its_first_sign_of_life_a_kernel_has_more_time() {
+fn before_its_first_heartbeat_a_kernel_has_more_time() {
     let mut kernel = Kernel::new(true);
     kernel.stay(OFF, 30_000);
     assert_eq!(kernel.news, [(10_000, stuck(How::Spinning, 0))]);
@@ -109,7 +111,7 @@ fn before_its_first_sign_of_life_a_kernel_has_more_time() {
 }
 
 #[test]
-fn a_byte_on_the_console_is_a_sign_of_life() {
+fn a_byte_on_the_console_is_a_heartbeat() {
     let mut kernel = Kernel::alive();
     for _ in 0..30 {
         kernel.stay(OFF, 1_900);

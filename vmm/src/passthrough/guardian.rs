@@ -59,7 +59,7 @@ impl Guardian {
                 // A writing end that stays open here would keep the pipe open.
                 drop(write);
                 watch(read, all, mode);
-                // SAFETY: ends this process, which is a copy, and nothing else.
+                // SAFETY: ends only this process, which is a copy.
                 unsafe { libc::_exit(0) }
             }
             process => Ok(Some(Guardian { pipe: write, process })),

@@ -1,3 +1,5 @@
+//! PCI functions that are given to a partition, in a sysfs of files.
+
 use super::*;
 
 const NAME: &str = "0000:00:04.0";

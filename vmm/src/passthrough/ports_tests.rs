@@ -1,3 +1,5 @@
+//! A guest's accesses to I/O ports, within its ranges and beyond.
+
 use super::*;
 
 const WIDTHS: [Width; 3] = [Width::One, Width::Two, Width::Four];

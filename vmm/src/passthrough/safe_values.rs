@@ -2,7 +2,7 @@
 //!
 //! The thread that ran the guest writes them, at the moment at which the guest has left for the
 //! last time: it has the privilege for the ports already, it is a deadline thread, and no other
-//! load of the host can hold it up. The event thread would be the obvious place, and would come
+//! load of the host can hold it up. The supervisor thread would be the obvious place, and would come
 //! whenever Linux lets it.
 //!
 //! All ends of a run come through there, since every thread is let go and joined at its end,

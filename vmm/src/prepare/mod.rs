@@ -42,7 +42,7 @@ use crate::vcpu::{Control, window_enforcer};
 
 /// A partition that is ready to run.
 pub struct Prepared {
-    /// What the event thread keeps of it.
+    /// What the supervisor thread keeps of it.
     pub account: Account,
     /// Its thread.
     pub thread: Ready<()>,

@@ -35,9 +35,9 @@ use crate::vcpu::windowed::{Plan, Windowed};
 use crate::vcpu::{Control, background};
 use takt_record::WindowAssembler;
 
-/// Window records that the event thread may be behind.
+/// Window records that the supervisor thread may be behind.
 const RECORDS: usize = 4096;
-/// Ends that a thread may tell of before the event thread has taken the first: its guest's, and that it
+/// Ends that a thread may tell of before the supervisor thread has taken the first: its guest's, and that it
 /// could not be loaded anew.
 const ENDS: usize = 2;
 /// How often a thread without a guest looks whether the run is over.
@@ -51,7 +51,7 @@ struct Ending {
 
 impl Ending {
     fn tell(&mut self, finished: Finished) {
-        // There is room, since a thread has its word to go on only after the event thread has taken this.
+        // There is room, since a thread has its word to go on only after the supervisor thread has taken this.
         let _ = self.ends.give(finished);
         let _ = self.bell.write(1);
     }

@@ -1,7 +1,7 @@
 //! Starting a guest anew.
 //!
 //! Clearing and loading memory takes longer than a window, and stopping a device that writes to it may take
-//! longer still: longer than the event thread may be away from its rings and from the host's watchdog. So
+//! longer still: longer than the supervisor thread may be away from its rings and from the host's watchdog. So
 //! each partition has a thread of its own for that, of the ordinary class, which waits from the start on: a
 //! run starts no threads later. The partition's thread only sets registers, or takes over another processor.
 //!

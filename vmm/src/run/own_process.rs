@@ -38,7 +38,7 @@ pub fn lock_memory() -> Result<(), RunError> {
 }
 
 /// The C library would keep a heap of 132 KiB for each thread that allocates, locked like the rest,
-/// though all but the event thread allocate at their start and end only. And it would give memory back
+/// though all but the supervisor thread allocate at their start and end only. And it would give memory back
 /// while guests run: that interrupts each CPU on which a thread of Takt is, in a window or not, since
 /// none may still know the pages (`flush_tlb_mm_range` in the kernel's `arch/x86/mm/tlb.c`).
 fn keep_the_heap() {

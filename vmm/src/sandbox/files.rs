@@ -1,6 +1,6 @@
 //! Leaving the file system (landlock(7)).
 //!
-//! What is open stays usable; nothing else can be opened, made or removed, but beneath the paths
+//! What is open stays usable. Files can be opened, made or removed only beneath the paths
 //! that are allowed. Landlock is the kernel's own, needs no privilege, and holds for one thread and
 //! those that it starts.
 

@@ -24,7 +24,7 @@ pub enum Kind {
     Writer,
     /// Reads a file to send from.
     Reader,
-    /// The event thread.
+    /// The supervisor thread.
     Main,
     /// The process that writes safe values when there is no other.
     Guardian,

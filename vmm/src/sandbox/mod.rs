@@ -11,7 +11,7 @@
 //! thread    take what is needed --> no new privileges --> no capability --> Landlock --> filter
 //! ```
 //!
-//! It is done by each thread for itself, the event thread last: what one needs for its start, such
+//! It is done by each thread for itself, the supervisor thread last: what one needs for its start, such
 //! as a reservation, would be refused to it otherwise. The threads share their memory, so this is
 //! no wall between them, but one between Takt and the host.
 //!

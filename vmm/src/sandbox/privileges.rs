@@ -1,7 +1,7 @@
 //! What the kernel lets a privileged process do, taken back.
 //!
 //! Hardly anything that a run does after its start needs a capability: a thread has its reservation
-//! and its I/O ports, and what is open is open. What is left is the event thread's, which gives things
+//! and its I/O ports, and what is open is open. What is left is the supervisor thread's, which gives things
 //! back at the end, and the guardian's. But once `CAP_IPC_LOCK` is gone, the memory that is locked
 //! counts against a limit, and a new vCPU or a heap that grows would be refused a page. So the limit
 //! is lifted first. Where it cannot be, as in a container without `CAP_SYS_RESOURCE`, that one

@@ -1,10 +1,10 @@
-//! Why there can be no event thread, or no longer.
+//! Why there can be no supervisor thread, or no longer.
 
 use std::io;
 
 use thiserror::Error;
 
-/// The event thread could not be set up or lost its events.
+/// The supervisor thread could not be set up or lost its events.
 #[derive(Debug, Error)]
 pub enum SupervisorError {
     /// The host refuses a descriptor.

@@ -1,4 +1,4 @@
-//! What the event thread does when it is woken.
+//! What the supervisor thread does when it is woken.
 
 use std::fs::File;
 use std::io::Read;

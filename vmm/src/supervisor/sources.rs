@@ -1,4 +1,4 @@
-//! What wakes the event thread.
+//! What wakes the supervisor thread.
 
 use std::fs::File;
 use std::io;
@@ -8,7 +8,7 @@ use vmm_sys_util::timerfd::TimerFd;
 
 use super::error::{SupervisorError, cannot};
 
-/// What wakes the event thread besides people and devices.
+/// What wakes the supervisor thread besides people and devices.
 pub struct Sources {
     pub(super) signals: File,
     /// Rung for each end of a guest.

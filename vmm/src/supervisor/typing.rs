@@ -109,7 +109,7 @@ mod tests {
         }
     }
 
-    /// What the event thread does in a tick, with a guest that takes so much of it. Returns what was read.
+    /// What the supervisor thread does in a tick, with a guest that takes so much of it. Returns what was read.
     fn turn<R: Read>(typing: &mut Typing<R>, taken: usize) -> usize {
         let mut read = 0;
         while typing.may_read() {

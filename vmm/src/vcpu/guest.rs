@@ -32,7 +32,7 @@ pub enum End {
     Raised(Detail),
     /// The guest asked to be restarted.
     Reset,
-    /// The guest has given its watchdog no sign of life for this long.
+    /// The guest's watchdog has expired: there was no heartbeat for this long.
     Silent(Nanos),
     /// The processor shut down: an exception while handling a double fault.
     TripleFault,
@@ -83,7 +83,7 @@ impl fmt::Display for End {
             }
             End::Raised(detail) => detail.fmt(f),
             End::Reset => f.write_str("asked for a restart"),
-            End::Silent(time) => write!(f, "no sign of life for {time}"),
+            End::Silent(time) => write!(f, "no heartbeat for {time}"),
             End::TripleFault => f.write_str("triple fault"),
             End::Halted => f.write_str("halted with no interrupt that could wake it"),
             End::Kvm(KvmFailure::Entry(reason)) => {

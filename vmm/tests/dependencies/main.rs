@@ -99,7 +99,7 @@ fn the_page_accounts_for_every_crate() {
     }
 }
 
-/// Each rule, with a package that breaks it and nothing else.
+/// Each rule, with a package that breaks only this one.
 #[test]
 fn what_is_not_allowed_is_found() {
     let policy = r#"

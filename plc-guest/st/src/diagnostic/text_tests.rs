@@ -1,3 +1,5 @@
+//! How a message shows the place in its source.
+
 use super::*;
 use crate::diagnostic::Code;
 use crate::source::Sources;

@@ -1,3 +1,5 @@
+//! Types: when two are one, their layout, and their initial values as bytes.
+
 use super::super::{Constant, GlobalId, Retention};
 use super::*;
 

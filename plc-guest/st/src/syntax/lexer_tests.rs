@@ -1,3 +1,5 @@
+//! Where one token ends and the next begins.
+
 use super::*;
 use crate::source::Sources;
 

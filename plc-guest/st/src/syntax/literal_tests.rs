@@ -1,3 +1,5 @@
+//! What literals mean: durations, dates, numbers, strings.
+
 use super::*;
 
 fn nanoseconds(value: Result<LiteralValue, Wrong>) -> Option<i64> {

@@ -1,3 +1,5 @@
+//! The screen of `takt top`, drawn into a buffer.
+
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use takt_figures::report::Summary;

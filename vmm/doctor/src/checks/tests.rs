@@ -1,3 +1,5 @@
+//! Recorded hosts, and what the doctor finds on them.
+
 use takt_scheduler::table::Cpu;
 
 use super::*;

@@ -25,7 +25,7 @@ use interrupts::Counts;
 use rate::Rate;
 use takt_host::kvm::Found;
 
-/// Time between two looks at the clocks, and between two signs of life.
+/// Time between two looks at the clocks, and between two messages of progress.
 const STEP: Duration = Duration::from_millis(100);
 
 /// Measures everything; takes `duration` and a little more.

@@ -1,7 +1,7 @@
 //! What a load says on the console.
 //!
 //! A line `takt-load: NAME COUNT UNIT`, such as `takt-load: compile 37 objects`. It is the guest's
-//! word: shown as such, used for nothing else, and bounded, since a guest can print what it likes.
+//! word: only shown, and bounded, since a guest can print what it likes.
 
 const MARK: &[u8] = b"takt-load: ";
 /// Longer lines are not looked at.

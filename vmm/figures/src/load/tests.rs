@@ -1,3 +1,5 @@
+//! The progress of a load, from the lines of a console.
+
 use super::*;
 
 const SECOND: u64 = 1_000_000_000;

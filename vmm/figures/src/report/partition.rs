@@ -83,7 +83,7 @@ pub struct Releases {
     pub overruns: u64,
     /// Windows that ended by a kick after the scan, while lesser tasks of the guest went on.
     pub unfinished_windows: u64,
-    /// Windows that are in none of these figures because the event thread could not keep up.
+    /// Windows that are in none of these figures because the supervisor thread could not keep up.
     pub unrecorded: u64,
     /// From the release to the guest's start.
     pub release_latency_ns: Option<Summary>,

@@ -1,3 +1,5 @@
+//! The report: as JSON, read back, and as a table.
+
 use super::*;
 
 #[test]

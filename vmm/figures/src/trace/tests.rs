@@ -1,3 +1,5 @@
+//! The trace: what is drawn of windows, partitions and schedules.
+
 use std::cell::Cell;
 use std::collections::BTreeMap;
 

@@ -1,7 +1,7 @@
 //! What follows from a partition's errors, where the file has changed it.
 //!
 //! The default tables are the same for every file and are in `docs/health.md`. What a reader of this
-//! one must not overlook is where it departs from them, and whether anybody looks for a sign of life.
+//! one must not overlook is where it departs from them, and whether a watchdog waits for its heartbeat.
 
 use super::line;
 use crate::health::{FAULTS, Fault, Table};
@@ -38,7 +38,7 @@ fn changes(partition: &Partition) -> Vec<String> {
         rows.map(|fault| format!("{fault} -> {}", table.action(*fault))).collect();
     if let Some(time) = partition.watchdog() {
         let action = table.action(Fault::PartitionSilent);
-        changes.push(format!("watchdog: no sign of life for {time} -> {action}"));
+        changes.push(format!("watchdog: no heartbeat for {time} -> {action}"));
     }
     let limit = table.limit();
     if limit != default.limit() {

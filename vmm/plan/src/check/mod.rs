@@ -53,7 +53,7 @@ pub fn report(file: &PartitionFile) -> String {
         line(
             &mut out,
             &format!(
-                "\nthe host's watchdog restarts this machine {time} after Takt's last sign of life"
+                "\nthe host's watchdog restarts this machine {time} after Takt's last heartbeat"
             ),
         );
     }

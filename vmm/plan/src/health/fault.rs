@@ -28,7 +28,7 @@ pub enum Fault {
     ProcessorShutdown,
     /// The guest asked for a restart.
     PartitionReset,
-    /// The guest has given its watchdog no sign of life.
+    /// The guest's watchdog has expired.
     PartitionSilent,
     /// The guest ended itself in order.
     PartitionEnded,

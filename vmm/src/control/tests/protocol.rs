@@ -1,3 +1,5 @@
+//! Requests of the control socket, as lines.
+
 use takt_scheduler::time::Nanos;
 
 use super::super::protocol::{ErrorKind, Mode, Request};

@@ -1,3 +1,5 @@
+//! Clients of the control socket: order, events, and their ends.
+
 use takt_scheduler::time::Nanos;
 
 use super::super::protocol::{Answer, Event, EventKind, Mode, Request};
