@@ -6,7 +6,7 @@
 
 use thiserror::Error;
 
-use super::partition::CMDLINE_MAX;
+use super::values::CMDLINE_MAX;
 use super::{Kind, PartitionFile};
 
 /// Why words cannot be added to the command line of the file's Linux.

@@ -33,6 +33,7 @@ mod host_ports;
 mod images;
 mod interrupts;
 pub mod kernel;
+mod kind_keys;
 pub mod linux_map;
 mod live;
 mod names;
@@ -50,6 +51,7 @@ mod schedules;
 mod syntax;
 mod tasks;
 mod units;
+mod values;
 
 use std::fmt;
 use std::io::{self, Read};
@@ -423,7 +425,7 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     let folder = path.parent().unwrap_or(Path::new("/"));
     let socket = system.control.as_ref();
     let control = socket.map(|path| images::resolve_socket(folder, path)).transpose()?;
-    let watchdog = system.watchdog.as_ref().map(partition::check_watchdog).transpose()?;
+    let watchdog = system.watchdog.as_ref().map(values::watchdog).transpose()?;
     let around = Surroundings { folder, host_cpus, frame: &system.major_frame };
     let header = file.system.span();
     let mut partitions = partition::check_all(&file.partition.0, &header, around)?;

@@ -57,7 +57,7 @@ mod tests {
     use takt_abi::memory::{CHANNELS, CHANNELS_END, PAGE};
 
     use super::*;
-    use crate::partition::CMDLINE_MAX;
+    use crate::values::CMDLINE_MAX;
 
     /// Whatever has a place, in the order of the table.
     fn areas() -> Vec<(u64, u64)> {

@@ -2,9 +2,8 @@
 
 use std::path::Path;
 
-use takt_abi::memory::{IMAGE_BASE, PAGE, RAM_MAX};
 use takt_scheduler::guard::AUTO_LEAST;
-use takt_scheduler::table::{Cpu, GUARD_MAX, PartitionId, Role};
+use takt_scheduler::table::{PartitionId, Role};
 use takt_scheduler::time::Nanos;
 use toml::Spanned;
 
@@ -13,6 +12,7 @@ use super::disks::{self, CheckedDisk};
 use super::hardware;
 use super::health;
 use super::images::{self, Image};
+use super::kind_keys::{self, Owner};
 use super::names::{HOST, check_name};
 use super::nets::{self, CheckedNet};
 use super::passthrough::Passthrough;
@@ -21,27 +21,15 @@ use super::program_tasks;
 use super::programs::{self, CheckedProgram};
 use super::raw::{self, Keys};
 use super::tasks::{self, CheckedTasks};
-use super::units::{Bytes, Duration, Guard};
-use super::{Kind, Partition, ScheduleChange};
+use super::units::{Duration, Guard};
+use super::values;
+use super::{Kind, Partition};
 
 /// Most partitions of one file.
 pub const PARTITIONS_MAX: usize = 32;
-/// CPU numbers end here: `cpu_set_t` of the C library, which carries the affinity, has 1024 bits.
-const CPUS: usize = 1024;
-/// A PLC's memory: its image needs at least a page above the structures that start its vCPU.
-const PLC_MEMORY: [Bytes; 2] = [Bytes(IMAGE_BASE + PAGE), Bytes(RAM_MAX)];
-/// A Linux's memory: below, a distribution's kernel does not unpack; above, it is a typing mistake.
-const LINUX_MEMORY: [Bytes; 2] = [Bytes(64 << 20), Bytes(64 << 30)];
-/// What a watchdog may wait for. Linux counts in seconds, and needs some to start; above, it is none.
-const WATCHDOG: [Nanos; 2] = [Nanos::from_millis(1_000), Nanos::from_millis(86_400_000)];
-/// Longest time that a Linux can be given to switch itself off; above, it is a typing mistake.
-const POWER_OFF_MAX: Nanos = Nanos::from_millis(3_600_000);
 /// Guard where the file gives none: well above the wake-up latency of a PREEMPT_RT host under
 /// load, which was 7 us in the latency lab.
 const GUARD_DEFAULT: Nanos = Nanos::from_micros(20);
-/// Longest command line that an x86 kernel keeps: `COMMAND_LINE_SIZE` in `asm/setup.h`, less the
-/// NUL.
-pub const CMDLINE_MAX: usize = 2047;
 const CMDLINE_DEFAULT: &str = "console=ttyS0";
 
 /// A partition that obeys its own rules, with the places that later rules point at.
@@ -138,7 +126,7 @@ fn check(
         let allowed = "another name: as the end of a channel, \"host\" is Takt itself";
         return Err(Diagnostic::new(raw.name.span(), "a partition is named \"host\"", allowed));
     }
-    let cpu = check_cpu(&raw.cpu, around.host_cpus)?;
+    let cpu = values::cpu(&raw.cpu, around.host_cpus)?;
     let (kind, role, images) = match raw.kind.get_ref().as_str() {
         "plc" => check_plc(raw, name, around)?,
         "linux" => check_linux(raw, name, table.span(), around)?,
@@ -147,11 +135,11 @@ fn check(
             return Err(Diagnostic::new(raw.kind.span(), found, "\"plc\" or \"linux\""));
         }
     };
-    let memory = check_memory(&raw.memory, &kind)?;
+    let memory = values::memory(&raw.memory, &kind)?;
     let hardware = hardware::check(raw, &kind, memory)?;
-    let on_schedule_change = check_change(raw.on_schedule_change.as_ref())?;
+    let on_schedule_change = values::schedule_change(raw.on_schedule_change.as_ref())?;
     let health = health::default_table(&kind, raw.restarts.as_ref())?;
-    let watchdog = raw.watchdog.as_ref().map(check_watchdog).transpose()?;
+    let watchdog = raw.watchdog.as_ref().map(values::watchdog).transpose()?;
     let programs = programs::check(&raw.program.0, around)?;
     let (tasks, program_tasks) = match programs[..] {
         [] => (tasks::check(&raw.task.0, around.frame)?, Vec::new()),
@@ -162,7 +150,7 @@ fn check(
     };
     let disks = disks::check(&raw.disk.0, around.folder)?;
     let nets = nets::check(&raw.net.0)?;
-    let power_off = check_power_off(raw.power_off.as_ref())?;
+    let power_off = values::power_off(raw.power_off.as_ref())?;
     let partition = Partition {
         id,
         name: name.to_owned(),
@@ -205,34 +193,15 @@ fn check_plc(
     around: Surroundings<'_>,
 ) -> Result<(Kind, Role, Vec<Image>), Diagnostic> {
     if let Some(background) = &raw.background {
-        let found = misplaced("background", "linux", name, "plc");
+        let found = Owner::Plc.misplaced("background", name);
         let allowed = "windows in the [[schedule]]: in the background a PLC would have no release";
         return Err(Diagnostic::new(background.span(), found, allowed));
     }
-    let of_linux = [
-        ("kernel", raw.kernel.as_ref().map(Spanned::span)),
-        ("initrd", raw.initrd.as_ref().map(Spanned::span)),
-        ("cmdline", raw.cmdline.as_ref().map(Spanned::span)),
-        ("disk", raw.disk.0.first().map(Spanned::span)),
-        ("net", raw.net.0.first().map(Spanned::span)),
-        ("watchdog", raw.watchdog.as_ref().map(Spanned::span)),
-        ("power_off", raw.power_off.as_ref().map(Spanned::span)),
-    ];
-    for (key, span) in of_linux {
-        if let Some(span) = span {
-            let found = misplaced(key, "linux", name, "plc");
-            let allowed = "for a \"plc\": name, kind, cpu, memory, huge_pages, bus_locks, \
-                           cache, memory_bandwidth, release_guard, image, on_schedule_change, restarts, [[partition.program]], [[partition.io]], \
-                           [[partition.task]], \
-                           [[partition.port_io]], [[partition.mmio]], \
-                           [[partition.safe_value]] and [[partition.interrupt]]";
-            return Err(Diagnostic::new(span, found, allowed));
-        }
-    }
+    kind_keys::check(raw, Owner::Plc)?;
     let guard = match &raw.release_guard {
         None => GUARD_DEFAULT,
         Some(guard) => match *guard.get_ref() {
-            Guard::Fixed(length) => check_guard(length, &guard.span(), around.frame)?,
+            Guard::Fixed(length) => values::guard(length, &guard.span(), around.frame)?,
             // The schedules decide how much longer it may become.
             Guard::Auto => AUTO_LEAST,
         },
@@ -247,43 +216,13 @@ fn check_plc(
     Ok((kind, Role::Windowed { guard }, image.into_iter().collect()))
 }
 
-fn check_guard(length: Nanos, span: &Span, frame: &Spanned<Duration>) -> Result<Nanos, Diagnostic> {
-    let longest = GUARD_MAX.min(frame.get_ref().0.less(Nanos(1)));
-    if length > longest {
-        let found = format!("the release guard of {length} is too long");
-        let allowed = format!("\"auto\", or \"0us\" to {GUARD_MAX}, and less than the major frame");
-        return Err(Diagnostic::new(span.clone(), found, allowed));
-    }
-    Ok(length)
-}
-
 fn check_linux(
     raw: &raw::Partition,
     name: &str,
     header: Span,
     around: Surroundings<'_>,
 ) -> Result<(Kind, Role, Vec<Image>), Diagnostic> {
-    let of_plc = [
-        ("image", raw.image.as_ref().map(Spanned::span)),
-        ("release_guard", raw.release_guard.as_ref().map(Spanned::span)),
-        ("on_schedule_change", raw.on_schedule_change.as_ref().map(Spanned::span)),
-        ("task", raw.task.0.first().map(Spanned::span)),
-        ("program", raw.program.0.first().map(Spanned::span)),
-        ("io", raw.io.0.first().map(Spanned::span)),
-        ("port_io", raw.port_io.0.first().map(Spanned::span)),
-        ("mmio", raw.mmio.0.first().map(Spanned::span)),
-        ("safe_value", raw.safe_value.0.first().map(Spanned::span)),
-        ("interrupt", raw.interrupt.0.first().map(Spanned::span)),
-    ];
-    for (key, span) in of_plc {
-        if let Some(span) = span {
-            let found = misplaced(key, "plc", name, "linux");
-            let allowed = "for a \"linux\": name, kind, cpu, memory, huge_pages, bus_locks, \
-                           cache, memory_bandwidth, background, restarts, kernel, initrd, cmdline, \
-                           watchdog, power_off, [[partition.disk]] and [[partition.net]]";
-            return Err(Diagnostic::new(span, found, allowed));
-        }
-    }
+    kind_keys::check(raw, Owner::Linux)?;
     let Some(kernel) = &raw.kernel else {
         let found = format!("partition {} of kind \"linux\" has no key `kernel`", quote(name));
         let allowed = "`kernel = \"vmlinuz\"`, the path of a kernel's bzImage";
@@ -296,7 +235,7 @@ fn check_linux(
         kernel: kernel.path.clone(),
         initrd: initrd.as_ref().map(|initrd| initrd.path.clone()),
         cmdline: match &raw.cmdline {
-            Some(cmdline) => check_cmdline(cmdline)?,
+            Some(cmdline) => values::cmdline(cmdline)?,
             None => CMDLINE_DEFAULT.to_owned(),
         },
     };
@@ -313,99 +252,4 @@ fn check_linux(
         return Err(Diagnostic::new(net.span(), found, allowed));
     }
     Ok((kind, role, [kernel].into_iter().chain(initrd).collect()))
-}
-
-fn misplaced(key: &str, owner: &str, name: &str, kind: &str) -> String {
-    format!("`{key}` belongs to kind \"{owner}\"; partition {} is of kind \"{kind}\"", quote(name))
-}
-
-fn check_cpu(cpu: &Spanned<i64>, host: Option<usize>) -> Result<Cpu, Diagnostic> {
-    let number = *cpu.get_ref();
-    match usize::try_from(number).ok().filter(|n| *n < CPUS) {
-        Some(n) if host.is_none_or(|count| n < count) => Ok(Cpu(n)),
-        Some(n) => {
-            let last = host.unwrap_or(CPUS).saturating_sub(1);
-            let found = format!("CPU {n} does not exist on this machine");
-            let allowed = format!("0 to {last}, the CPUs of this machine");
-            Err(Diagnostic::new(cpu.span(), found, allowed))
-        }
-        None => {
-            let found = format!("{number} is not the number of a CPU");
-            let allowed = format!("0 to {}", CPUS - 1);
-            Err(Diagnostic::new(cpu.span(), found, allowed))
-        }
-    }
-}
-
-fn check_change(change: Option<&Spanned<String>>) -> Result<ScheduleChange, Diagnostic> {
-    let Some(change) = change else { return Ok(ScheduleChange::Ignore) };
-    match change.get_ref().as_str() {
-        "ignore" => Ok(ScheduleChange::Ignore),
-        "warm" => Ok(ScheduleChange::Warm),
-        "cold" => Ok(ScheduleChange::Cold),
-        other => {
-            let found = format!("there is no action {} for a switch of schedules", quote(other));
-            Err(Diagnostic::new(change.span(), found, "\"ignore\", \"warm\" or \"cold\""))
-        }
-    }
-}
-
-/// Checks how long a watchdog waits, that of a partition or the host's.
-pub fn check_watchdog(watchdog: &Spanned<Duration>) -> Result<Nanos, Diagnostic> {
-    let time = watchdog.get_ref().0;
-    if time < WATCHDOG[0] || time > WATCHDOG[1] {
-        let found = format!("a watchdog that waits {time} for a heartbeat");
-        let allowed = format!("{} to {}", WATCHDOG[0], WATCHDOG[1]);
-        return Err(Diagnostic::new(watchdog.span(), found, allowed));
-    }
-    Ok(time)
-}
-
-/// How long a Linux has to switch itself off.
-fn check_power_off(power_off: Option<&Spanned<Duration>>) -> Result<Nanos, Diagnostic> {
-    let Some(power_off) = power_off else { return Ok(Nanos::ZERO) };
-    let time = power_off.get_ref().0;
-    if time > POWER_OFF_MAX {
-        let found = format!("{time} is too long to wait for a power-off");
-        let allowed = format!("\"0s\", to be stopped at once, to {POWER_OFF_MAX}");
-        return Err(Diagnostic::new(power_off.span(), found, allowed));
-    }
-    Ok(time)
-}
-
-fn check_memory(memory: &Spanned<Bytes>, kind: &Kind) -> Result<Bytes, Diagnostic> {
-    let size = *memory.get_ref();
-    let ([min, max], name) = match kind {
-        Kind::Plc { .. } => (PLC_MEMORY, "plc"),
-        Kind::Linux { .. } => (LINUX_MEMORY, "linux"),
-    };
-    let error = |found| {
-        let page = Bytes(PAGE);
-        let allowed = format!("a multiple of {page} from {min} to {max} for a \"{name}\"");
-        Err(Diagnostic::new(memory.span(), found, allowed))
-    };
-    if size < min {
-        error(format!("the memory of {size} is too small"))
-    } else if size > max {
-        error(format!("the memory of {size} is too large"))
-    } else if !size.0.is_multiple_of(PAGE) {
-        error(format!("the memory of {size} is not a whole number of pages"))
-    } else {
-        Ok(size)
-    }
-}
-
-fn check_cmdline(cmdline: &Spanned<String>) -> Result<String, Diagnostic> {
-    let text = cmdline.get_ref();
-    let error = |found: String| {
-        let allowed = format!("at most {CMDLINE_MAX} bytes, without control characters");
-        Err(Diagnostic::new(cmdline.span(), found, allowed))
-    };
-    if text.len() > CMDLINE_MAX {
-        return error(format!("the command line has {} bytes", text.len()));
-    }
-    match text.chars().find(|c| c.is_control()) {
-        Some(c) => error(format!("the command line has the control character {c:?}")),
-        None => Ok(text.clone()),
-    }
 }
