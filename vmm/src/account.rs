@@ -12,7 +12,7 @@ use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
 use crate::handoff::Taker;
 use crate::health::{Detail, Watch};
 use crate::kernel_watch::{KernelWatch, News};
-use crate::life::{Effects, Event, Finished, Life, Order, Refused};
+use crate::life::{Effects, Event, Finished, Life};
 use crate::live::Banks;
 use crate::load;
 use crate::power_button::PowerButton;
@@ -130,24 +130,15 @@ impl Account {
         self.restart = Some(restart);
     }
 
-    /// Goes on by an event, and does what follows for its thread. The rest is the supervisor's.
+    /// Goes on by an event, and [carries out](Self::carry_out) what follows. The rest is the supervisor's.
     pub fn step(&mut self, event: Event) -> Effects {
         let effects = self.life.step(event);
         self.carry_out(&effects);
         effects
     }
 
-    /// The same by an operator's order.
-    ///
-    /// # Errors
-    /// If it is refused.
-    pub fn order(&mut self, order: Order) -> Result<Effects, Refused> {
-        let effects = self.life.order(order)?;
-        self.carry_out(&effects);
-        Ok(effects)
-    }
-
-    fn carry_out(&mut self, effects: &Effects) {
+    /// Does what follows from an event or an order, for its thread.
+    pub fn carry_out(&mut self, effects: &Effects) {
         if effects.halt {
             self.control.halt();
         }

@@ -41,7 +41,8 @@ impl Account {
     /// # Errors
     /// If its state does not allow it, or it cannot be started.
     pub fn operate(&mut self, order: Order) -> Result<Option<Outcome>, Refusal> {
-        let effects = self.order(order).map_err(|refused| self.refusal(refused))?;
+        let effects = self.life.order(order).map_err(|refused| self.refusal(refused))?;
+        self.carry_out(&effects);
         Ok(effects.told.and_then(|told| self.outcome(told)))
     }
 

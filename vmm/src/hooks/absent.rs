@@ -21,19 +21,16 @@ pub struct Steps;
 
 impl Hooks {
     /// The steps of a start.
-    #[must_use]
     pub const fn steps(&self) -> Steps {
         Steps
     }
 
     /// Windows are ended by kicks.
-    #[must_use]
     pub const fn kicks(&self) -> bool {
         true
     }
 
     /// No wake-up is made late.
-    #[must_use]
     pub const fn late_wake_up(&self) -> LateWakeUp {
         LateWakeUp
     }
@@ -55,7 +52,6 @@ impl Hooks {
     }
 
     /// There is nothing to tell of.
-    #[must_use]
     pub const fn told(&self) -> Vec<String> {
         Vec::new()
     }
@@ -63,7 +59,6 @@ impl Hooks {
 
 impl LateWakeUp {
     /// How much later the wake-up for this release comes.
-    #[must_use]
     pub const fn delay(self, _: u64) -> Nanos {
         Nanos::ZERO
     }
