@@ -15,7 +15,7 @@
 //!
 //! An error that the guest survives costs its thread a count and an entry in a ring; the thread does not
 //! wait and does not print. Whether a partition is started again is decided where there is
-//! time for it, and only there: [`Monitor`] knows how often that has happened already.
+//! time for it, and only there: `Monitor` knows how often that has happened already.
 
 pub mod bus_locks;
 mod detail;
