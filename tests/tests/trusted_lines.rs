@@ -8,7 +8,7 @@ use takt_tests::trusted_lines::by_folder;
 /// A change that needs fewer lowers it.
 const MOST: [(&str, usize); 12] = [
     ("vmm/src", 15_700),
-    ("vmm/plan/src", 6_900),
+    ("vmm/plan/src", 7_000),
     ("vmm/host/src", 640),
     ("vmm/record/src", 300),
     ("vmm/figures/src", 1_720),
