@@ -2,7 +2,7 @@
 
 use takt_program::signature;
 use takt_test_programs::{Entry, Program, cyclic, cyclic_from, us};
-use takt_tests::{File, Outcome, save_bytes};
+use takt_tests::{File, Outcome, root, save_bytes};
 
 /// A private key, for tests.
 const PRIVATE: [u8; 32] = [3; 32];
@@ -108,4 +108,30 @@ fn a_guest_that_is_started_anew_finds_its_programs_whole() {
     assert_eq!(told, 4, "one start and three more\n{}", outcome.output);
     assert_eq!(outcome.number("plc", "restarts"), 3, "{}", outcome.output);
     assert_eq!(outcome.number("plc", "illegal_accesses"), 0, "{}", outcome.output);
+}
+
+/// The example program in C, which `scripts/run` builds by its Makefile because the file names it.
+#[test]
+fn a_program_in_c_doses_what_a_simulated_button_orders() {
+    let image = root().join("target/examples/dosing.plc");
+    let inputs = [
+        ("flow", "{ shape = \"constant\", value = 1.0 }"),
+        ("amount", "{ shape = \"constant\", value = 0.1 }"),
+        // An order each 500 ms, of which a batch takes 100.
+        ("button", "{ shape = \"square\", period = \"500ms\" }"),
+    ];
+    let inputs = inputs
+        .map(|(point, value)| format!("[[partition.io]]\npoint = {point:?}\nsimulate = {value}\n"));
+    let lines = format!(
+        "memory = \"16MiB\"\n[[partition.program]]\nimage = {image:?}\n{}",
+        inputs.concat()
+    );
+    let file = File::new("1ms").plc_with("plc", &lines).schedule("normal").window("plc", 0, 300);
+    let outcome = file.run("program-c").lasting("2500ms").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    let batches = outcome.output.matches("dosing.dose: a batch is complete").count();
+    assert!((4..=5).contains(&batches), "{batches}\n{}", outcome.output);
+    assert!(!outcome.output.contains("stops"), "{}", outcome.output);
+    assert!(jobs(&outcome, "dosing.order") >= 3 && jobs(&outcome, "dosing.dose") > 150);
+    outcome.assert_punctual("plc");
 }
