@@ -60,8 +60,8 @@ fn a_switch_from_a_task_to_another_takes_no_more_than_is_told() {
         .task(cyclic("urgent", us(1_000), 0, Entry::AwaitStamp), 200)
         .task(cyclic("lesser", us(1_000), 9, Entry::StampAndSet), 0);
     let woken = told("tasks-woken", waits);
-    // Wanted were 300. The lab counts each byte of a copy as an instruction, and a new job has 700 to set up.
-    assert!(woken <= 750 && next <= 1_650, "{woken} {next}");
+    // Wanted were 300. The lab counts each step of a copy, of eight bytes, as an instruction.
+    assert!(woken <= 780 && next <= 1_050, "{woken} {next}");
 }
 
 #[test]

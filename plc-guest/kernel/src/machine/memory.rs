@@ -76,24 +76,6 @@ impl Area {
         unsafe { ptr::copy(from.pointer(), self.pointer(), bytes) };
     }
 
-    /// Copies what fits from another one, which must not overlap, eight bytes at a time.
-    pub fn copy_words_from(self, from: Self) {
-        let bytes = self.bytes.min(from.bytes);
-        // SAFETY: as in `clear`, for both; the direction flag is clear in the kernel.
-        unsafe {
-            core::arch::asm!(
-                "rep movsq",
-                "mov rcx, {rest}",
-                "rep movsb",
-                rest = in(reg) bytes % 8,
-                inout("rcx") bytes / 8 => _,
-                inout("rdi") self.pointer() => _,
-                inout("rsi") from.pointer() => _,
-                options(nostack, preserves_flags),
-            );
-        };
-    }
-
     /// Copies what fits out of it.
     pub fn read(self, to: &mut [u8]) {
         let bytes = to.len().min(self.bytes as usize);

@@ -159,13 +159,13 @@ impl Memory for ProgramMemory {
             // What the image has; the rest is zero.
             let there = self.initial.bytes().saturating_sub(at.into()).min(bytes.into());
             if let Some(source) = self.initial.part(at.into(), there) {
-                target.copy_words_from(source);
+                target.copy_from(source);
             }
             if let Some(rest) = target.part(there, u64::from(bytes) - there) {
                 rest.clear();
             }
         } else if let Some(source) = self.place(from, bytes) {
-            target.copy_words_from(source);
+            target.copy_from(source);
         }
     }
 
