@@ -279,7 +279,9 @@ impl Lower<'_> {
 fn exact_end(first: (i128, i128), last: (i128, i128), step: Option<i128>) -> bool {
     match step {
         Some(1 | -1) => true,
-        Some(step) if first.0 == first.1 && last.0 == last.1 => (last.0 - first.0) % step == 0,
+        Some(step) if step != 0 && first.0 == first.1 && last.0 == last.1 => {
+            (last.0 - first.0) % step == 0
+        }
         _ => false,
     }
 }
