@@ -90,6 +90,12 @@ impl Outcome {
         of("release_latency_ns.max") - of("release_latency_ns.min")
     }
 
+    /// Whether Takt ran on a kernel whose version begins like this: some bounds are those of one kernel's paths.
+    #[must_use]
+    pub fn is_on_kernel(&self, version: &str) -> bool {
+        self.report["host"]["kernel"].as_str().is_some_and(|kernel| kernel.starts_with(version))
+    }
+
     /// Fails unless a PLC started each scan within 10 ns of its release, but for those that an
     /// interrupt of the host fell onto.
     ///

@@ -26,7 +26,7 @@ fn largest(outcome: &Outcome, before: &str) -> u64 {
 /// faults, died of that within three seconds.
 #[test]
 fn a_linux_full_of_timers_lives_and_the_plc_keeps_its_time() {
-    let (duration, end, releases) = if long() { ("60s", 57, 59_990) } else { ("4s", 2, 3_990) };
+    let (duration, end, releases) = if long() { ("60s", 57, 59_990) } else { ("6s", 2, 5_990) };
     let outcome = beside_stress("stress", duration, end);
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_shows("emulated by QEMU ");

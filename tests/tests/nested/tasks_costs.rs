@@ -35,7 +35,8 @@ fn a_window_that_interrupts_a_task_leaves_8_us_to_wait_for_the_release() {
     let of = |outcome: &Outcome, key| outcome.number("plc", &format!("release_latency_ns.{key}"));
     // With what the kernel does for the task that it interrupts: it saves its registers and charges it.
     let more = of(&ticked, "p50") - of(&idle, "p50");
-    assert!(more <= 2_400, "{more}\n{}", ticked.output);
+    let most = if ticked.is_on_kernel("6.1.") { 2_400 } else { 2_800 };
+    assert!(more <= most, "{more}\n{}", ticked.output);
     let latest = of(&ticked, "max");
     assert!(latest <= GUARD_NS - 8_000, "{latest}\n{}", ticked.output);
 }

@@ -96,6 +96,10 @@ fn a_fault_at_ring_3_stops_its_program_and_no_other() {
         let outcome = file.run(&test).lasting("2500ms").run();
         assert_eq!(outcome.status, 0, "{}", outcome.output);
         for (name, (entry, text)) in names.iter().zip(faults) {
+            // QEMU 10 lets ring 3 execute `wbinvd`, as if it were no instruction (its table of two-byte opcodes).
+            if matches!(entry, Entry::ForgetCaches) && outcome.output.contains(" QEMU 10.") {
+                continue;
+            }
             let told = format!("program {name}, task main: ");
             let line = outcome.output.lines().find(|line| line.contains(&told));
             let line = line.unwrap_or_else(|| panic!("{entry:?} was not told\n{}", outcome.output));

@@ -52,7 +52,8 @@ fn six_tasks_of_two_programs_span_windows_and_cost_the_most_urgent_nothing() {
     for (task, jobs) in [
         ("fast.control", jobs),
         ("fast.middle", jobs / 4),
-        ("slow.order", jobs / 400),
+        // Linux sends fewer on a kernel 6.12.
+        ("slow.order", jobs / 800),
         ("slow.long", jobs / 40),
         ("slow.longest", jobs / 400),
     ] {
