@@ -6,11 +6,12 @@ use std::io;
 use std::path::Path;
 
 /// Folders of code that runs on the host while guests do, and what each is.
-const TRUSTED: [(&str, &str); 12] = [
+const TRUSTED: [(&str, &str); 13] = [
     ("vmm/src", "the program `takt`"),
     ("vmm/plan/src", "the partition file"),
     ("vmm/host/src", "what the host tells"),
     ("vmm/record/src", "records of windows"),
+    ("vmm/retain/src", "files of retained values"),
     ("vmm/figures/src", "report, statistics, trace"),
     ("vmm/protocol/src", "the control socket's messages"),
     ("scheduler/src", "the schedule"),

@@ -176,6 +176,17 @@ impl<'a> Image<'a> {
         self.indices(SectionKind::Variables).map(move |index| Variable::read(&image, index))
     }
 
+    /// The variable at this place of the table.
+    #[must_use]
+    pub fn variable_at(&self, index: u32) -> Option<Variable<'a>> {
+        self.has(SectionKind::Variables, index).then(|| Variable::read(self, index))
+    }
+
+    /// The variables whose values outlive a start, in the order of their names.
+    pub fn retained(&self) -> impl Iterator<Item = Variable<'a>> + use<'a> {
+        self.variables().filter(Variable::is_retained)
+    }
+
     /// The variable of this name, found by bisection.
     #[must_use]
     pub fn variable(&self, name: &str) -> Option<Variable<'a>> {

@@ -121,6 +121,20 @@ impl<'a> Variable<'a> {
         }
     }
 
+    /// True if its value outlives a start. Only values of the state do: inputs come from the plant, and outputs and
+    /// markers begin with what `init` gives them.
+    #[must_use]
+    pub fn is_retained(&self) -> bool {
+        let flags = self.flags.has(Flags::RETAIN) || self.flags.has(Flags::PERSISTENT);
+        flags && self.area == Area::State
+    }
+
+    /// True if its value outlives a cold start, too.
+    #[must_use]
+    pub fn is_persistent(&self) -> bool {
+        self.flags.has(Flags::PERSISTENT)
+    }
+
     /// The address of its first byte in the program's address space.
     #[must_use]
     pub fn address(&self, image: &Image<'_>) -> u64 {
