@@ -6,11 +6,12 @@ use takt_tests::trusted_lines::by_folder;
 
 /// Most lines of each folder. A change that needs more raises the number and says in its commit what the lines are for.
 /// A change that needs fewer lowers it.
-const MOST: [(&str, usize); 12] = [
-    ("vmm/src", 15_700),
-    ("vmm/plan/src", 7_000),
+const MOST: [(&str, usize); 13] = [
+    ("vmm/src", 16_350),
+    ("vmm/plan/src", 7_100),
     ("vmm/host/src", 640),
     ("vmm/record/src", 300),
+    ("vmm/retain/src", 530),
     ("vmm/figures/src", 1_720),
     ("vmm/protocol/src", 670),
     ("scheduler/src", 2_080),

@@ -16,7 +16,7 @@ use seccompiler::{BpfProgram, TargetArch, compile_from_json, sock_filter};
 use serde_json::{Value, json};
 
 /// The kinds of threads; `sandbox/filter.rs` embeds these programs.
-const KINDS: [&str; 10] = [
+const KINDS: [&str; 11] = [
     "plc",
     "linux",
     "kicker",
@@ -24,6 +24,7 @@ const KINDS: [&str; 10] = [
     "plc-loader",
     "disk",
     "writer",
+    "saver",
     "reader",
     "main",
     "guardian",

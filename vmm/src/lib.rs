@@ -42,6 +42,7 @@ pub mod restart;
 pub mod run;
 pub mod run_error;
 pub mod sandbox;
+pub mod saver;
 pub mod schedule_requests;
 pub mod screen;
 pub mod steering;

@@ -25,6 +25,7 @@ use crate::passthrough::error::DeviceError;
 use crate::pci::PciError;
 use crate::resctrl::GroupError;
 use crate::sandbox::SandboxError;
+use crate::saver::SaverError;
 use crate::supervisor::error::SupervisorError;
 use crate::unix_socket::SocketError;
 use crate::vcpu::thread::ThreadError;
@@ -49,6 +50,8 @@ pub enum RunError {
     Channel(#[from] ChannelError),
     #[error(transparent)]
     Live(#[from] LiveError),
+    #[error(transparent)]
+    Saver(#[from] SaverError),
     #[error(transparent)]
     HostPort(#[from] HostPortError),
     #[error(transparent)]
@@ -107,6 +110,7 @@ impl RunError {
             RunError::Plc { .. }
                 | RunError::Linux(LinuxMachineError::Image { .. })
                 | RunError::Disk(DiskError::File(_))
+                | RunError::Saver(_)
                 | RunError::Control(SocketError::InUse(_) | SocketError::NotASocket(_))
         )
     }

@@ -111,14 +111,19 @@ pub struct Program {
     pub state: u64,
     /// Its length, at least what the image asks for.
     pub state_bytes: u64,
+    /// Start of the block of its RETAIN and PERSISTENT variables: their values, one behind the other, in the order of
+    /// the image's table.
+    pub retained: u64,
+    /// Length of the memory for it, at least that of the block.
+    pub retained_bytes: u64,
     /// What follows from a fault of a task (an exception or a trap): [`action::STOP_PROGRAM`] or beyond.
     pub on_fault: u32,
     /// What follows when a job uses up its budget: one of [`action`].
     pub on_overrun: u32,
     /// What follows when a job is not complete at its deadline: one of [`action`].
     pub on_deadline: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// What the block has at the guest's start: one of [`restored`].
+    pub restored: u32,
 }
 
 impl Program {
@@ -131,11 +136,23 @@ impl Program {
         second_bank: 0,
         state: 0,
         state_bytes: 0,
+        retained: 0,
+        retained_bytes: 0,
         on_fault: 0,
         on_overrun: 0,
         on_deadline: 0,
-        reserved: 0,
+        restored: restored::NOTHING,
     };
+}
+
+/// What the block of retained variables has at the guest's start.
+pub mod restored {
+    /// Nothing: all variables get their initial values.
+    pub const NOTHING: u32 = 0;
+    /// Values of PERSISTENT variables, and initial ones of the others: the program's start is cold.
+    pub const PERSISTENT: u32 = 1;
+    /// Values of RETAIN variables too: the program's start is warm.
+    pub const ALL: u32 = 2;
 }
 
 /// What follows from an error of a task. A greater number does more.
@@ -146,14 +163,16 @@ pub mod action {
     pub const SKIP: u32 = 2;
     /// The program stops; its neighbours go on.
     pub const STOP_PROGRAM: u32 = 3;
-    /// The program starts anew, cold; its neighbours go on.
-    pub const RESTART_PROGRAM: u32 = 4;
+    /// The program starts anew, warm: RETAIN and PERSISTENT variables keep their values. Its neighbours go on.
+    pub const WARM_RESTART_PROGRAM: u32 = 4;
+    /// The program starts anew, cold: only PERSISTENT variables keep their values. Its neighbours go on.
+    pub const RESTART_PROGRAM: u32 = 5;
     /// The partition's guest ends itself, and the partition's own health table says what follows.
-    pub const STOP_PARTITION: u32 = 5;
+    pub const STOP_PARTITION: u32 = 6;
 }
 
 const _: () = {
-    assert!(size_of::<Program>() == 96);
-    assert!(size_of::<ProgramTable>() == 32 + PROGRAMS_MAX * 96);
+    assert!(size_of::<Program>() == 112);
+    assert!(size_of::<ProgramTable>() == 32 + PROGRAMS_MAX * 112);
     assert!(size_of::<ProgramTable>() as u64 <= memory::PAGE);
 };

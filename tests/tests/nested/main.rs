@@ -27,6 +27,7 @@ mod power_off;
 mod process_image;
 mod programs;
 mod quiet;
+mod retain;
 mod safe_values;
 mod sandbox;
 mod several_cpus;

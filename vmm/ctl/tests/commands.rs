@@ -234,7 +234,7 @@ impl Plant {
         let listener = Listener::bind(&plant.folder.join("takt.sock"), SocketKind::Stream).unwrap();
         let end = plant.end.clone();
         plant.server = Some(thread::spawn(move || {
-            let mut server = Server::new(listener);
+            let mut server = Server::new(Some(listener));
             server.tell(Nanos(2_000_000_000), EventKind::Ended, Some("plc"), "triple fault");
             let mut run = FakeRun::default();
             for sequence in 0.. {

@@ -1,6 +1,6 @@
 //! Where the programs of a PLC lie in its memory.
 //!
-//! Behind the guest's own image, one after the other: bank 0 with the image, bank 1, the state. What is left
+//! Behind the guest's own image, one after the other: bank 0 with the image, bank 1, the state, the retained values. What is left
 //! of the memory is the guest's to work with. None of it depends on anything but the partition file and the
 //! images, so a file that does not fit is refused before anything is started.
 
@@ -33,6 +33,7 @@ pub fn place(checked: &mut Checked, guest_end: u64) -> Result<(), Diagnostic> {
         place.image = take(place.bank_bytes);
         place.second_bank = take(place.bank_bytes);
         place.state = take(place.state_bytes);
+        place.retained = take(place.retained_bytes);
     }
     let work: u64 = checked.programs.iter().map(|program| program.work).sum();
     let memory = checked.partition.memory_bytes();
@@ -55,7 +56,7 @@ pub fn place(checked: &mut Checked, guest_end: u64) -> Result<(), Diagnostic> {
 #[must_use]
 pub fn table(programs: &[Program], memory_bytes: u64) -> Option<ProgramTable> {
     let last = programs.last()?;
-    let work = last.place.state + last.place.state_bytes;
+    let work = last.place.retained + last.place.retained_bytes;
     let mut table = ProgramTable {
         count: programs.len() as u32,
         work,

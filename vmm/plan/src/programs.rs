@@ -21,6 +21,7 @@ use super::images;
 use super::names::check_word;
 use super::partition::Surroundings;
 use super::raw::{self, Keys};
+use super::retain::{self, RetainFile};
 use super::units::Bytes;
 
 /// Most keys that a program's signature may be of.
@@ -50,6 +51,8 @@ pub struct Program {
     pub watch: Bytes,
     /// Whether they may write and force its values.
     pub allow_force: bool,
+    /// Where its retained values are written, if they are to outlive a stop of Takt.
+    pub retain: Option<RetainFile>,
     /// The keys that the file accepts; `None`: it accepts any, and images without a signature.
     pub keys: AcceptedKeys,
     image: Arc<[u8]>,
@@ -118,9 +121,10 @@ pub fn check(
         return Err(Diagnostic::new(excess.span(), found, allowed));
     }
     let mut checked: Vec<CheckedProgram> = Vec::with_capacity(tables.len());
+    let mut retained = retain::Sum::default();
     for table in tables {
         let Keys(raw) = table.get_ref();
-        let next = check_one(raw, around)?;
+        let next = check_one(raw, around, &mut retained)?;
         if let Some(other) = checked.iter().find(|p| p.program.name == next.program.name) {
             let found =
                 format!("a second program of the partition is named {}", quote(&next.program.name));
@@ -128,12 +132,27 @@ pub fn check(
             return Err(Diagnostic::new(name_span(raw), found, allowed)
                 .and(other.span.clone(), "the other one"));
         }
+        let other = checked.iter().find(|p| {
+            let path = |file: &RetainFile| {
+                Some(&file.path) == next.program.retain.as_ref().map(|own| &own.path)
+            };
+            p.program.retain.as_ref().is_some_and(path)
+        });
+        if let (Some(other), Some(raw)) = (other, &raw.retain) {
+            let found =
+                format!("{} is also the file of {}", quote(raw.get_ref()), other.program.name);
+            return Err(Diagnostic::new(raw.span(), found, "a file of its own for each program"));
+        }
         checked.push(next);
     }
     Ok(checked)
 }
 
-fn check_one(raw: &raw::Program, around: Surroundings<'_>) -> Result<CheckedProgram, Diagnostic> {
+fn check_one(
+    raw: &raw::Program,
+    around: Surroundings<'_>,
+    retained: &mut retain::Sum,
+) -> Result<CheckedProgram, Diagnostic> {
     let file = images::resolve(around.folder, &raw.image)?;
     let bytes = images::open(&file.path).and_then(|opened| Ok(read(opened)?));
     let bytes = bytes.map_err(|error| images::unreadable(&file, &error))?;
@@ -153,6 +172,7 @@ fn check_one(raw: &raw::Program, around: Surroundings<'_>) -> Result<CheckedProg
         image_bytes: length,
         bank_bytes: bank,
         state_bytes: state,
+        retained_bytes: retained.add(raw, &image)?,
         on_fault: check_action("on_fault", raw.on_fault.as_ref(), &FAULT_ACTIONS)?,
         on_overrun: check_action("on_overrun", raw.on_overrun.as_ref(), &OVERRUN_ACTIONS)?,
         on_deadline: check_action("on_deadline", raw.on_deadline.as_ref(), &DEADLINE_ACTIONS)?,
@@ -161,8 +181,10 @@ fn check_one(raw: &raw::Program, around: Surroundings<'_>) -> Result<CheckedProg
     let work = work(&image, bank);
     let watch = check_watch(raw.watch.as_ref())?;
     let allow_force = raw.allow_force.as_ref().is_some_and(|allow| *allow.get_ref());
+    let retain = retain::check(raw, around)?;
     let image = bytes.into();
-    let program = Program { name, path: file.path, place, trust, watch, allow_force, keys, image };
+    let path = file.path;
+    let program = Program { name, path, place, trust, watch, allow_force, retain, keys, image };
     Ok(CheckedProgram { program, span: file.span, work })
 }
 
@@ -313,13 +335,14 @@ type Action = (&'static str, u32);
 const LOG: Action = ("log", action::LOG);
 const SKIP: Action = ("skip", action::SKIP);
 const STOP: Action = ("stop", action::STOP_PROGRAM);
+const WARM_RESTART: Action = ("warm-restart", action::WARM_RESTART_PROGRAM);
 const RESTART: Action = ("restart", action::RESTART_PROGRAM);
 const STOP_PARTITION: Action = ("stop-partition", action::STOP_PARTITION);
 
 /// What may follow from each error, that of a file without the key first.
-const FAULT_ACTIONS: [Action; 3] = [STOP, RESTART, STOP_PARTITION];
-const OVERRUN_ACTIONS: [Action; 5] = [SKIP, LOG, STOP, RESTART, STOP_PARTITION];
-const DEADLINE_ACTIONS: [Action; 5] = [LOG, SKIP, STOP, RESTART, STOP_PARTITION];
+const FAULT_ACTIONS: [Action; 4] = [STOP, WARM_RESTART, RESTART, STOP_PARTITION];
+const OVERRUN_ACTIONS: [Action; 6] = [SKIP, LOG, STOP, WARM_RESTART, RESTART, STOP_PARTITION];
+const DEADLINE_ACTIONS: [Action; 6] = [LOG, SKIP, STOP, WARM_RESTART, RESTART, STOP_PARTITION];
 
 fn check_action(
     key: &str,

@@ -125,6 +125,8 @@ pub struct Program {
     pub on_deadline: Option<Spanned<String>>,
     pub watch: Option<Spanned<Bytes>>,
     pub allow_force: Option<Spanned<bool>>,
+    pub retain: Option<Spanned<String>>,
+    pub retain_every: Option<Spanned<Duration>>,
 }
 
 #[derive(Debug, serde::Deserialize)]

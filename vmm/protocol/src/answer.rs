@@ -217,4 +217,6 @@ pub enum EventKind {
     Released,
     /// A program has changed to another version, or a change has got on.
     Change,
+    /// What came of the retained values of a program: taken from a file, not written, and so on.
+    Retained,
 }

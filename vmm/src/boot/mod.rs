@@ -5,6 +5,7 @@ pub mod linux;
 pub mod long_mode;
 pub mod plc;
 pub mod programs;
+pub mod retained;
 pub mod touch;
 
 /// What a guest finds when it starts (operating modes of ARINC 653).

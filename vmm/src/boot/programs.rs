@@ -3,12 +3,14 @@
 //! Their images were read and checked with the partition file, and their places fixed. Here they are only
 //! copied, at the first start and at every later one: a guest may have written anything over them.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use takt_abi::program::ProgramTable;
 use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress, GuestMemoryError};
 
+use super::StartMode;
+use super::retained::Kept;
 use crate::config::{Partition, Program, program_table};
 use crate::memory::GuestMemory;
 
@@ -40,6 +42,8 @@ struct Starts {
     next: Changed,
     /// What it was loaded with the last time.
     loaded: Changed,
+    /// What each program retains, once that is known.
+    kept: Vec<Option<Kept>>,
 }
 
 impl Programs {
@@ -49,7 +53,8 @@ impl Programs {
         let programs = partition.programs().to_vec();
         let table = program_table(&programs, partition.memory_bytes())?;
         let none = vec![None; programs.len()];
-        let starts = Starts { count: 0, next: none.clone(), loaded: none };
+        let kept = vec![None; programs.len()];
+        let starts = Starts { count: 0, next: none.clone(), loaded: none, kept };
         Some(Self { programs, table, starts: Arc::new(Mutex::new(starts)) })
     }
 
@@ -94,20 +99,46 @@ impl Programs {
         self.starts().loaded.get(place).cloned().flatten()
     }
 
-    /// Copies the images into memory that is zero. Returns what the guest is told of them.
+    /// From now on a program that starts anew has these values. Waits for nothing: while the guest is being loaded they are
+    /// dropped, and newer ones come when it runs.
+    pub fn keep(&self, place: usize, kept: Kept) {
+        let mut starts = match self.starts.try_lock() {
+            Ok(starts) => starts,
+            Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
+            Err(TryLockError::WouldBlock) => return,
+        };
+        if let Some(slot) = starts.kept.get_mut(place) {
+            *slot = Some(kept);
+        }
+    }
+
+    /// Copies the images into memory that is zero, and what the programs retain over such a start. Returns what the guest is
+    /// told of them.
     ///
     /// # Errors
     /// If one does not lie in the memory, which the partition file's checks have ruled out.
-    pub fn load(&self, memory: &GuestMemory) -> Result<ProgramTable, ProgramError> {
+    pub fn load(
+        &self,
+        memory: &GuestMemory,
+        mode: StartMode,
+    ) -> Result<ProgramTable, ProgramError> {
         let mut starts = self.starts();
         starts.loaded = starts.next.clone();
         let mut table = self.table;
         let entries = table.programs.iter_mut().zip(&self.programs).zip(&starts.loaded);
-        for ((entry, program), changed) in entries {
+        for (((entry, program), changed), kept) in entries.zip(&starts.kept) {
             let image = changed.as_deref().unwrap_or(program.bytes());
             entry.image_bytes = image.len() as u64;
-            let copied = memory.regions().write_slice(image, GuestAddress(program.place.image));
-            copied.map_err(|source| ProgramError { name: program.name.clone(), source })?;
+            let failed = |source| ProgramError { name: program.name.clone(), source };
+            let write = |bytes: &[u8], at| memory.regions().write_slice(bytes, GuestAddress(at));
+            write(image, program.place.image).map_err(failed)?;
+            let beginning = kept.as_ref().map(|kept| kept.beginning(image, mode));
+            if let Some((restored, block)) = beginning
+                && block.len() as u64 <= entry.retained_bytes
+            {
+                entry.restored = restored;
+                write(&block, entry.retained).map_err(failed)?;
+            }
         }
         Ok(table)
     }
@@ -154,7 +185,7 @@ mod tests {
         let guest = PlcImage::read(Source::Kernel, bytes).unwrap();
         guest.load(&memory).unwrap();
         for mode in [StartMode::Cold, StartMode::Warm] {
-            programs.load(&memory).unwrap();
+            programs.load(&memory, StartMode::Cold).unwrap();
             let mut found = vec![0; image.image_bytes as usize];
             memory.regions().read_slice(&mut found, GuestAddress(image.image)).unwrap();
             assert_eq!(found, partition.programs()[0].bytes());
@@ -178,7 +209,7 @@ mod tests {
         let other: Arc<[u8]> = vec![7; 9000].into();
         // What is said of one is true of its copies: one starts the guest, another follows its changes.
         programs.clone().start_with(0, Some(other.clone()));
-        let place = programs.load(&memory).unwrap().programs[0];
+        let place = programs.load(&memory, StartMode::Cold).unwrap().programs[0];
         assert_eq!(place.image_bytes, 9000);
         let mut found = vec![0; 9000];
         memory.regions().read_slice(&mut found, GuestAddress(place.image)).unwrap();
@@ -186,7 +217,7 @@ mod tests {
         assert_eq!(programs.loaded(0), Some(other));
         programs.start_with(0, None);
         let bytes = partition.programs()[0].bytes().len() as u64;
-        assert_eq!(programs.load(&memory).unwrap().programs[0].image_bytes, bytes);
+        assert_eq!(programs.load(&memory, StartMode::Cold).unwrap().programs[0].image_bytes, bytes);
         assert_eq!(programs.loaded(0), None);
     }
 

@@ -1,5 +1,8 @@
 //! The supervisor thread's side of the control socket: everything that it has to do with operators.
 
+use std::io;
+use std::time::Duration;
+
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::time::{Nanos, Tsc};
 
@@ -27,12 +30,12 @@ pub struct Operators {
 }
 
 impl Operators {
-    /// Those who will connect to `listener`.
+    /// Those who will connect to `listener`, if there is one.
     ///
     /// # Errors
     /// See [`ViewError`].
     pub fn new(
-        listener: Listener,
+        listener: Option<Listener>,
         file: &PartitionFile,
         channels: &Channels<'_>,
     ) -> Result<Operators, ViewError> {
@@ -44,6 +47,14 @@ impl Operators {
     /// Lets them ask and order programs.
     pub fn attach(&mut self, live: Live) {
         self.live = live;
+    }
+
+    /// The run is over: what programs retain is written.
+    ///
+    /// # Errors
+    /// What kept some of it from being written within this time.
+    pub fn finish(&mut self, now: Nanos, at_most: Duration) -> io::Result<()> {
+        self.live.finish(now, at_most)
     }
 
     /// Answers them; returns what has come of orders, with the partition of each, of which they

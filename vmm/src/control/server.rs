@@ -26,7 +26,7 @@ pub const KEPT: usize = 64;
 
 /// The server's side of the control socket.
 pub struct Server {
-    listener: Listener,
+    listener: Option<Listener>,
     clients: Vec<Client>,
     kept: VecDeque<Event>,
     /// Events so far.
@@ -36,9 +36,9 @@ pub struct Server {
 }
 
 impl Server {
-    /// Without a client.
+    /// Without a client. Without a listener there will be none.
     #[must_use]
-    pub fn new(listener: Listener) -> Server {
+    pub fn new(listener: Option<Listener>) -> Server {
         let kept = VecDeque::with_capacity(KEPT);
         Server { listener, clients: Vec::new(), kept, events: 0, connected: 0 }
     }
@@ -148,7 +148,11 @@ impl Server {
 
     fn accept(&mut self) {
         for _ in 0..ACCEPTED_MAX {
-            let Some(mut stream) = self.listener.accept().map(UnixStream::from) else { return };
+            let Some(mut stream) =
+                self.listener.as_ref().and_then(Listener::accept).map(UnixStream::from)
+            else {
+                return;
+            };
             if self.clients.len() < CLIENTS_MAX {
                 self.connected += 1;
                 self.clients.push(Client::new(stream, self.connected));

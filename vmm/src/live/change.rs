@@ -95,17 +95,17 @@ impl ProgramChanges {
         }
     }
 
-    /// The programs that have entered another version since the last time, with its hash and the bytes of its state.
-    pub fn exchanged(&mut self) -> Vec<(usize, [u8; 32], u32)> {
-        let mut all = Vec::new();
-        for (place, versions) in self.programs.iter_mut().enumerate() {
-            if std::mem::take(&mut versions.exchanged)
-                && let Ok(image) = Image::parse(&versions.running)
-            {
-                all.push((place, image.hash(), image.state_bytes()));
-            }
-        }
-        all
+    /// The programs that have entered another version since the last time.
+    pub fn exchanged(&mut self) -> Vec<usize> {
+        let programs = self.programs.iter_mut().enumerate();
+        programs
+            .filter_map(|(place, v)| std::mem::take(&mut v.exchanged).then_some(place))
+            .collect()
+    }
+
+    /// The version of a program that runs.
+    pub fn image(&self, place: usize) -> Option<Image<'_>> {
+        Image::parse(&self.programs.get(place)?.running).ok()
     }
 
     /// Takes a part of a new version. With the last one it is checked and brought into the guest.

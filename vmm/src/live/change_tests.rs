@@ -19,6 +19,7 @@ use vm_memory::{Bytes, GuestAddress};
 use super::limits::ProgramLimits;
 use super::tests::Case;
 use super::{Banks, ProgramChanges, Running, Turn, ValueOrder};
+use crate::boot::StartMode;
 use crate::boot::programs::Programs;
 use crate::config;
 use crate::memory::{GuestMemory, Pages};
@@ -70,7 +71,7 @@ impl Plant {
         let memory =
             GuestMemory::for_plc_with_programs(partition.memory_bytes(), Pages::Small, &[])
                 .unwrap();
-        programs.load(&memory).unwrap();
+        programs.load(&memory, StartMode::Cold).unwrap();
         let mut case = Case::new();
         case.running.changes = ProgramChanges::of(partition.programs());
         Self { case, banks: Banks { memory, programs }, now: 0 }
@@ -168,7 +169,7 @@ fn a_version_is_checked_brought_into_the_bank_entered_and_left() {
     let news = tell(&mut plant, number, record(Phase::Trial));
     assert_eq!(news, ["a: version 1.0.1 runs from cycle 9 on, on trial; the change took 3000 ns"]);
     assert_eq!(plant.phase(), ("1.0.1".into(), "trial".into(), Some("1.0.0".into())));
-    let table = plant.banks.programs.load(&plant.banks.memory).unwrap();
+    let table = plant.banks.programs.load(&plant.banks.memory, StartMode::Cold).unwrap();
     assert_eq!(table.programs[0].image_bytes, next.len() as u64);
 
     let failed = ChangeRecord { reason: Reason::Fault, ..record(Phase::RolledBack) };
@@ -429,7 +430,7 @@ fn a_guest_that_starts_anew_gets_no_version_and_is_known_by_what_it_was_loaded_w
     plant.case.running.commit("a").unwrap();
     // The guest ends when it has just entered the version, and is loaded before Takt hears of that.
     plant.banks.programs.begin_start();
-    plant.banks.programs.load(&plant.banks.memory).unwrap();
+    plant.banks.programs.load(&plant.banks.memory, StartMode::Cold).unwrap();
     tell(&mut plant, Phase::Trial);
     tell(&mut plant, Phase::Held);
     assert_eq!(plant.phase().0, "1.0.1");

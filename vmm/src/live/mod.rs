@@ -11,11 +11,15 @@ mod change_tests;
 mod figures;
 mod limits;
 mod link;
+mod retain;
 #[cfg(test)]
 mod tests;
 mod versions;
 mod watching;
 mod writes;
+
+use std::io;
+use std::time::Duration;
 
 use takt_abi::live::Range;
 use takt_channel::{Misaligned, OpenError};
@@ -26,12 +30,14 @@ use thiserror::Error;
 use crate::channels::Channels;
 use crate::control::protocol::{ErrorKind, EventKind, ForcedStatus, Load, Refusal, VersionStatus};
 use crate::memory::MemoryError;
+use crate::saver::{Files, Saver};
 pub use change::Banks;
 use change::ProgramChanges;
 pub use figures::Figures;
 use limits::ProgramLimits;
 use link::Received;
 pub use link::{Link, NotSent};
+use retain::Retaining;
 pub use watching::Sampled;
 use watching::Watching;
 pub use writes::ValueOrder;
@@ -60,6 +66,8 @@ pub struct Live {
     ticket: u64,
     /// What came of orders of values of which their clients have not been told.
     results: Vec<(u64, Nanos, Result<String, Refusal>)>,
+    /// What writes retained values, if there are files for them.
+    saver: Option<Saver>,
 }
 
 /// A partition with programs.
@@ -73,6 +81,10 @@ pub struct Running {
     ended: Vec<(u64, String)>,
     /// Other versions of the programs.
     changes: ProgramChanges,
+    /// What the programs retain.
+    retaining: Retaining,
+    /// What is to be told of that.
+    retained: Vec<String>,
 }
 
 /// What has happened in a turn.
@@ -96,7 +108,12 @@ impl Live {
     ///
     /// # Errors
     /// See [`LiveError`].
-    pub fn open(file: &PartitionFile, channels: &Channels<'_>) -> Result<Self, LiveError> {
+    pub fn open(
+        file: &PartitionFile,
+        channels: &Channels<'_>,
+        files: &Files,
+        saver: Option<Saver>,
+    ) -> Result<Self, LiveError> {
         let mut queues = channels.live().chunks_exact(2);
         let open = |partition: &Partition| -> Result<Option<Running>, LiveError> {
             if live_channels(partition).is_none() {
@@ -105,19 +122,34 @@ impl Live {
             let Some([orders, answers]) = queues.next() else { return Err(LiveError::Missing) };
             let limits = partition.programs().iter().map(ProgramLimits::new).collect();
             let changes = ProgramChanges::of(partition.programs());
-            Ok(Some(Running::new(Link::open(orders, answers)?, limits, changes)))
+            let mut running = Running::new(Link::open(orders, answers)?, limits, changes);
+            let beginning = |place| files.beginning(partition, place);
+            let own_file = |place| beginning(place).and_then(|beginning| beginning.file);
+            running.retaining = Retaining::of(partition.programs(), own_file);
+            let all = (0..partition.programs().len()).filter_map(beginning);
+            running.retained = all.flat_map(|beginning| beginning.news.clone()).collect();
+            Ok(Some(running))
         };
         let partitions = file.partitions().iter().map(open).collect::<Result<_, _>>()?;
-        Ok(Self { partitions, ..Self::default() })
+        Ok(Self { partitions, saver, ..Self::default() })
     }
 
     /// Takes what the kernels have sent, and asks what is to be asked again. `banks` gives those of a partition.
     pub fn on_tick<'b>(&mut self, now: Nanos, banks: impl Fn(usize) -> Option<&'b Banks>) -> Turn {
         let mut turn = Turn::default();
         let mut results = Vec::new();
+        while let Some((number, result)) = self.saver.as_mut().and_then(Saver::outcome) {
+            for running in self.partitions.iter_mut().flatten() {
+                running.retaining.outcome(number, &result, &mut running.retained);
+            }
+        }
         for (id, running) in self.partitions.iter_mut().enumerate() {
             let Some(running) = running else { continue };
             running.on_tick(now, id, banks(id), &mut turn, &mut results);
+            let Running { retaining, retained, .. } = running;
+            retaining.save(self.saver.as_mut(), now, retained);
+            let news = retained.drain(..);
+            turn.events.extend(news.map(|text| (id, EventKind::Retained, text)));
         }
         self.results.retain(|(_, until, _)| now < *until);
         for (id, ticket, result) in results {
@@ -235,6 +267,18 @@ impl Live {
         Ok(self.running(partition)?.changes.status())
     }
 
+    /// Writes what programs retain, since the run is over.
+    ///
+    /// # Errors
+    /// What kept some of it from being written within this time.
+    pub fn finish(&mut self, now: Nanos, at_most: Duration) -> io::Result<()> {
+        let Some(mut saver) = self.saver.take() else { return Ok(()) };
+        for running in self.partitions.iter_mut().flatten() {
+            running.retaining.save_last(&mut saver, now);
+        }
+        saver.finish(at_most)
+    }
+
     fn running(&mut self, partition: usize) -> Result<&mut Running, Refusal> {
         let running = self.partitions.get_mut(partition).and_then(Option::as_mut);
         running
@@ -259,7 +303,8 @@ impl Running {
     fn new(link: Link, limits: Vec<ProgramLimits>, changes: ProgramChanges) -> Self {
         let (figures, watching) = (Figures::default(), Watching::default());
         let (writes, ended) = (Writes::default(), Vec::new());
-        Self { link, limits, figures, watching, writes, ended, changes }
+        let (retaining, retained) = (Retaining::default(), Vec::new());
+        Self { link, limits, figures, watching, writes, ended, changes, retaining, retained }
     }
 
     fn commit(&mut self, program: &str) -> Result<String, Refusal> {
@@ -295,7 +340,8 @@ impl Running {
             "values of {program} are watched no longer, because it changes to another version: ask for the status, and \
              watch anew"
         );
-        let clients = self.watching.leave(place).into_iter();
+        let Self { watching, retaining, .. } = self;
+        let clients = watching.leave(place).into_iter().filter(|client| !retaining.left(*client));
         self.ended.extend(clients.map(|client| (client, text.clone())));
     }
 
@@ -315,7 +361,8 @@ impl Running {
             let ended = self.writes.forget();
             turn.events.extend(ended.map(|text| (id, EventKind::Released, text)));
         }
-        let Self { link, figures, limits, watching, writes, ended, changes } = self;
+        let Self { link, figures, limits, watching, writes, ended, changes, retaining, retained } =
+            self;
         link.receive(|received| match received {
             Received::Answer(number, answer) => {
                 figures.take(answer);
@@ -324,20 +371,26 @@ impl Running {
                 results.extend(result.map(|(ticket, result)| (id, ticket, result)));
             }
             Received::Sample(head, bytes) => {
-                watching.take(head, bytes, now, |sampled| turn.samples.push((id, sampled)));
+                watching.take(head, bytes, now, |sampled| {
+                    let sampled = retaining.take(sampled, now, banks);
+                    turn.samples.extend(sampled.map(|sampled| (id, sampled)));
+                });
             }
         });
-        for (place, hash, state_bytes) in changes.exchanged() {
-            figures.runs(place, hash);
+        for place in changes.exchanged() {
+            let Some(image) = changes.image(place) else { continue };
+            figures.runs(place, image.hash());
             if let Some(limits) = limits.get_mut(place) {
-                limits.areas[0] = state_bytes;
+                limits.areas[0] = image.state_bytes();
             }
+            retaining.entered(place, &image);
             turn.exchanged = true;
         }
         turn.events.extend(changes.news().map(|text| (id, EventKind::Change, text)));
         turn.unwatched.append(ended);
         let late = writes.late(now, restarted);
         results.extend(late.into_iter().map(|(ticket, result)| (id, ticket, result)));
+        retaining.watch(watching, limits, changes, now, retained);
         watching.send(link);
         figures.ask(link, now);
         changes.ask(link);

@@ -11,9 +11,10 @@ use takt_abi::live::{
 };
 use takt_abi::memory::PAGE;
 use takt_change::make::{Change, NoteKind, Plans};
-use takt_plan::Program;
+use takt_plan::{PIECES_MAX, Program};
 use takt_program::Image;
 use takt_protocol::{ErrorKind, ImageVersion, Refusal, VersionStatus};
+use takt_retain::{LENGTH_MAX, Layout};
 use vm_memory::{Bytes, GuestAddress};
 
 use super::change::Banks;
@@ -190,6 +191,17 @@ impl Versions {
                 "the version needs {} bytes of state; the key `state` of the partition file gives it {}",
                 new.state_bytes(),
                 self.program.place.state_bytes
+            )));
+        }
+        let layout = Layout::of(&new);
+        let retained = layout.initial().len() as u64;
+        let most = self.program.place.retained_bytes;
+        if retained > most || layout.pieces() > PIECES_MAX || layout.file_bytes() > LENGTH_MAX {
+            return Err(refused(format!(
+                "the version retains {retained} bytes in {} pieces of memory and {} bytes of a file; the program has room for \
+                 {most}, {PIECES_MAX} and {LENGTH_MAX}",
+                layout.pieces(),
+                layout.file_bytes()
             )));
         }
         let change = Change::between(&old, &new);

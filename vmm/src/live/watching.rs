@@ -10,6 +10,9 @@ use takt_scheduler::time::Nanos;
 use super::limits::ProgramLimits;
 use super::link::Link;
 
+/// From here on clients are Takt itself, which looks at what programs retain: the partition file's budgets are not for it.
+pub const OWN_CLIENTS: u64 = u64::MAX - 255;
+
 /// What one client looks at.
 struct Subscription {
     client: u64,
@@ -71,10 +74,15 @@ impl Watching {
                  that are in several ranges count in each"
             ));
         }
-        let others = self.subscriptions.iter().filter(|s| s.client != client);
-        let all = others.flat_map(|s| &s.ranges).chain(&ranges).copied().collect();
-        let layout = merged(all);
-        fits(&layout, limits)?;
+        let all = |of: fn(&u64) -> bool| {
+            let others = self.subscriptions.iter().map(|s| (s.client, &s.ranges));
+            let others = others.filter(|(other, _)| *other != client).chain([(client, &ranges)]);
+            let counted = others.filter(|(client, _)| of(client));
+            merged(counted.flat_map(|(_, ranges)| ranges).copied().collect())
+        };
+        fits_budgets(&all(|client| *client < OWN_CLIENTS), limits)?;
+        let layout = all(|_| true);
+        fits_kernel(&layout)?;
         self.subscriptions.retain(|s| s.client != client);
         if !ranges.is_empty() {
             let places = Vec::new();
@@ -88,10 +96,15 @@ impl Watching {
 
     /// Forgets clients that are gone.
     pub fn keep(&mut self, is_there: impl Fn(u64) -> bool) {
-        if self.subscriptions.iter().all(|s| is_there(s.client)) {
+        let is_there = |s: &Subscription| s.client >= OWN_CLIENTS || is_there(s.client);
+        self.drop_others(is_there);
+    }
+
+    fn drop_others(&mut self, stays: impl Fn(&Subscription) -> bool) {
+        if self.subscriptions.iter().all(&stays) {
             return;
         }
-        self.subscriptions.retain(|s| is_there(s.client));
+        self.subscriptions.retain(stays);
         self.use_layout(merged(
             self.subscriptions.iter().flat_map(|s| &s.ranges).copied().collect(),
         ));
@@ -102,7 +115,7 @@ impl Watching {
         let is_of = |s: &Subscription| s.ranges.iter().any(|range| range.program == program);
         let clients: Vec<u64> =
             self.subscriptions.iter().filter(|s| is_of(s)).map(|s| s.client).collect();
-        self.keep(|client| !clients.contains(&client));
+        self.drop_others(|s| !clients.contains(&s.client));
         clients
     }
 
@@ -226,7 +239,7 @@ fn place(layout: &[Range], range: &Range) -> Option<usize> {
     None
 }
 
-fn fits(layout: &[Range], limits: &[ProgramLimits]) -> Result<(), String> {
+fn fits_budgets(layout: &[Range], limits: &[ProgramLimits]) -> Result<(), String> {
     for (program, limits) in limits.iter().enumerate() {
         let own = layout.iter().filter(|range| usize::from(range.program) == program);
         let needed: u64 = own.map(|range| u64::from(range.bytes) + ProgramLimits::EACH_RANGE).sum();
@@ -240,11 +253,15 @@ fn fits(layout: &[Range], limits: &[ProgramLimits]) -> Result<(), String> {
             ));
         }
     }
+    Ok(())
+}
+
+fn fits_kernel(layout: &[Range]) -> Result<(), String> {
     let bytes: usize = layout.iter().map(|range| usize::from(range.bytes)).sum();
     if layout.len() > WATCHED_RANGES || bytes > SAMPLE_BYTES {
         return Err(format!(
-            "all clients together would watch {} separate pieces of memory with {bytes} bytes; a PLC has at \
-             most {WATCHED_RANGES} with {SAMPLE_BYTES} bytes",
+            "all clients together would watch {} separate pieces of memory with {bytes} bytes, with what the programs \
+             retain; a PLC has at most {WATCHED_RANGES} with {SAMPLE_BYTES} bytes",
             layout.len()
         ));
     }

@@ -36,6 +36,7 @@ use crate::passthrough::Devices;
 use crate::resctrl::Groups;
 use crate::run_error::RunError;
 use crate::sandbox::{self, Mode};
+use crate::saver::Files;
 use crate::vcpu::guest_timer::Deadlines;
 use crate::vcpu::thread::{self, Place, Ready, Spawn};
 use crate::vcpu::{Control, window_enforcer};
@@ -82,6 +83,8 @@ pub struct Preparation<'a> {
     pub devices: &'a Devices,
     /// Of which pages the memory of each partition is, in their order.
     pub pages: &'a [Pages],
+    /// What programs have retained over a stop of Takt.
+    pub retained: &'a Files,
     /// Shares of the cache and of the way to memory.
     pub groups: &'a Groups,
     /// CPUs that got a scheduling domain of their own.

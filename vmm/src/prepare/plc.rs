@@ -9,6 +9,7 @@ use takt_devices::output;
 
 use super::spawn::Processor;
 use super::{Preparation, Prepared};
+use crate::boot::StartMode;
 use crate::boot::long_mode::{self, StartError};
 use crate::boot::plc::{PlcImage, Source};
 use crate::boot::programs::Programs;
@@ -55,7 +56,13 @@ impl Preparation<'_> {
         }
         let entry = image.load(&memory).map_err(unfit)?;
         if let Some(programs) = &programs {
-            let table = programs.load(&memory)?;
+            let beginnings = (0..partition.programs().len())
+                .filter_map(|place| Some((place, self.retained.beginning(partition, place)?)));
+            for (place, beginning) in beginnings {
+                beginning.kept.iter().for_each(|kept| programs.keep(place, kept.clone()));
+            }
+            // What outlives a stop of Takt is not lost by its start.
+            let table = programs.load(&memory, StartMode::Warm)?;
             let mut page = memory
                 .program_table()
                 .ok_or(MachineError::Missing("the PLC guest's program table"))?;

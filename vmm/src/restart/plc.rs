@@ -52,7 +52,7 @@ impl Loader for PlcLoader {
         }
         let entry = self.image.reload(&self.memory, start.mode)?;
         if let Some(programs) = &self.programs {
-            let table = programs.load(&self.memory)?;
+            let table = programs.load(&self.memory, start.mode)?;
             if let Some(mut page) = self.memory.program_table() {
                 page.write(table);
             }

@@ -31,7 +31,7 @@ use start::Started;
 use crate::account::Account;
 use crate::appliance::expedited_rcu::ExpeditedRcu;
 use crate::channels::Channels;
-use crate::config::{Channel, HostPort, PartitionFile, live_channels};
+use crate::config::{Channel, HostPort, PartitionFile, Program, live_channels};
 use crate::control::Operators;
 use crate::cpuset::Domains;
 use crate::event::{self, eventfd};
@@ -52,6 +52,7 @@ use crate::resctrl::Groups;
 use crate::run_error::RunError;
 use crate::samples::{self, Samples};
 use crate::sandbox::{self, Allowed};
+use crate::saver::Files;
 use crate::screen::{self, Screen};
 use crate::steering;
 use crate::supervisor::{Sources, Supervisor, take_signals};
@@ -94,8 +95,12 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let queues: Vec<Channel> =
         file.partitions().iter().filter_map(live_channels).flatten().collect();
     let channels = Channels::new(file.channels())?.with_live(&queues)?;
-    let mut operators =
-        control.map(|listener| Operators::new(listener, file, &channels)).transpose()?;
+    let mut retained = Files::open(file)?;
+    let keeps = |program: &Program| program.place.retained_bytes > 0;
+    let retains = file.partitions().iter().any(|p| p.programs().iter().any(keeps));
+    let mut operators = (control.is_some() || retains)
+        .then(|| Operators::new(control, file, &channels))
+        .transpose()?;
     steps.pass()?;
     let hurry = ExpeditedRcu::begin(options.role);
     // Dropped after all threads have been let go.
@@ -112,6 +117,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let spawn = |name: &str, kind, work: Box<dyn FnOnce() + Send>| {
         thread::detached(name, (kind, options.seccomp), work)
     };
+    let saver = retained.start(&spawn)?;
     let board = Arc::new(ScheduleState::new(schedules.frame(), schedules.tables().len()));
     let mut preparation = Preparation {
         file,
@@ -119,6 +125,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         channels: &channels,
         devices: &devices,
         pages: &pages,
+        retained: &retained,
         domains: &domains,
         groups: &groups,
         bell: event::clone(&bell)?,
@@ -150,7 +157,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     };
 
     if let Some(operators) = &mut operators {
-        operators.attach(Live::open(file, &channels)?);
+        operators.attach(Live::open(file, &channels, &retained, saver)?);
     }
     let host_ports = HostPorts::open(&channels, frequency, options.role.results(), &spawn)?;
     steps.pass()?;
@@ -306,6 +313,12 @@ impl Run<'_> {
             supervisor.screen.line("takt", text);
         }
         supervisor.serve_host_ports(HostPorts::finish);
+        let most = if supervisor.ended_by_signal { SAVING_SHORT } else { SAVING };
+        let saved = supervisor.operators.as_mut().map(|operators| operators.finish(duration, most));
+        if let Some(Err(error)) = saved {
+            let text = format!("not all retained values are written: {error}");
+            supervisor.screen.line("takt", &text);
+        }
         supervisor.tell_last_losses();
         self.trace_dropped = self.finish_trace(supervisor.trace.take())?;
         if let Some(file) = self.samples_file.take() {
@@ -348,6 +361,9 @@ impl Run<'_> {
     }
 }
 
+/// How long the end of a run waits until what programs retain is written; who has sent a signal may wait less.
+const SAVING: Duration = Duration::from_secs(5);
+const SAVING_SHORT: Duration = Duration::from_secs(1);
 /// How long the end of a run waits for each disk that is busy with its file.
 const DISK_PATIENCE: Duration = Duration::from_millis(10);
 /// Room for what waits for the trace's file: some seconds of a partition at 1000 windows a second.

@@ -22,6 +22,8 @@ pub enum Kind {
     Disk,
     /// Writes what may not be taken: the console, a trace, a recording.
     Writer,
+    /// Writes retained values.
+    Saver,
     /// Reads a file to send from.
     Reader,
     /// The supervisor thread.
@@ -49,6 +51,7 @@ impl Kind {
             Kind::Loader => include_bytes!(concat!(env!("OUT_DIR"), "/loader.bpf")),
             Kind::PlcLoader => include_bytes!(concat!(env!("OUT_DIR"), "/plc-loader.bpf")),
             Kind::Writer => include_bytes!(concat!(env!("OUT_DIR"), "/writer.bpf")),
+            Kind::Saver => include_bytes!(concat!(env!("OUT_DIR"), "/saver.bpf")),
             Kind::Reader => include_bytes!(concat!(env!("OUT_DIR"), "/reader.bpf")),
             Kind::Disk => include_bytes!(concat!(env!("OUT_DIR"), "/disk.bpf")),
             Kind::Main => include_bytes!(concat!(env!("OUT_DIR"), "/main.bpf")),

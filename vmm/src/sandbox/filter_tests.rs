@@ -6,7 +6,7 @@ use std::thread;
 use super::*;
 use crate::sandbox::privileges;
 
-const KINDS: [Kind; 10] = [
+const KINDS: [Kind; 11] = [
     Kind::Plc,
     Kind::Linux,
     Kind::WindowEnforcer,
@@ -14,6 +14,7 @@ const KINDS: [Kind; 10] = [
     Kind::PlcLoader,
     Kind::Disk,
     Kind::Writer,
+    Kind::Saver,
     Kind::Reader,
     Kind::Main,
     Kind::Guardian,

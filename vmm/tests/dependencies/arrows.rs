@@ -8,7 +8,7 @@ use crate::{cargo, read, root};
 
 /// The crates by layers: a crate may know those above it in this list and no others.
 const LAYERS: [&[&str]; 6] = [
-    &["takt-abi", "takt-channel", "takt-sja1000", "takt-scheduler"],
+    &["takt-abi", "takt-channel", "takt-retain", "takt-sja1000", "takt-scheduler"],
     &["takt-record", "takt-host", "takt-devices", "takt-port", "takt-plan", "takt-carry"],
     &["takt-figures", "takt-port-c"],
     &["takt-protocol"],
@@ -18,7 +18,7 @@ const LAYERS: [&[&str]; 6] = [
 
 /// Programs that ask and show, and the types that they share with `takt`. A fault in a screen or a
 /// plot must not be a fault of what can reach a guest, so they link nothing that could.
-const WITHOUT_HYPERVISOR: [&str; 12] = [
+const WITHOUT_HYPERVISOR: [&str; 13] = [
     "takt-client",
     "takt-ctl",
     "takt-doctor",
@@ -31,6 +31,7 @@ const WITHOUT_HYPERVISOR: [&str; 12] = [
     "takt-port-c",
     "takt-protocol",
     "takt-record",
+    "takt-retain",
 ];
 
 /// What a hypervisor is made of.

@@ -39,6 +39,7 @@ fn consequence(leaves: bool, wanted: u32) -> &'static str {
         _ if leaves => "the version before comes back",
         action::LOG => "it goes on",
         action::SKIP => "its job ends",
+        action::WARM_RESTART_PROGRAM => "the program starts anew, warm",
         action::RESTART_PROGRAM => "the program starts anew",
         action::STOP_PARTITION => "the partition stops",
         _ => "the program stops",

@@ -361,7 +361,7 @@ impl Kernel {
             cycle: task.cycle(),
             now: task.released().0,
             period: task.elapsed().0,
-            start: self.start as u32,
+            start: program.start as u32,
             ..TaskInformation::default()
         };
         self.apply_forces(place.program);
@@ -435,11 +435,13 @@ impl Kernel {
                     self.scheduler.skip(id, now);
                 }
             }
-            action::RESTART_PROGRAM => {
+            action::WARM_RESTART_PROGRAM | action::RESTART_PROGRAM => {
                 self.change.forget(place.program);
                 self.fail(id);
                 if let Some(program) = &mut self.programs[usize::from(place.program)] {
-                    program.reload(self.window.release);
+                    let warm = wanted == action::WARM_RESTART_PROGRAM;
+                    let start = if warm { Start::Warm } else { Start::Cold };
+                    program.reload(self.window.release, start);
                 }
             }
             action::STOP_PARTITION => {

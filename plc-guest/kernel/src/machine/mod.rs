@@ -30,6 +30,7 @@ pub mod ports;
 pub mod process;
 pub mod processor;
 pub mod program;
+pub mod retain;
 pub mod space;
 pub mod start;
 pub mod version;

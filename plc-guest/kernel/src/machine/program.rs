@@ -6,6 +6,7 @@
 
 use super::memory::{Area, OutOfMemory, Pages, Ram};
 use super::process::Process;
+use super::retain::Loading;
 use super::space::{Rights, Space};
 use core::fmt;
 use takt_abi::live;
@@ -14,7 +15,9 @@ use takt_abi::program as table;
 use takt_change::cost::{GATHER_BYTES, SAVED_BYTES};
 use takt_kernel::scheduler::OBJECTS_EACH_MAX;
 use takt_kernel::task::ProgramId;
-use takt_program::{Area as Kind, Image, ImageError, ObjectKind, SectionKind, TaskInformation};
+use takt_program::{
+    Area as Kind, Image, ImageError, ObjectKind, SectionKind, Start, TaskInformation,
+};
 use takt_program::{address, limit};
 
 /// `xor eax, eax; syscall; ud2`: the end of a job, to which a task returns.
@@ -121,8 +124,13 @@ pub struct Program {
     information: Area,
     /// What is known to have been used of each stack, in bytes.
     stacks_used: [u64; limit::TASKS as usize],
-    /// How much of the state has been set up; none: all.
-    loading: Option<u64>,
+    /// The block of its retained variables, and what of it the state gets at this start.
+    pub retained: Area,
+    pub restored: u32,
+    /// How it was started last.
+    pub start: Start,
+    /// How far the state has been set up; none: all of it.
+    pub loading: Option<Loading>,
     /// Release of the window in which it failed last. One that fails in its initialisation again and again would
     /// take windows whole if it started anew in the same one.
     failed_in: Option<u64>,
@@ -145,6 +153,10 @@ impl Program {
         let file = bank.part(0, entry.image_bytes).ok_or(LoadError::Table)?;
         let other = ram.area(entry.second_bank, entry.bank_bytes).ok_or(LoadError::Table)?;
         let state = ram.area(entry.state, entry.state_bytes).ok_or(LoadError::Table)?;
+        let retained = match entry.retained_bytes {
+            0 => Area::NONE,
+            bytes => ram.area(entry.retained, bytes).ok_or(LoadError::Table)?,
+        };
         // SAFETY: the host writes to the bank in use before the start only, and no program has a right to
         // write there.
         let image = Image::parse(unsafe { file.bytes_for_ever() }).map_err(LoadError::Image)?;
@@ -164,7 +176,10 @@ impl Program {
             regions: [NO_REGION; REGIONS],
             information: pages.take(PAGE)?,
             stacks_used: [0; limit::TASKS as usize],
-            loading: Some(0),
+            retained,
+            restored: entry.restored,
+            start: Start::Cold,
+            loading: Some(Loading::FIRST),
             failed_in: None,
             lines: super::lines::Allowance::FULL,
             fault_lines: super::lines::Allowance::FULL,
@@ -310,9 +325,14 @@ impl Program {
     }
 
     /// Its state is to be set up again, after the window of this release.
-    pub fn reload(&mut self, release: u64) {
-        self.loading = Some(0);
+    pub fn reload(&mut self, release: u64, start: Start) {
+        self.loading = Some(Loading::ANEW);
         self.failed_in = Some(release);
+        self.start = start;
+        self.restored = match start {
+            Start::Warm => table::restored::ALL,
+            Start::Cold => table::restored::PERSISTENT,
+        };
     }
 
     /// True if some of its state can be set up in the window of this release.
@@ -325,9 +345,8 @@ impl Program {
         self.loading.is_some()
     }
 
-    /// Sets up some more of the state. True if that was the last of it.
-    pub fn load_some(&mut self) -> bool {
-        let Some(done) = self.loading else { return false };
+    /// Gives some more of the state its initial values. Returns where it goes on.
+    pub fn initialise(&mut self, done: u64) -> Option<u64> {
         let state = self.regions[STATE].area;
         let initial = self.image.state();
         let length = STEP.min(state.bytes() - done);
@@ -337,11 +356,11 @@ impl Program {
             part.write(&from[..from.len().min(length as usize)]);
         }
         let next = done + length;
-        self.loading = (next < state.bytes()).then_some(next);
-        if self.loading.is_none() {
+        let more = (next < state.bytes()).then_some(next);
+        if more.is_none() {
             self.regions[MARKER].area.clear();
             self.process.clear();
         }
-        self.loading.is_none()
+        more
     }
 }

@@ -120,6 +120,7 @@ impl Kernel {
             self.add_task(id, &task, &program)?;
         }
         self.open_ports(place, &image, program.name());
+        program.start = program.start_of(self.start);
         while !program.load_some() {}
         self.programs[usize::from(place)] = Some(program);
         Ok(())

@@ -5,6 +5,7 @@ mod images;
 mod placing;
 mod points;
 mod refused;
+mod retained;
 mod shown;
 mod tasks;
 

@@ -46,6 +46,8 @@ fn what_follows_from_errors_is_told() {
     let keys = "on_fault = \"restart\"\non_overrun = \"stop-partition\"\non_deadline = \"skip\"";
     let expected = [action::RESTART_PROGRAM, action::STOP_PARTITION, action::SKIP];
     assert_eq!(actions(keys), expected);
+    let expected = [action::WARM_RESTART_PROGRAM, action::SKIP, action::LOG];
+    assert_eq!(actions("on_fault = \"warm-restart\""), expected);
 }
 
 #[test]
