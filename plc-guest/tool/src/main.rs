@@ -77,6 +77,15 @@ enum Command {
     Force(commands::live::Put),
     /// Force values no longer.
     Release(commands::live::Release),
+    /// Bring another version of a program into a PLC that runs; the running one goes on.
+    Load(commands::versions::Load),
+    /// Show which versions the programs of a PLC that runs have, and how far a change is.
+    Versions(commands::versions::Versions),
+    /// Change a program to the version that was loaded, between two of its cycles.
+    Commit(commands::versions::Order),
+    /// Change a program back, or give up the version that was loaded.
+    #[command(alias = "roll-back")]
+    Rollback(commands::versions::Order),
 }
 
 /// What a command ends with, if not well: the message has been made for the user.
@@ -112,6 +121,10 @@ fn main() -> ExitCode {
         Command::Write(command) => command.write(),
         Command::Force(command) => command.force(),
         Command::Release(command) => command.run(),
+        Command::Load(command) => command.run(),
+        Command::Versions(command) => command.run(),
+        Command::Commit(command) => command.commit(),
+        Command::Rollback(command) => command.roll_back(),
     };
     match result {
         Ok(()) => ExitCode::from(status::GOOD),

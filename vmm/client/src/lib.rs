@@ -6,6 +6,7 @@
 mod connection;
 pub mod error;
 mod place;
+pub mod versions;
 
 pub use connection::{Connection, PATIENCE};
 pub use error::ClientError;

@@ -1,11 +1,11 @@
 //! The command line of `takt-ctl`.
 
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Parser, Subcommand};
 use takt_plan as config;
-use takt_protocol::{Answer, Load, Mode, PART_MAX, Request};
+use takt_protocol::{Answer, Mode, Request};
 use takt_scheduler::time::Nanos;
 
 use crate::{text, trace};
@@ -129,33 +129,13 @@ fn mode(warm: bool) -> Mode {
     if warm { Mode::Warm } else { Mode::Cold }
 }
 
-/// A file in parts, as requests take them.
-fn parts(partition: &str, program: &str, image: &Path) -> Result<Vec<Request>, ClientError> {
-    let bad = |source| ClientError::Image { path: image.to_owned(), source };
-    let bytes = std::fs::read(image).map_err(bad)?;
-    if bytes.is_empty() {
-        return Err(bad(io::Error::new(io::ErrorKind::InvalidData, "the file is empty")));
-    }
-    let parts: Vec<&[u8]> = bytes.chunks(PART_MAX).collect();
-    // Takt refuses more parts than a bank has room for, which are far fewer.
-    let count = parts.len() as u32;
-    let request = |(part, data): (u32, &&[u8])| {
-        Request::Load(Load {
-            partition: partition.to_owned(),
-            program: program.to_owned(),
-            part,
-            parts: count,
-            data: data.to_vec(),
-        })
-    };
-    Ok((0..).zip(&parts).map(request).collect())
-}
-
 impl Command {
     /// What is asked for it, one request after the other.
     fn requests(self) -> Result<Vec<Request>, ClientError> {
         match self {
-            Command::Load { partition, program, image } => parts(&partition, &program, &image),
+            Command::Load { partition, program, image } => {
+                takt_client::versions::load(&partition, &program, &image)
+            }
             other => Ok(other.request().into_iter().collect()),
         }
     }

@@ -3,9 +3,7 @@
 use std::fmt::Write;
 
 pub use takt_client::plain;
-use takt_protocol::{
-    Answer, Event, ImageVersion, Mode, PartitionStatus, State, Status, VersionStatus,
-};
+use takt_protocol::{Answer, Event, Mode, PartitionStatus, State, Status};
 
 use crate::channels;
 use crate::programs;
@@ -18,36 +16,15 @@ pub fn of(answer: &Answer) -> String {
         Answer::Status { status } => self::status(status),
         Answer::Events { events } => events.iter().map(|e| event(e) + "\n").collect(),
         Answer::Event { event: e } => event(e) + "\n",
-        Answer::Versions { versions } => versions.iter().map(version).collect(),
+        Answer::Versions { versions } => {
+            versions.iter().map(takt_client::versions::shown).collect()
+        }
         // A trace is for a viewer.
         Answer::Trace { .. } | Answer::Window { .. } | Answer::Switch { .. } => String::new(),
         Answer::Traced { .. } | Answer::Error(_) => String::new(),
         // Values are for a client that knows the program.
         Answer::Watching { .. } | Answer::Values { .. } => String::new(),
     }
-}
-
-/// The versions of a program in one line or two.
-fn version(status: &VersionStatus) -> String {
-    let image = |image: &ImageVersion| {
-        let digits: String = image.hash.chars().take(8).collect();
-        format!("{} ({digits})", image.version)
-    };
-    let other = status.other.as_ref().map_or_else(|| "-".to_owned(), image);
-    let reason = status.reason.as_ref().map_or_else(String::new, |reason| format!(": {reason}"));
-    let mut text = format!(
-        "{:<16} runs {}, other {other}, {}{reason}\n",
-        status.program,
-        image(&status.running),
-        status.phase
-    );
-    if status.took_ns > 0 {
-        let at = status.at_ns as f64 / 1e9;
-        let took = status.took_ns;
-        let cycle = status.cycle;
-        let _ = writeln!(text, "{:<16} last change at {at:.3} s, cycle {cycle}, in {took} ns", "");
-    }
-    text.lines().map(|line| plain(line) + "\n").collect()
 }
 
 /// How much of its time a trace has, in one line.

@@ -200,7 +200,7 @@ fn done(connected: &mut Connected<'_>, request: &Request) -> Result<(), Failure>
 }
 
 /// A reader that has had enough ends it, as with any filter.
-fn print(line: &str) -> Result<(), Failure> {
+pub fn print(line: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
     writeln!(out, "{line}").and_then(|()| out.flush()).map_err(Failure::input)
 }

@@ -15,6 +15,7 @@ pub mod sign;
 mod structured_text;
 pub mod test;
 pub mod verify;
+pub mod versions;
 mod worst;
 
 use std::fs::Permissions;

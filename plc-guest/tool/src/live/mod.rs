@@ -108,13 +108,22 @@ impl Plc {
 
     /// Connects to the Takt that runs it, and compares what runs with the images of the file.
     pub fn connect(&self) -> Result<Connected<'_>, Failure> {
-        let socket = match &self.control {
-            Some(socket) => socket.clone(),
-            None => takt_client::given(&self.file)?,
-        };
-        let mut connected = Connected { plc: self, takt: Connection::open(&socket)? };
+        let socket = self.socket()?;
+        let mut connected = self.reach()?;
         connected.compare(&socket)?;
         Ok(connected)
+    }
+
+    /// Connects for what does not depend on the images of the file.
+    pub fn reach(&self) -> Result<Connected<'_>, Failure> {
+        Ok(Connected { plc: self, takt: Connection::open(&self.socket()?)? })
+    }
+
+    fn socket(&self) -> Result<PathBuf, Failure> {
+        match &self.control {
+            Some(socket) => Ok(socket.clone()),
+            None => Ok(takt_client::given(&self.file)?),
+        }
     }
 }
 

@@ -1,0 +1,159 @@
+//! `takt plc load`, `versions`, `commit`, `rollback`: another version of a program, while its PLC runs.
+//!
+//! Takt answers an order when it has taken it; the kernel carries it out in time that no task needs. So each command
+//! waits for what came of its order, and tells that.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use takt_client::versions::{load, shown};
+use takt_protocol::{Answer, Request, VersionStatus};
+
+use super::live::print;
+use crate::Failure;
+use crate::live::{Connected, Plc, Which};
+use crate::status;
+
+/// How long a command waits for the PLC's kernel.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Arguments of `versions`.
+#[derive(clap::Args)]
+pub struct Versions {
+    #[command(flatten)]
+    which: Which,
+    /// One program; without it, all of the partition.
+    program: Option<String>,
+}
+
+impl Versions {
+    pub fn run(self) -> Result<(), Failure> {
+        let plc = self.which.load()?;
+        if let Some(program) = &self.program {
+            find(&plc, program)?;
+        }
+        let mut connected = plc.reach()?;
+        for version in versions(&mut connected)? {
+            if self.program.as_ref().is_none_or(|program| *program == version.program) {
+                print(shown(&version).trim_end())?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Arguments of `load`.
+#[derive(clap::Args)]
+pub struct Load {
+    #[command(flatten)]
+    which: Which,
+    /// The program's name in the partition file.
+    program: String,
+    /// The image of the new version.
+    image: PathBuf,
+}
+
+impl Load {
+    /// Sends the image, and waits until it is mapped.
+    pub fn run(self) -> Result<(), Failure> {
+        let plc = self.which.load()?;
+        find(&plc, &self.program)?;
+        let mut connected = plc.reach()?;
+        for request in load(&connected.name(), &self.program, &self.image)? {
+            let answer = connected.ask(&request)?;
+            if let (Request::Load(part), Answer::Done { text }) = (&request, answer)
+                && part.part + 1 == part.parts
+            {
+                print(&takt_client::plain(&text))?;
+            }
+        }
+        follow(&mut connected, &self.program, "preparing", &["prepared"])
+    }
+}
+
+/// Arguments of `commit` and `rollback`.
+#[derive(clap::Args)]
+pub struct Order {
+    #[command(flatten)]
+    which: Which,
+    /// The program's name in the partition file.
+    program: String,
+}
+
+impl Order {
+    /// Enters the version that was loaded.
+    pub fn commit(self) -> Result<(), Failure> {
+        self.run(Request::Commit, "committing", &["trial", "held"])
+    }
+
+    /// Goes back.
+    pub fn roll_back(self) -> Result<(), Failure> {
+        self.run(Request::RollBack, "rolling-back", &["rolled-back", "none"])
+    }
+
+    fn run(
+        self,
+        request: fn(String, String) -> Request,
+        during: &str,
+        good: &[&str],
+    ) -> Result<(), Failure> {
+        let plc = self.which.load()?;
+        find(&plc, &self.program)?;
+        let mut connected = plc.reach()?;
+        let order = request(connected.name(), self.program.clone());
+        if let Answer::Done { text } = connected.ask(&order)? {
+            print(&takt_client::plain(&text))?;
+        }
+        follow(&mut connected, &self.program, during, good)
+    }
+}
+
+/// That the partition has this program is known before anything is asked.
+fn find(plc: &Plc, program: &str) -> Result<(), Failure> {
+    let programs = plc.partition().programs();
+    if programs.iter().any(|known| known.name == program) {
+        return Ok(());
+    }
+    let names: Vec<&str> = programs.iter().map(|program| program.name.as_str()).collect();
+    Err(Failure::input(format!("no program is named `{program}`; there are {}", names.join(", "))))
+}
+
+fn versions(connected: &mut Connected<'_>) -> Result<Vec<VersionStatus>, Failure> {
+    match connected.ask(&Request::Versions(connected.name()))? {
+        Answer::Versions { versions } => Ok(versions),
+        _ => Ok(Vec::new()),
+    }
+}
+
+/// Waits until a program's change is in another phase than `during`, and tells which.
+fn follow(
+    connected: &mut Connected<'_>,
+    program: &str,
+    during: &str,
+    good: &[&str],
+) -> Result<(), Failure> {
+    let end = Instant::now() + PATIENCE;
+    loop {
+        let all = versions(connected)?;
+        let Some(version) = all.iter().find(|version| version.program == program) else {
+            return Err(Failure::input(format!("the Takt that answers runs no program {program}")));
+        };
+        if version.phase == during && Instant::now() < end {
+            continue;
+        }
+        print(shown(version).trim_end())?;
+        if good.contains(&version.phase.as_str()) {
+            return Ok(());
+        }
+        let message = if version.phase == during {
+            format!(
+                "{program} is still {during} after {} s: the PLC's kernel has no time between two jobs for it. `takt plc \
+                 versions` tells how it stands, `takt plc rollback` takes the order back",
+                PATIENCE.as_secs()
+            )
+        } else {
+            format!("{program} is now {}", version.phase)
+        };
+        return Err(Failure { status: status::REFUSED, message });
+    }
+}
