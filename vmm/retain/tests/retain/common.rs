@@ -1,8 +1,19 @@
 //! Images with retained variables.
 
+use std::sync::{PoisonError, RwLock, RwLockReadGuard};
+
 use takt_program::build::{Builder, Field, Kind, Task, Type, Variable};
 use takt_program::{Area, CodeOffset, Elementary, Flags, Image, Nanoseconds};
 use takt_retain::Layout;
+
+/// Held for writing while a process is started: until it has executed its program it has the locks of all files that are
+/// open here.
+pub static STARTING: RwLock<()> = RwLock::new(());
+
+/// While this lives, no process is started.
+pub fn files_are_our_own() -> RwLockReadGuard<'static, ()> {
+    STARTING.read().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// An image with these variables: name, type, flags; 16 bytes apart, so none touches another.
 pub fn image(patch: u16, variables: &[(&str, Own, Flags)]) -> Vec<u8> {

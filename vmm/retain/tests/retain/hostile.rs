@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::common::{Own, block, image, layout};
+use crate::common::{Own, block, files_are_our_own, image, layout};
 use takt_program::{Elementary, Flags};
 use takt_retain::{Damage, Generation, LENGTH_MAX, Layout, Store};
 
@@ -49,6 +49,7 @@ fn found(folder: &Path, layout: &Layout) -> (u64, usize) {
 
 #[test]
 fn a_file_that_is_cut_at_any_length_leaves_the_last_or_the_last_but_one() {
+    let _alone = files_are_our_own();
     let folder = tempfile::tempdir().unwrap();
     let layout = written(folder.path(), 4);
     let [older, newer] = Store::paths(&folder.path().join("tank"));
@@ -71,6 +72,7 @@ fn a_file_that_is_cut_at_any_length_leaves_the_last_or_the_last_but_one() {
 
 #[test]
 fn a_generation_is_written_over_the_older_one_also_after_a_failure() {
+    let _alone = files_are_our_own();
     let folder = tempfile::tempdir().unwrap();
     let layout = written(folder.path(), 3);
     let [_, second] = Store::paths(&folder.path().join("tank"));
@@ -91,6 +93,7 @@ fn a_generation_is_written_over_the_older_one_also_after_a_failure() {
 
 #[test]
 fn files_belong_to_one_process_and_have_a_folder() {
+    let _alone = files_are_our_own();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("tank");
     let (_store, _) = Store::open(&path).unwrap();

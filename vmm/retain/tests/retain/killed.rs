@@ -6,9 +6,10 @@
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::sync::PoisonError;
 use std::time::Duration;
 
-use crate::common::{Own, image, layout};
+use crate::common::{Own, STARTING, image, layout};
 use takt_program::{Elementary, Flags};
 use takt_retain::{Layout, Store};
 
@@ -47,6 +48,7 @@ fn a_process_that_is_killed_leaves_a_whole_generation() {
     let layout = kept();
     let mut last = 0;
     for kill in 0..KILLS {
+        let starting = STARTING.write().unwrap_or_else(PoisonError::into_inner);
         let mut child = Command::new(std::env::current_exe().unwrap())
             .args([
                 "--exact",
@@ -57,6 +59,7 @@ fn a_process_that_is_killed_leaves_a_whole_generation() {
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
+        drop(starting);
         let mut told = BufReader::new(child.stdout.take().unwrap()).lines();
         let number = |line: &str| {
             let at = line.find("written ")? + "written ".len();
