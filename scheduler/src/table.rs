@@ -181,16 +181,6 @@ pub enum TableError {
         /// The time between the two windows.
         gap: Nanos,
     },
-    /// Two partitions want to be the background of one CPU.
-    #[error("CPU {} already has a background partition", cpu.0)]
-    TwoBackgrounds {
-        /// The first.
-        first: PartitionId,
-        /// The second.
-        second: PartitionId,
-        /// The CPU.
-        cpu: Cpu,
-    },
     /// A background partition also has a window.
     #[error("a background partition has no windows: it gets all the time that they leave")]
     BackgroundWindow {
@@ -221,7 +211,6 @@ impl Table {
         if !(FRAME_MIN..=FRAME_MAX).contains(&frame) {
             return Err(TableError::Frame { frame });
         }
-        check_roles(placements)?;
         let mut expanded: Vec<(usize, Window)> = Vec::new();
         for (window, w) in windows.iter().enumerate() {
             check_window(frame, placements, window, w)?;
@@ -272,11 +261,11 @@ impl Table {
         cpus
     }
 
-    /// The background partition of a CPU.
-    #[must_use]
-    pub fn background_of(&self, cpu: Cpu) -> Option<PartitionId> {
-        let role = |p: &Placement| p.cpu == cpu && p.role == Role::Background;
-        self.placements.iter().position(role).map(PartitionId)
+    /// The background partitions of a CPU, which share what its windows leave.
+    pub fn backgrounds_of(&self, cpu: Cpu) -> impl Iterator<Item = PartitionId> {
+        let role = move |p: &Placement| p.cpu == cpu && p.role == Role::Background;
+        let all = self.placements.iter().enumerate();
+        all.filter(move |(_, p)| role(p)).map(|(i, _)| PartitionId(i))
     }
 
     /// The windows of a partition, in order of time.
@@ -286,7 +275,7 @@ impl Table {
 
     /// Time per frame that is a partition's own, whatever the others do: its windows, or for a
     /// background partition what the windows of its CPU, their guards and the cost of ending them
-    /// ([`WINDOW_COST`]) leave.
+    /// ([`WINDOW_COST`]) leave. Several on one CPU have that together.
     #[must_use]
     pub fn guaranteed(&self, partition: PartitionId) -> Nanos {
         let placement = self.placements[partition.0];
@@ -342,21 +331,6 @@ fn check_window(
     }
     if w.end() > w.period {
         return Err(TableError::PastPeriod { window, end: w.end(), period: w.period });
-    }
-    Ok(())
-}
-
-/// At most one background per CPU.
-fn check_roles(placements: &[Placement]) -> Result<(), TableError> {
-    for (i, p) in placements.iter().enumerate().filter(|(_, p)| p.role == Role::Background) {
-        let same = |q: &Placement| q.cpu == p.cpu && q.role == Role::Background;
-        if let Some(first) = placements[..i].iter().position(same) {
-            return Err(TableError::TwoBackgrounds {
-                first: PartitionId(first),
-                second: PartitionId(i),
-                cpu: p.cpu,
-            });
-        }
     }
     Ok(())
 }

@@ -90,13 +90,12 @@ fn a_guard_needs_room_also_across_the_frames_edge() {
 }
 
 #[test]
-fn one_background_per_cpu() {
-    assert!(Table::new(us(1000), &[background(0), background(1)], &[]).is_ok());
-    let (first, second) = (PartitionId(0), PartitionId(1));
-    assert_eq!(
-        Table::new(us(1000), &[background(3), background(3)], &[]),
-        Err(TableError::TwoBackgrounds { first, second, cpu: Cpu(3) })
-    );
+fn several_backgrounds_have_together_what_windows_leave() {
+    let placements = [background(0), background(1), background(0)];
+    let table = Table::new(us(1000), &placements, &[]).unwrap();
+    let of = |cpu| table.backgrounds_of(Cpu(cpu)).map(|id| id.0).collect::<Vec<_>>();
+    assert_eq!((of(0), of(1), of(2)), (vec![0, 2], vec![1], vec![]));
+    assert_eq!(table.guaranteed(PartitionId(0)), table.guaranteed(PartitionId(2)));
 }
 
 #[test]
@@ -154,5 +153,5 @@ fn shares_add_up_to_the_frame() {
     assert_eq!(table.guaranteed(PartitionId(0)), us(300));
     let switching = 2 * (20 + WINDOW_COST.0 / 1000);
     assert_eq!(table.guaranteed(PartitionId(1)), us(1000 - 300 - switching));
-    assert_eq!(table.background_of(Cpu(0)), Some(PartitionId(1)));
+    assert_eq!(table.backgrounds_of(Cpu(0)).collect::<Vec<_>>(), [PartitionId(1)]);
 }

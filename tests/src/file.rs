@@ -100,15 +100,17 @@ impl File {
         self.other_linux(&System { initrd: &initrd, memory: "256MiB", exec, ..System::default() })
     }
 
-    fn other_linux(mut self, linux: &System<'_>) -> Self {
-        let System { kernel, initrd, memory, exec, .. } = linux;
+    /// Adds a Linux in the background as it is described.
+    #[must_use]
+    pub fn other_linux(mut self, linux: &System<'_>) -> Self {
+        let System { name, kernel, initrd, memory, exec, .. } = linux;
         let exec = match *exec {
             "" => String::new(),
             commands => format!(" takt.exec=\\\"{commands}\\\""),
         };
         let _ = writeln!(
             self.text,
-            "[[partition]]\nname = \"linux\"\nkind = \"linux\"\ncpu = 0\nbackground = true\n\
+            "[[partition]]\nname = {name:?}\nkind = \"linux\"\ncpu = 0\nbackground = true\n\
              memory = {memory:?}\nkernel = {:?}\ninitrd = {:?}\ncmdline = \"console=ttyS0{exec}\"",
             target(kernel),
             target(initrd),
@@ -184,6 +186,8 @@ impl File {
 pub struct System<'a> {
     /// Image of the PLC; `None` for the built-in one.
     pub plc: Option<PathBuf>,
+    /// Name of Linux.
+    pub name: &'a str,
     /// Kernel of Linux, below `target/`.
     pub kernel: &'a str,
     /// Initial RAM disk, below `target/`.
@@ -198,6 +202,7 @@ impl Default for System<'_> {
     fn default() -> Self {
         Self {
             plc: None,
+            name: "linux",
             kernel: "guest/vmlinuz",
             initrd: "guest/initrd.img",
             memory: "128MiB",

@@ -11,6 +11,7 @@ use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
 
 use crate::handoff::Taker;
 use crate::health::{Detail, Watch};
+use crate::init_watch::Console;
 use crate::kernel_watch::{KernelWatch, News};
 use crate::life::{Effects, Event, Finished, Life};
 use crate::live::Banks;
@@ -38,6 +39,10 @@ pub struct Account {
     pub unshown: u64,
     /// True if the output is a terminal's, to be shown unchanged.
     pub is_terminal: bool,
+    /// True if the output is on the screen.
+    pub is_shown: bool,
+    /// What is typed goes here, if its guest has a console to type at.
+    pub keyboard: Option<Console>,
     /// What its thread recorded; `None` for a background partition.
     pub records: Option<Consumer<Record>>,
     /// Detours whose window is not in the ring yet.
@@ -95,9 +100,15 @@ impl Account {
     pub fn show(&mut self, id: PartitionId, screen: &mut Screen, last: bool) -> Vec<u8> {
         let mut bytes = Vec::new();
         let waits = self.output.waits() && !last;
-        let most = if waits { screen.allowance(id) } else { Allowance::ALL };
+        let most = match (waits, self.is_shown) {
+            (false, _) => Allowance::ALL,
+            (true, true) => screen.allowance(id),
+            (true, false) => screen.budget(id),
+        };
         self.output.take_into(&mut bytes, most);
-        if self.is_terminal {
+        if !self.is_shown {
+            screen.spend(id, &bytes);
+        } else if self.is_terminal {
             self.unshown += screen.raw(id, &bytes);
         } else {
             let Self { lines, name, unshown, .. } = self;

@@ -65,6 +65,8 @@ pub struct Ports<'a> {
     pub table: PortTable,
     /// What of it is its own.
     pub own: Vec<OwnRegion>,
+    /// The ports that ring, by their places in the table, each with the Linux that it wakes.
+    pub rings: Vec<(u32, PartitionId)>,
 }
 
 /// Where the next region of a partition lies, in the terms of its port table.
@@ -155,7 +157,12 @@ impl<'a> Channels<'a> {
     /// programs come last.
     #[must_use]
     pub fn of(&self, partition: PartitionId, kind: &Kind) -> Ports<'_> {
-        let mut ports = Ports { views: Vec::new(), table: PortTable::EMPTY, own: Vec::new() };
+        let mut ports = Ports {
+            views: Vec::new(),
+            table: PortTable::EMPTY,
+            own: Vec::new(),
+            rings: Vec::new(),
+        };
         let owner = Owner::Partition(partition);
         let mut area = match kind {
             Kind::Plc { .. } => Area::Shared(CHANNELS),
@@ -229,9 +236,11 @@ impl<'a> Ports<'a> {
         };
         port.direction = direction;
         port.maximum = channel.message_bytes;
-        port.doorbell = channel.doorbell.into();
+        port.doorbell = channel.doorbell.is_some().into();
         let (source, destination) = (Some(&regions.source), regions.destination.as_ref());
         let is_source = direction == direction::SOURCE;
+        let listener = channel.doorbell.filter(|_| is_source);
+        self.rings.extend(listener.map(|listener| (self.table.count - 1, listener)));
         let (own, peer) = if is_source { (source, destination) } else { (destination, source) };
         (port.own, port.own_pages) = place(&mut self.views, own, true, area);
         if own.is_some() {
@@ -276,7 +285,7 @@ mod tests {
             message_bytes: 16,
             source: end(from),
             destinations: to.iter().copied().map(end).collect(),
-            doorbell: name == "orders",
+            doorbell: (name == "orders").then_some(PartitionId(to[0])),
             host: None,
         }
     }
@@ -318,6 +327,8 @@ mod tests {
         assert_eq!((state.maximum, state.refresh_ns, state.peer), (16, 3_000_000, 0));
         assert_eq!((orders.depth, orders.policy, orders.own_pages), (2, 1, 1));
         assert_eq!((state.doorbell, orders.doorbell), (0, 1));
+        let rings = |p| all.of(PartitionId(p), &PLC).rings;
+        assert_eq!((rings(0), rings(1)), (vec![], vec![(1, PartitionId(0))]));
         assert_eq!(table.ports[2].kind, 0);
     }
 

@@ -104,8 +104,21 @@ impl Screen {
         if self.now.saturating_duration_since(self.read.1) > PATIENCE {
             return Allowance::ALL;
         }
-        let left = self.budgets.get(partition.0).map_or(Allowance::ALL, Budget::left);
+        let left = self.budget(partition);
         Allowance { bytes: left.bytes.min(self.outlet.room(lane(partition))), ..left }
+    }
+
+    /// What is left of a partition's budget, for one that is not shown here.
+    #[must_use]
+    pub fn budget(&self, partition: PartitionId) -> Allowance {
+        self.budgets.get(partition.0).map_or(Allowance::ALL, Budget::left)
+    }
+
+    /// Takes from a partition's budget what it has written elsewhere.
+    pub fn spend(&mut self, partition: PartitionId, bytes: &[u8]) {
+        if let Some(budget) = self.budgets.get_mut(partition.0) {
+            budget.spend(bytes);
+        }
     }
 
     /// Shows what a guest wrote, unchanged, or the beginning of it. Returns how many bytes were dropped.

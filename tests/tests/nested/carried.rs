@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -64,28 +64,43 @@ impl Plant {
         self.text.run(self.name).until("p.main.setpoint is forced no longer").run()
     }
 
-    /// A connection, as soon as there is the socket.
     fn connect(&self) -> UnixStream {
-        for _ in 0..20_000 {
-            if let Ok(stream) = UnixStream::connect(&self.socket) {
-                return stream;
-            }
-            thread::sleep(Duration::from_millis(20));
-        }
-        panic!("there is no {}", self.socket.display());
+        connect(&self.socket)
     }
+}
+
+/// A connection, as soon as there is the socket.
+pub(super) fn connect(socket: &Path) -> UnixStream {
+    for _ in 0..20_000 {
+        if let Ok(stream) = UnixStream::connect(socket) {
+            return stream;
+        }
+        thread::sleep(Duration::from_millis(20));
+    }
+    panic!("there is no {}", socket.display());
 }
 
 /// What one of the user's programs prints.
 fn client(program: &str, arguments: &[&str]) -> String {
+    typing_client(program, arguments, b"")
+}
+
+/// What one of the user's programs prints to which this is typed.
+pub(super) fn typing_client(program: &str, arguments: &[&str], typed: &[u8]) -> String {
     static BUILT: OnceLock<()> = OnceLock::new();
     BUILT.get_or_init(|| {
         let mut cargo = Command::new("cargo");
-        cargo.args(["build", "--quiet", "--bin", "takt-plc", "--bin", "takt-ctl"]);
+        cargo.args(["build", "--quiet"]);
+        cargo.args(["takt-plc", "takt-ctl", "takt-console"].map(|name| ["--bin", name]).concat());
         assert!(cargo.current_dir(root()).status().expect("cargo starts").success());
     });
     let path = root().join("target/x86_64-unknown-linux-gnu/debug").join(program);
-    let output = Command::new(path).args(arguments).output().expect("the program starts");
+    let mut command = Command::new(path);
+    command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().expect("the program starts");
+    // Closed at once, as a pipe that has no more to say.
+    child.stdin.take().expect("stdin is a pipe").write_all(typed).expect("the program reads");
+    let output = child.wait_with_output().expect("the program ends");
     let (out, errors) =
         (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert!(output.status.success(), "{program} {arguments:?}: {out}{errors}");

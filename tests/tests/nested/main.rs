@@ -4,6 +4,7 @@
 mod carried;
 mod change;
 mod clocks;
+mod consoles;
 mod control;
 mod device_memory;
 mod devices;

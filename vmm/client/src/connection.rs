@@ -1,6 +1,7 @@
 //! The client's side of the control socket.
 
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Write};
+use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::Duration;
@@ -53,10 +54,15 @@ impl Connection {
     /// # Errors
     /// If the connection is lost.
     pub fn send(&mut self, request: &Request) -> Result<(), ClientError> {
-        match self.0.get_mut().write_all(&request.line()) {
-            Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
-            other => other.map_err(ClientError::Lost),
-        }
+        send(self.0.get_mut(), request)
+    }
+
+    /// What sends requests while another thread waits for answers.
+    ///
+    /// # Errors
+    /// What the kernel says.
+    pub fn sender(&self) -> Result<RequestSender, ClientError> {
+        self.0.get_ref().try_clone().map(RequestSender).map_err(ClientError::Lost)
     }
 
     /// The next answer, also as the line that came.
@@ -90,5 +96,31 @@ impl Connection {
         }
         let line = String::from_utf8(line).map_err(|error| not_understood(error.to_string()))?;
         Ok((line, message.answer))
+    }
+}
+
+fn send(stream: &mut UnixStream, request: &Request) -> Result<(), ClientError> {
+    match stream.write_all(&request.line()) {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        other => other.map_err(ClientError::Lost),
+    }
+}
+
+/// The sending half of a connection.
+pub struct RequestSender(UnixStream);
+
+impl RequestSender {
+    /// As [`Connection::send`].
+    ///
+    /// # Errors
+    /// If the connection is lost.
+    pub fn send(&mut self, request: &Request) -> Result<(), ClientError> {
+        send(&mut self.0, request)
+    }
+
+    /// Ends the connection, also for who waits for answers.
+    pub fn end(&self) {
+        // One that is gone already has ended.
+        let _ = self.0.shutdown(Shutdown::Both);
     }
 }

@@ -8,7 +8,7 @@ pub mod error;
 mod place;
 pub mod versions;
 
-pub use connection::{Connection, PATIENCE};
+pub use connection::{Connection, PATIENCE, RequestSender};
 pub use error::ClientError;
 pub use place::{given, socket};
 

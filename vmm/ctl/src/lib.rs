@@ -1,11 +1,13 @@
-//! Clients of Takt's control socket: `takt-ctl`, which asks and orders, and `takt-top`, a screen.
+//! Clients of Takt's control socket: `takt-ctl`, which asks and orders, `takt-top`, a screen, and `takt-console`, the
+//! console of a partition.
 //!
 //! They are programs of their own so that what they need (a terminal library and sixty crates below
 //! it) is no part of `takt`, which runs as root and keeps partitions apart. All that they can do goes
-//! through the control socket, as for everybody else. `takt ctl` and `takt top` run them.
+//! through the control socket, as for everybody else. `takt ctl`, `takt top` and `takt console` run them.
 
 mod channels;
 mod command;
+mod console;
 mod programs;
 mod text;
 mod top;
@@ -26,6 +28,12 @@ pub fn takt_ctl() -> ExitCode {
 #[must_use]
 pub fn takt_top() -> ExitCode {
     run_with("takt-top", |top::Cli { place }| top::run(&socket(&place)?))
+}
+
+/// All of `takt-console`.
+#[must_use]
+pub fn takt_console() -> ExitCode {
+    run_with("takt-console", |cli: console::Cli| console::run(&cli, &socket(&cli.place)?))
 }
 
 fn run_with<C: Parser>(name: &str, run: impl FnOnce(C) -> Result<(), ClientError>) -> ExitCode {

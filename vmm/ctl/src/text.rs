@@ -24,6 +24,8 @@ pub fn of(answer: &Answer) -> String {
         Answer::Traced { .. } | Answer::Error(_) => String::new(),
         // Values are for a client that knows the program.
         Answer::Watching { .. } | Answer::Values { .. } => String::new(),
+        // A console is for `takt console`.
+        Answer::Attached { .. } | Answer::Console { .. } | Answer::Typed { .. } => String::new(),
     }
 }
 

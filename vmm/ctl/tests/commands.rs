@@ -1,10 +1,11 @@
 //! `takt-ctl` as a user or a script meets it, against Takt's own server and a run that is none.
 
 use std::fs;
+use std::io::Write;
 use std::os::unix::net::UnixListener;
 use std::path::PathBuf;
-use std::process::{Command, Output};
-use std::sync::Arc;
+use std::process::{Command, Output, Stdio};
+use std::sync::{Arc, Mutex};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -43,6 +44,7 @@ duration = "300us"
 #[derive(Default)]
 struct FakeRun {
     looks: AtomicU64,
+    typed: Arc<Mutex<Vec<u8>>>,
 }
 
 fn granted(what: &str, partition: &str) -> Result<String, Refusal> {
@@ -176,6 +178,17 @@ impl Operator for FakeRun {
         })
     }
 
+    fn console(&mut self, partition: &str) -> Result<(usize, bool), Refusal> {
+        granted("has a console", partition).map(|_| (0, true))
+    }
+
+    fn type_bytes(&mut self, _: &str, bytes: &[u8]) -> Result<usize, Refusal> {
+        // Half of it, so that the rest is typed again.
+        let taken = bytes.len().div_ceil(2);
+        self.typed.lock().unwrap().extend(&bytes[..taken]);
+        Ok(taken)
+    }
+
     fn trace(&self) -> TraceStart {
         TraceStart {
             tsc_khz: 1_000_000,
@@ -218,6 +231,8 @@ struct Plant {
     folder: PathBuf,
     end: Arc<AtomicBool>,
     server: Option<JoinHandle<()>>,
+    /// What was typed at the console of its run.
+    typed: Arc<Mutex<Vec<u8>>>,
 }
 
 impl Plant {
@@ -226,17 +241,18 @@ impl Plant {
         let folder = std::env::temp_dir().join(name);
         fs::create_dir_all(&folder).unwrap();
         fs::write(folder.join("plant.toml"), FILE).unwrap();
-        Plant { folder, end: Arc::default(), server: None }
+        Plant { folder, end: Arc::default(), server: None, typed: Arc::default() }
     }
 
     fn running(name: &str) -> Plant {
         let mut plant = Plant::new(name);
         let listener = Listener::bind(&plant.folder.join("takt.sock"), SocketKind::Stream).unwrap();
-        let end = plant.end.clone();
+        let (end, typed) = (plant.end.clone(), plant.typed.clone());
         plant.server = Some(thread::spawn(move || {
-            let mut server = Server::new(Some(listener));
+            let mut server = Server::new(Some(listener), 2);
             server.tell(Nanos(2_000_000_000), EventKind::Ended, Some("plc"), "triple fault");
-            let mut run = FakeRun::default();
+            server.console(0, "plc", b"# \x1b[1m\xff");
+            let mut run = FakeRun { typed, ..FakeRun::default() };
             for sequence in 0.. {
                 if end.load(Ordering::SeqCst) {
                     break;
@@ -272,6 +288,23 @@ impl Drop for Plant {
         }
         let _ = fs::remove_dir_all(&self.folder);
     }
+}
+
+#[test]
+fn a_console_shows_its_last_bytes_unchanged_and_takes_all_that_is_piped() {
+    let plant = Plant::running("console");
+    let text: Vec<u8> = (0..10_000_u32).map(|n| (n % 251) as u8).collect();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_takt-console"));
+    command.args(["plant.toml", "plc"]).current_dir(&plant.folder);
+    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    child.stdin.take().unwrap().write_all(&text).unwrap();
+    let Output { status, stdout, .. } = child.wait_with_output().unwrap();
+    assert_eq!((status.code(), stdout), (Some(0), b"# \x1b[1m\xff".to_vec()));
+    assert!(*plant.typed.lock().unwrap() == text, "what was typed is not what was piped");
+    let console = |place, name| plant.run(env!("CARGO_BIN_EXE_takt-console"), &[place, name]);
+    let refused = "takt-console: refused: there is no partition of this name\n";
+    assert_eq!(console("takt.sock", "unknown"), (1, String::new(), refused.to_owned()));
+    assert_eq!(console("none.sock", "plc").0, 3);
 }
 
 #[test]

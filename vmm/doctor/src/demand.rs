@@ -150,7 +150,7 @@ fn windowed(schedules: &Schedules, cpu: Cpu) -> Option<WindowedCpu> {
         guard: None,
         window: longest.longest(),
         period: longest.shortest_period(),
-        shared: schedules.tables().iter().any(|table| table.background_of(cpu).is_some()),
+        shared: schedules.tables().iter().any(|table| table.backgrounds_of(cpu).next().is_some()),
         reservations: own.partitions.iter().map(|(_, r)| *r).chain(own.kicker).collect(),
     })
 }

@@ -45,9 +45,9 @@ impl Figures {
         self.courses.iter().find(|course| course.name == partition.name)
     }
 
-    /// The Linux that makes the load; a system has one at most.
-    pub fn linux(&self) -> Option<&Partition> {
-        self.partitions.iter().find(|partition| partition.kind == "linux")
+    /// Those that make the load.
+    pub fn linuxes(&self) -> impl Iterator<Item = &Partition> {
+        self.partitions.iter().filter(|partition| partition.kind == "linux")
     }
 }
 

@@ -7,6 +7,7 @@
 
 use serde::Serialize;
 use takt_figures::load::Course;
+use takt_figures::report::Partition;
 
 use crate::figures::Figures;
 use crate::load::Load;
@@ -32,19 +33,27 @@ impl Proof {
         if load == Load::None {
             return None;
         }
-        let reason = missing(load.name(), figures);
-        let partition = figures.linux().map_or(String::new(), |linux| linux.name.clone());
-        Some(Proof { proved: reason.is_none(), reason, partition })
+        // Each Linux is asked for the load.
+        let without = figures.linuxes().find_map(|linux| {
+            missing(load.name(), figures, linux).map(|reason| (linux.name.clone(), reason))
+        });
+        let none = || format!("there is no Linux that could make the load {}", load.name());
+        Some(match (figures.linuxes().next(), without) {
+            (None, _) => Proof { proved: false, reason: Some(none()), partition: String::new() },
+            (_, Some((partition, reason))) => {
+                Proof { proved: false, reason: Some(reason), partition }
+            }
+            (Some(first), None) => {
+                Proof { proved: true, reason: None, partition: first.name.clone() }
+            }
+        })
     }
 }
 
-/// Why there is no proof of a load.
-fn missing(load: &str, figures: &Figures) -> Option<String> {
-    let Some(linux) = figures.linux() else {
-        return Some(format!("there is no Linux that could make the load {load}"));
-    };
+/// Why there is no proof that a Linux made a load.
+fn missing(load: &str, figures: &Figures, linux: &Partition) -> Option<String> {
     let run = seconds(figures.duration_ns);
-    let Some(course) = figures.loads.first() else {
+    let Some(course) = figures.loads.iter().find(|course| course.partition == linux.name) else {
         let boot = match linux.boot_to_init_ns.flatten() {
             Some(ns) => format!("its first process started at {}", seconds(ns)),
             None => "nor did it start its first process".into(),
@@ -52,7 +61,7 @@ fn missing(load: &str, figures: &Figures) -> Option<String> {
         return Some(format!(
             "the load {load} was not seen: Linux told nothing of it in {run}, {boot}{}. Is the run long \
              enough, and does the /init of the guest know takt.load?",
-            stuck(figures)
+            stuck(linux)
         ));
     };
     if course.load != load {
@@ -73,7 +82,7 @@ fn missing(load: &str, figures: &Figures) -> Option<String> {
             seconds(standstill.duration().0),
             seconds(standstill.from_ns),
             seconds(standstill.to_ns),
-            stuck(figures)
+            stuck(linux)
         ));
     }
     if course.points.len() < 2 {
@@ -93,9 +102,8 @@ fn done_at(course: &Course, at: u64) -> String {
 }
 
 /// What is known of a kernel that does nothing any more, to be added to a sentence.
-fn stuck(figures: &Figures) -> String {
-    let stuck = figures.linux().and_then(|linux| linux.stuck.flatten());
-    stuck.map_or(String::new(), |stuck| format!(", and its kernel {stuck}"))
+fn stuck(linux: &Partition) -> String {
+    linux.stuck.flatten().map_or(String::new(), |stuck| format!(", and its kernel {stuck}"))
 }
 
 fn seconds(ns: u64) -> String {
@@ -109,7 +117,6 @@ mod tests {
     use takt_scheduler::time::Nanos;
 
     use super::*;
-    use takt_figures::report::Partition;
 
     const MS: u64 = 1_000_000;
 
@@ -198,6 +205,24 @@ mod tests {
         let none = Figures { partitions: Vec::new(), ..figures(&[], 1) };
         assert_eq!(reason(&none).unwrap(), "there is no Linux that could make the load fork");
         assert_eq!(Proof::of(Load::None, &none), None);
+    }
+
+    #[test]
+    fn each_linux_has_to_make_the_load() {
+        let lines = [
+            (1_000, "takt-load: fork 0 processes"),
+            (1_500, "takt-load: fork 9 processes"),
+        ];
+        let mut both = figures(&lines, 2_000);
+        both.partitions.push(Partition { name: "second".into(), ..both.partitions[1].clone() });
+        let proof = Proof::of(Load::Fork, &both).unwrap();
+        assert_eq!((proof.proved, proof.partition.as_str()), (false, "second"));
+        let load = takt_figures::load::Course {
+            partition: "second".into(),
+            ..both.loads[0].clone()
+        };
+        both.loads.push(load);
+        assert!(Proof::of(Load::Fork, &both).unwrap().proved);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use thiserror::Error;
 use super::values::CMDLINE_MAX;
 use super::{Kind, PartitionFile};
 
-/// Why words cannot be added to the command line of the file's Linux.
+/// Why words cannot be added to the command lines of the file's Linuxes.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum AppendError {
     /// No partition has a command line.
@@ -32,7 +32,7 @@ pub enum AppendError {
 }
 
 impl PartitionFile {
-    /// Adds `words` to the kernel command line of the Linux partition, with a space between.
+    /// Adds `words` to the kernel command line of each Linux partition, with a space between.
     ///
     /// # Errors
     /// [`AppendError`]; nothing is changed then.
@@ -40,17 +40,24 @@ impl PartitionFile {
         if let Some(control) = words.chars().find(|c| c.is_control()) {
             return Err(AppendError::Control(control));
         }
-        let linux = self.partitions.iter_mut().find_map(|p| match &mut p.kind {
-            Kind::Linux { cmdline, .. } => Some((&p.name, cmdline)),
+        let mut longer = Vec::new();
+        for partition in &self.partitions {
+            let Kind::Linux { cmdline, .. } = &partition.kind else { continue };
+            let length = cmdline.len() + 1 + words.len();
+            if length > CMDLINE_MAX {
+                let partition = partition.name.clone();
+                return Err(AppendError::TooLong { partition, length });
+            }
+            longer.push(format!("{cmdline} {words}"));
+        }
+        if longer.is_empty() {
+            return Err(AppendError::NoLinux);
+        }
+        let cmdlines = self.partitions.iter_mut().filter_map(|p| match &mut p.kind {
+            Kind::Linux { cmdline, .. } => Some(cmdline),
             Kind::Plc { .. } => None,
         });
-        let (name, cmdline) = linux.ok_or(AppendError::NoLinux)?;
-        let longer = format!("{cmdline} {words}");
-        if longer.len() > CMDLINE_MAX {
-            let (partition, length) = (name.clone(), longer.len());
-            return Err(AppendError::TooLong { partition, length });
-        }
-        *cmdline = longer;
+        cmdlines.zip(longer).for_each(|(cmdline, longer)| *cmdline = longer);
         Ok(())
     }
 }
@@ -89,6 +96,22 @@ mod tests {
         assert_eq!(too_long, AppendError::TooLong { partition, length: CMDLINE_MAX + 1 });
         file.append(&"x".repeat(room)).unwrap();
         assert_eq!(cmdline(&file).len(), CMDLINE_MAX);
+    }
+
+    #[test]
+    fn each_linux_gets_the_words_or_none_does() {
+        let mut both = file("good/two-linuxes-on-a-cpu.toml");
+        let cmdlines = |file: &PartitionFile| {
+            let cmdlines = file.partitions().iter().filter_map(|p| match p.kind() {
+                Kind::Linux { cmdline, .. } => Some(cmdline.clone()),
+                Kind::Plc { .. } => None,
+            });
+            cmdlines.collect::<Vec<_>>()
+        };
+        both.append("quiet").unwrap();
+        assert_eq!(cmdlines(&both), ["console=ttyS0 quiet", "console=ttyS0 quiet"]);
+        assert!(both.append(&"x".repeat(CMDLINE_MAX)).is_err());
+        assert_eq!(cmdlines(&both), ["console=ttyS0 quiet", "console=ttyS0 quiet"]);
     }
 
     #[test]

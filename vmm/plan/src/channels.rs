@@ -44,9 +44,8 @@ pub struct Channel {
     /// Who receives: at least one, and exactly one if the channel is a queuing one. No owner is in
     /// here twice, nor is that of the source.
     pub destinations: Vec<End>,
-    /// Whether the source rings after each message, so that a destination in a Linux, of which
-    /// there is one then, can wait for it.
-    pub doorbell: bool,
+    /// The Linux that can wait for messages, one of the destinations: the source rings after each.
+    pub doorbell: Option<PartitionId>,
     /// Where the end on the host leads, if there is one.
     pub host: Option<HostPort>,
 }
@@ -188,11 +187,10 @@ fn check_one(
     let source = check_end(&raw.source, partitions)?;
     let ends = raw.destinations.get_ref().iter().map(|end| check_end(end, partitions));
     let destinations: Vec<End> = ends.collect::<Result<_, _>>()?;
-    let doorbell = raw.doorbell.as_ref().is_some_and(|doorbell| *doorbell.get_ref());
     let mut channel =
-        Channel { name, kind, message_bytes, source, destinations, doorbell, host: None };
+        Channel { name, kind, message_bytes, source, destinations, doorbell: None, host: None };
     check_ends(&channel, raw, partitions)?;
-    check_doorbell(&channel, raw, partitions)?;
+    channel.doorbell = check_doorbell(&channel, raw, partitions)?;
     channel.host = host_ports::check(&channel, raw, folder)?;
     Ok(channel)
 }
@@ -332,8 +330,10 @@ fn check_doorbell(
     channel: &Channel,
     raw: &raw::Channel,
     partitions: &[Checked],
-) -> Result<(), Diagnostic> {
-    let Some(doorbell) = raw.doorbell.as_ref().filter(|_| channel.doorbell) else { return Ok(()) };
+) -> Result<Option<PartitionId>, Diagnostic> {
+    let Some(doorbell) = raw.doorbell.as_ref().filter(|doorbell| *doorbell.get_ref()) else {
+        return Ok(None);
+    };
     if channel.source.owner == Owner::Host {
         let found = "the host is the source of a channel with a doorbell, and does not ring";
         let allowed = "`doorbell = true` with a source in a partition";
@@ -341,12 +341,31 @@ fn check_doorbell(
             Diagnostic::new(doorbell.span(), found, allowed).and(raw.source.span(), "the source")
         );
     }
-    let is_linux = |end: &End| match end.owner {
-        Owner::Partition(id) => matches!(partitions[id.0].partition.kind, Kind::Linux { .. }),
-        Owner::Host => false,
+    let linux = |end: &End| match end.owner {
+        Owner::Partition(id) => {
+            let kind = &partitions[id.0].partition.kind;
+            matches!(kind, Kind::Linux { .. }).then_some(id)
+        }
+        Owner::Host => None,
     };
-    if channel.destinations.iter().any(is_linux) {
-        return Ok(());
+    let place = doorbell.span();
+    let listeners: Vec<PartitionId> = channel.destinations.iter().filter_map(linux).collect();
+    if linux(&channel.source).is_some() && !listeners.is_empty() {
+        let found = "a Linux is the source of a channel with a doorbell, and does not ring";
+        let allowed = "`doorbell = true` with a source in a partition of kind \"plc\"";
+        return Err(Diagnostic::new(place, found, allowed).and(raw.source.span(), "the source"));
+    }
+    match listeners[..] {
+        [] => {}
+        [listener] => return Ok(Some(listener)),
+        // KVM brings a ring to one machine.
+        _ => {
+            let found = "a doorbell for two Linuxes";
+            let allowed = "one destination in a partition of kind \"linux\"; the source can have a \
+                           channel with a doorbell for each";
+            let ends = raw.destinations.span();
+            return Err(Diagnostic::new(place, found, allowed).and(ends, "the destinations"));
+        }
     }
     let name = quote(&channel.name);
     let found = format!("channel {name} has a doorbell, and no destination that waits for it");

@@ -2,7 +2,7 @@
 
 use takt_scheduler::schedules::{SCHEDULES_MAX, ScheduleId, SchedulesError};
 use takt_scheduler::table::{
-    Cpu, FRAME_MAX, FRAME_MIN, KICK_TIME, PartitionId, TableError, WINDOW_MIN, WINDOWS_MAX, Window,
+    Cpu, FRAME_MAX, FRAME_MIN, KICK_TIME, TableError, WINDOW_MIN, WINDOWS_MAX, Window,
 };
 use takt_scheduler::time::Nanos;
 
@@ -153,14 +153,6 @@ impl InSchedule<'_> {
             }
             TableError::NoRoomForGuard { window, before, room, .. } => {
                 self.no_room(window, before, room, found)
-            }
-            TableError::TwoBackgrounds { first, second, .. } => {
-                let background = |id: PartitionId| {
-                    let partition = &self.draft.partitions[id.0];
-                    partition.background.clone().unwrap_or(partition.header.clone())
-                };
-                Diagnostic::new(background(second), found, "one background partition on each CPU")
-                    .and(background(first), "the other one")
             }
             TableError::BackgroundWindow { window } => {
                 let owner = self.owner(window);

@@ -33,7 +33,7 @@ const PERIODIC: Nanos = Nanos::from_micros(200);
 pub struct Allowance {
     /// Of the host's tick.
     pub tick: u64,
-    /// Of the timer of a Linux on the same CPU.
+    /// Of the timers of Linuxes on the same CPU.
     pub linux: u64,
     /// Interrupts that release tasks, and the exits by which they are let in.
     pub devices: u64,
@@ -57,12 +57,13 @@ pub fn allowance(
 ) -> Allowance {
     let placements = schedules.placements();
     let own = placements[partition.0].cpu;
-    let beside_linux = kinds.iter().zip(placements).enumerate().any(|(i, (kind, placement))| {
-        i != partition.0 && placement.cpu == own && matches!(kind, Kind::Linux { .. })
+    let beside = kinds.iter().zip(placements).enumerate().filter(|(i, (kind, placement))| {
+        *i != partition.0 && placement.cpu == own && matches!(kind, Kind::Linux { .. })
     });
     let longest = schedules.timetable_of(partition).map_or(Nanos::ZERO, |t| t.longest());
     let within = |period: Nanos| 1 + longest.0 / period.0;
-    let linux = if beside_linux { within(PERIODIC) } else { 0 };
+    // Each has a timer of its own.
+    let linux = beside.count() as u64 * within(PERIODIC);
     // Between two of one task lies a release. So one can come just before a release and the next just after it, and
     // then the minimum passes.
     let devices = released.iter().map(|minimum| 2 * (1 + within(*minimum))).sum();
@@ -81,24 +82,31 @@ mod tests {
 
     /// For a window of so many us, on the CPU of a Linux or on another.
     fn for_window(duration: u64, linux_cpu: usize) -> Nanos {
-        with_interrupts(duration, linux_cpu, &[])
+        with_interrupts(duration, &[linux_cpu], &[])
     }
 
-    fn with_interrupts(duration: u64, linux_cpu: usize, released: &[Nanos]) -> Nanos {
+    /// The same with Linuxes on these CPUs.
+    fn beside(duration: u64, linux_cpus: &[usize]) -> Nanos {
+        with_interrupts(duration, linux_cpus, &[])
+    }
+
+    fn with_interrupts(duration: u64, linux_cpus: &[usize], released: &[Nanos]) -> Nanos {
         let plc = Placement { cpu: Cpu(0), role: Role::Windowed { guard: us(20) } };
-        let linux = Placement { cpu: Cpu(linux_cpu), role: Role::Background };
+        let linux = |cpu: &usize| Placement { cpu: Cpu(*cpu), role: Role::Background };
+        let placements: Vec<_> =
+            std::iter::once(plc).chain(linux_cpus.iter().map(linux)).collect();
         let window = Window {
             partition: PartitionId(0),
             offset: us(0),
             duration: us(duration),
             period: us(20_000),
         };
-        let schedules = Schedules::new(us(20_000), &[plc, linux], &[&[window]]).unwrap();
-        let kinds = [
-            Kind::Plc { image: None },
-            Kind::Linux { kernel: PathBuf::new(), initrd: None, cmdline: String::new() },
-        ];
-        allowance(&schedules, PartitionId(0), &[&kinds[0], &kinds[1]], released).time()
+        let schedules = Schedules::new(us(20_000), &placements, &[&[window]]).unwrap();
+        let linux = Kind::Linux { kernel: PathBuf::new(), initrd: None, cmdline: String::new() };
+        let kinds = std::iter::once(&Kind::Plc { image: None })
+            .chain(linux_cpus.iter().map(|_| &linux))
+            .collect::<Vec<_>>();
+        allowance(&schedules, PartitionId(0), &kinds, released).time()
     }
 
     #[test]
@@ -107,12 +115,14 @@ mod tests {
         assert_eq!(for_window(300, 1), us(6));
         assert_eq!(for_window(2_500, 1), us(18));
         assert_eq!(for_window(150, 0), us(12));
+        assert_eq!(beside(300, &[0, 0]), us(30), "each Linux has a timer");
+        assert_eq!(beside(300, &[0, 1]), us(18));
     }
 
     #[test]
     fn a_window_allows_for_interrupts_that_release_tasks() {
         // Two in a window that is shorter than the minimum, with two exits each.
-        assert_eq!(with_interrupts(300, 1, &[us(1_000)]), us(6 + 4 * 6));
-        assert_eq!(with_interrupts(300, 1, &[us(1_000), us(200)]), us(6 + 4 * 6 + 6 * 6));
+        assert_eq!(with_interrupts(300, &[1], &[us(1_000)]), us(6 + 4 * 6));
+        assert_eq!(with_interrupts(300, &[1], &[us(1_000), us(200)]), us(6 + 4 * 6 + 6 * 6));
     }
 }

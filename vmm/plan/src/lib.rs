@@ -18,9 +18,11 @@
 //! the first than a second defect. The key reference is `docs/partition-file.md`.
 
 mod append;
+mod background;
 mod channels;
 pub mod check;
 mod connections;
+mod consoles;
 mod contents;
 mod deadlines;
 mod diagnostic;
@@ -73,6 +75,7 @@ use schedules::Draft;
 pub use append::AppendError;
 pub use channels::{CHANNELS_MAX, Channel, ChannelKind, End, Owner, WhenFull};
 pub use connections::Connection;
+pub use consoles::Console;
 pub use deadlines::{Met, WAKE_UP_ALLOWANCE};
 pub use disks::{DISKS_MAX, Disk, SECTOR};
 pub use hardware::{BusLockLimit, Hardware, HugePageSize, HugePages};
@@ -171,6 +174,7 @@ pub struct Partition {
     memory: Bytes,
     hardware: Hardware,
     kind: Kind,
+    console: Option<Console>,
     on_schedule_change: ScheduleChange,
     health: Table,
     watchdog: Option<Nanos>,
@@ -223,6 +227,12 @@ impl Partition {
     #[must_use]
     pub fn kind(&self) -> &Kind {
         &self.kind
+    }
+
+    /// Where its console is; `None` for a PLC, whose lines are shown among Takt's own.
+    #[must_use]
+    pub fn console(&self) -> Option<Console> {
+        self.console
     }
 
     /// What happens to it when a switch of schedules takes effect; [`ScheduleChange::Ignore`] for
@@ -454,7 +464,7 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
         p.partition.events = events;
     });
     nets::check_all(partitions.iter().flat_map(|p| &p.nets))?;
-    partition::check_one_linux(&partitions)?;
+    consoles::check_all(&partitions, control.is_some())?;
     // Last, because it is the only thing that may be right on another machine.
     partitions.iter().flat_map(|p| &p.images).try_for_each(images::check)?;
     partitions.iter().flat_map(|p| &p.disks).try_for_each(disks::check_file)?;

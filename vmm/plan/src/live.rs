@@ -31,7 +31,7 @@ pub fn live_channels(partition: &Partition) -> Option<[Channel; 2]> {
         message_bytes: MESSAGE_BYTES as u32,
         source: end(source, name),
         destinations: vec![end(destination, name)],
-        doorbell: false,
+        doorbell: None,
         host: None,
     };
     let guest = Owner::Partition(partition.id());

@@ -8,6 +8,7 @@ use takt_scheduler::time::Nanos;
 use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
+use super::consoles;
 use super::disks::{self, CheckedDisk};
 use super::hardware;
 use super::health;
@@ -41,6 +42,7 @@ pub struct Checked {
     pub header: Span,
     pub name: Span,
     pub background: Option<Span>,
+    pub console: Option<Span>,
     pub tasks: CheckedTasks,
     pub disks: Vec<CheckedDisk>,
     pub nets: Vec<CheckedNet>,
@@ -85,21 +87,6 @@ pub fn check_all(
         checked.push(next);
     }
     Ok(checked)
-}
-
-/// At most one Linux. A rule of its own so that it comes after those of the schedules: it is the
-/// one that a later version drops.
-pub fn check_one_linux(partitions: &[Checked]) -> Result<(), Diagnostic> {
-    let mut linux = partitions.iter().filter(|p| matches!(p.partition.kind, Kind::Linux { .. }));
-    match (linux.next(), linux.next()) {
-        (Some(first), Some(second)) => {
-            let found = "a second partition of kind \"linux\"";
-            let allowed = "one in this version of Takt, because it owns the console";
-            Err(Diagnostic::new(second.header.clone(), found, allowed)
-                .and(first.header.clone(), "the other one"))
-        }
-        _ => Ok(()),
-    }
 }
 
 /// The partition of this name, for the value at `span` that asks for it.
@@ -151,6 +138,10 @@ fn check(
     let disks = disks::check(&raw.disk.0, around.folder)?;
     let nets = nets::check(&raw.net.0)?;
     let power_off = values::power_off(raw.power_off.as_ref())?;
+    let console = match kind {
+        Kind::Plc { .. } => None,
+        Kind::Linux { .. } => Some(consoles::check(raw.console.as_ref())?),
+    };
     let partition = Partition {
         id,
         name: name.to_owned(),
@@ -158,6 +149,7 @@ fn check(
         memory,
         hardware,
         kind,
+        console,
         on_schedule_change,
         health,
         watchdog,
@@ -185,6 +177,7 @@ fn check(
         header: table.span(),
         name: raw.name.span(),
         background: raw.background.as_ref().map(Spanned::span),
+        console: raw.console.as_ref().map(Spanned::span),
     })
 }
 

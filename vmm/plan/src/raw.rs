@@ -79,6 +79,7 @@ pub struct Partition {
     pub kernel: Option<Spanned<String>>,
     pub initrd: Option<Spanned<String>>,
     pub cmdline: Option<Spanned<String>>,
+    pub console: Option<Spanned<String>>,
     pub watchdog: Option<Spanned<Duration>>,
     pub power_off: Option<Spanned<Duration>>,
     #[serde(default)]

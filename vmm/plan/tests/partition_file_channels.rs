@@ -74,7 +74,8 @@ fn a_linux_may_be_at_either_end_and_a_doorbell_is_reported() {
     let [setpoints, orders] = file.channels() else { panic!("{file:?}") };
     assert_eq!(ends(setpoints), [(0, "setpoints"), (1, "setpoints"), (2, "setpoints")]);
     assert_eq!(ends(orders), [(2, "orders"), (0, "orders")]);
-    assert_eq!((setpoints.doorbell, orders.doorbell), (true, false));
+    let linux = file.partitions().iter().find(|p| p.name() == "linux").unwrap();
+    assert_eq!((setpoints.doorbell, orders.doorbell), (Some(linux.id()), None));
     let text = listed(&file);
     assert!(text.contains("\n    cell:setpoints, with a doorbell\n"), "{text}");
     assert!(text.contains("\n    linux:orders\n"), "{text}");

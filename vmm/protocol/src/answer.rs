@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::console::{ConsoleOutput, ConsoleStart};
 use super::{Status, TraceStart, TracedWindow, VERSION, Values, line};
 
 /// Why a request was not granted.
@@ -119,6 +120,21 @@ pub enum Answer {
     Versions {
         /// Of each program, in the order of the partition file.
         versions: Vec<VersionStatus>,
+    },
+    /// To `attach`.
+    Attached {
+        /// What the console shows at the start.
+        console: ConsoleStart,
+    },
+    /// Unasked, to who has attached to a console.
+    Console {
+        /// What its partition has written.
+        console: ConsoleOutput,
+    },
+    /// To `type`.
+    Typed {
+        /// So many of the bytes were taken, the first ones. There was no room for the others.
+        taken: u64,
     },
     /// The request changes nothing.
     Error(Refusal),

@@ -3,6 +3,8 @@
 //! The types are those of both sides, so that they cannot disagree.
 
 mod answer;
+mod console;
+mod hex;
 mod point;
 mod request;
 mod status;
@@ -13,6 +15,8 @@ use takt_scheduler::time::Nanos;
 pub use answer::{
     Answer, ErrorKind, Event, EventKind, ImageVersion, Message, Refusal, VersionStatus,
 };
+pub use console::{ConsoleOutput, ConsoleStart, TYPED_MAX};
+pub use hex::{from_hex, hex};
 pub use point::{ForcedStatus, INTERVAL_MAX, LABEL_MAX, Named, Values, raw_point, raw_range};
 pub use request::{Load, Mode, PART_MAX, PointValue, Request};
 pub use status::{

@@ -8,6 +8,8 @@ use serde_json::Value;
 use takt_scheduler::time::Nanos;
 
 use super::point::{self, INTERVAL_MAX, LABEL_MAX, Named, raw_point, raw_range};
+use super::console::TYPED_MAX;
+use super::hex::{from_hex, hex};
 use super::{ErrorKind, Point, Range, Refusal, TRACE_MAX, VERSION, WATCHED_RANGES, line};
 
 /// What a client asks for.
@@ -55,6 +57,10 @@ pub enum Request {
     RollBack(String, String),
     /// Which versions the programs of a partition have.
     Versions(String),
+    /// What a partition has written last, and from now on writes, to its console.
+    Attach(String),
+    /// Bytes for the console of a partition: 1 to [`TYPED_MAX`].
+    Type(String, Vec<u8>),
 }
 
 /// A value for a point.
@@ -136,21 +142,6 @@ struct Raw {
     data: Option<String>,
 }
 
-/// Bytes as hexadecimal digits.
-fn hex(bytes: &[u8]) -> String {
-    const DIGITS: [char; 16] =
-        ['0', '1', '2', '3', '4', '5', '6', '7', '8', '9', 'a', 'b', 'c', 'd', 'e', 'f'];
-    let digit = |nibble: u8| DIGITS[usize::from(nibble & 15)];
-    bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(*byte)]).collect()
-}
-
-/// Bytes from hexadecimal digits.
-fn from_hex(text: &str) -> Option<Vec<u8>> {
-    let digit = |c: u8| char::from(c).to_digit(16);
-    let pairs = text.as_bytes().chunks(2);
-    pairs.map(|pair| Some((digit(*pair.first()?)? << 4 | digit(*pair.get(1)?)?) as u8)).collect()
-}
-
 impl Request {
     /// Reads a line.
     ///
@@ -217,6 +208,10 @@ impl Request {
                 Raw { program: Some(program.clone()), ..of("roll-back", partition) }
             }
             Request::Versions(partition) => of("versions", partition),
+            Request::Attach(partition) => of("attach", partition),
+            Request::Type(partition, bytes) => {
+                Raw { data: Some(hex(bytes)), ..of("type", partition) }
+            }
         })
     }
 }
@@ -296,13 +291,7 @@ impl Raw {
             "load" => {
                 let (part, parts) =
                     (part.ok_or_else(|| missing("part"))?, parts.ok_or_else(|| missing("parts"))?);
-                let bytes = data.and_then(from_hex).unwrap_or_default();
-                if bytes.is_empty() || bytes.len() > PART_MAX {
-                    let digits = 2 * PART_MAX;
-                    return Err(malformed(format!(
-                        "`data` must be 2 to {digits} hexadecimal digits"
-                    )));
-                }
+                let bytes = bytes_of(data, PART_MAX)?;
                 if part >= parts {
                     return Err(malformed("`part` must be less than `parts`".to_owned()));
                 }
@@ -324,10 +313,16 @@ impl Raw {
                 &["partition", "program"],
             ),
             "versions" => (Request::Versions(named(partition, "partition")?), &["partition"]),
+            "attach" => (Request::Attach(named(partition, "partition")?), &["partition"]),
+            "type" => {
+                let bytes = bytes_of(data, TYPED_MAX)?;
+                (Request::Type(named(partition, "partition")?, bytes), &["partition", "data"])
+            }
             _ => {
                 let text = "`request` must be \"ping\", \"status\", \"stop\", \"start\", \"restart\", \
                             \"schedule\", \"events\", \"trace\", \"watch\", \"write\", \"force\", \
-                            \"release\", \"load\", \"commit\", \"roll-back\" or \"versions\"";
+                            \"release\", \"load\", \"commit\", \"roll-back\", \"versions\", \"attach\" \
+                            or \"type\"";
                 return Err(Refusal::new(ErrorKind::UnknownRequest, text));
             }
         };
@@ -375,6 +370,16 @@ impl PointValue {
             ..raw
         }
     }
+}
+
+/// The bytes of a request, at least one.
+fn bytes_of(data: Option<&str>, most: usize) -> Result<Vec<u8>, Refusal> {
+    let bytes = data.and_then(from_hex).unwrap_or_default();
+    if bytes.is_empty() || bytes.len() > most {
+        let text = format!("`data` must be 2 to {} hexadecimal digits", 2 * most);
+        return Err(Refusal::new(ErrorKind::Malformed, text));
+    }
+    Ok(bytes)
 }
 
 fn no_point() -> Refusal {

@@ -9,7 +9,9 @@ use std::os::unix::net::UnixStream;
 
 use takt_scheduler::time::Nanos;
 
-use super::protocol::{self, Answer, LINE_MAX, Refusal, TracedWindow, Values};
+use super::protocol::{
+    self, Answer, ConsoleOutput, LINE_MAX, Refusal, TracedWindow, Values, hex,
+};
 use super::tracing::Tracing;
 
 /// Bytes of events that a client may be behind with.
@@ -37,6 +39,10 @@ pub(super) struct Client {
     pub waits_for: Option<u64>,
     /// Lines of values that it was not told since the last one.
     missed: u64,
+    /// Whose console it gets.
+    pub attached: Option<usize>,
+    /// Bytes of that console that it was not told since the last ones.
+    unread: u64,
     /// What it gets of the windows, if it has asked for them.
     pub trace: Option<Tracing>,
     /// Nothing more is read; when all is sent, it goes.
@@ -64,6 +70,8 @@ impl Client {
             places_have_changed: false,
             waits_for: None,
             missed: 0,
+            attached: None,
+            unread: 0,
             input: Vec::new(),
             output: Vec::new(),
             follows: false,
@@ -186,6 +194,23 @@ impl Client {
         } else {
             self.missed = self.missed.saturating_add(1);
         }
+    }
+
+    /// From now on it gets this console.
+    pub fn attach(&mut self, place: usize) {
+        (self.attached, self.unread) = (Some(place), 0);
+    }
+
+    /// Sends what came of its console, if there is room for it; else it is counted.
+    pub fn tell_console(&mut self, partition: &str, bytes: &[u8]) {
+        if self.output.len() >= TRACE_BACKLOG_MAX {
+            self.unread = self.unread.saturating_add(bytes.len() as u64);
+            return;
+        }
+        let missed = std::mem::take(&mut self.unread);
+        let (partition, bytes) = (partition.to_owned(), hex(bytes));
+        let console = ConsoleOutput { partition, missed, bytes };
+        self.output.extend_from_slice(&Answer::Console { console }.line());
     }
 
     /// Ends the trace if its time has come.

@@ -21,6 +21,7 @@
 
 mod channels;
 mod client;
+mod consoles;
 mod facts;
 mod mode;
 mod operated;
@@ -34,6 +35,7 @@ mod tests;
 mod tracing;
 
 pub use channels::ViewError;
+pub use consoles::KEPT_BYTES;
 pub use operator::Operator;
 pub use operators::Operators;
 pub use orders::Outcome;

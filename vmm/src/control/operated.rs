@@ -209,6 +209,18 @@ impl Operator for Operated<'_> {
         self.live.versions(place)
     }
 
+    fn console(&mut self, partition: &str) -> Result<(usize, bool), Refusal> {
+        let place = self.place(partition)?;
+        Ok((place, self.accounts.get(place).is_some_and(|account| account.is_terminal)))
+    }
+
+    fn type_bytes(&mut self, partition: &str, bytes: &[u8]) -> Result<usize, Refusal> {
+        let keyboard = &self.find(partition)?.keyboard;
+        let text = "the console of a PLC has no keyboard";
+        let none = || Refusal::new(ErrorKind::Unsupported, text);
+        Ok(keyboard.as_ref().ok_or_else(none)?.type_bytes(bytes))
+    }
+
     fn trace(&self) -> TraceStart {
         let (base, since) = (self.desk.base(), Tsc::now());
         let current = self.desk.status(base.offset(since)).current;

@@ -83,6 +83,18 @@ pub trait Operator {
     /// Why that cannot be told.
     fn versions(&mut self, partition: &str) -> Result<Vec<VersionStatus>, Refusal>;
 
+    /// Which partition that is, and whether its console is a terminal, which can be typed at.
+    ///
+    /// # Errors
+    /// If there is no such partition.
+    fn console(&mut self, partition: &str) -> Result<(usize, bool), Refusal>;
+
+    /// Types at a console. Returns how many bytes there was room for.
+    ///
+    /// # Errors
+    /// Why there is nothing to type at.
+    fn type_bytes(&mut self, partition: &str, bytes: &[u8]) -> Result<usize, Refusal>;
+
     /// What a trace that begins now begins with.
     fn trace(&self) -> TraceStart;
 }

@@ -4,13 +4,14 @@ use std::io;
 use std::time::Duration;
 
 use takt_scheduler::schedules::ScheduleId;
+use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Tsc};
 
 use super::channels::{ViewError, Views};
 use super::facts::Facts;
 use super::operated::Operated;
 use super::orders::Outcome;
-use super::protocol::{EventKind, TracedWindow, Values};
+use super::protocol::{EventKind, TracedWindow, Values, hex};
 use super::server::Server;
 use crate::account::Account;
 use crate::channels::Channels;
@@ -40,7 +41,8 @@ impl Operators {
         channels: &Channels<'_>,
     ) -> Result<Operators, ViewError> {
         let channels = Views::new(file, channels)?;
-        let (server, facts, live) = (Server::new(listener), Facts::new(file), Live::default());
+        let server = Server::new(listener, file.partitions().len());
+        let (facts, live) = (Facts::new(file), Live::default());
         Ok(Operators { server, facts, channels, live })
     }
 
@@ -99,6 +101,11 @@ impl Operators {
         self.server.tell(at, kind, partition, text);
     }
 
+    /// Keeps what a partition has written, and tells those who are attached to its console.
+    pub fn console(&mut self, id: PartitionId, partition: &str, bytes: &[u8]) {
+        self.server.console(id.0, partition, bytes);
+    }
+
     /// Tells who traces of a window that is over.
     pub fn window(&mut self, partition: &str, window: &WindowRecord, detours: &[Detour]) {
         let Operators { server, facts, .. } = self;
@@ -111,10 +118,4 @@ impl Operators {
         let name = self.facts.schedules.get(schedule.0).map_or("", |s| s.name.as_str());
         self.server.switch(at, name);
     }
-}
-
-fn hex(bytes: &[u8]) -> String {
-    const DIGITS: &[u8; 16] = b"0123456789abcdef";
-    let digit = |half: u8| char::from(DIGITS[usize::from(half & 0xf)]);
-    bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(*byte)]).collect()
 }

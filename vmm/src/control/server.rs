@@ -7,6 +7,7 @@ use std::os::unix::net::UnixStream;
 use takt_scheduler::time::{Nanos, Tsc};
 
 use super::client::{Came, Client};
+use super::consoles::Consoles;
 use super::operator::Operator;
 use super::protocol::{
     Answer, ErrorKind, Event, EventKind, LINE_MAX, Refusal, Request, TracedWindow, Values,
@@ -29,6 +30,7 @@ pub struct Server {
     listener: Option<Listener>,
     clients: Vec<Client>,
     kept: VecDeque<Event>,
+    consoles: Consoles,
     /// Events so far.
     events: u64,
     /// Clients so far.
@@ -36,17 +38,17 @@ pub struct Server {
 }
 
 impl Server {
-    /// Without a client. Without a listener there will be none.
+    /// Without a client, for so many partitions. Without a listener there will be no client.
     #[must_use]
-    pub fn new(listener: Option<Listener>) -> Server {
-        let kept = VecDeque::with_capacity(KEPT);
-        Server { listener, clients: Vec::new(), kept, events: 0, connected: 0 }
+    pub fn new(listener: Option<Listener>, partitions: usize) -> Server {
+        let (kept, consoles) = (VecDeque::with_capacity(KEPT), Consoles::new(partitions));
+        Server { listener, clients: Vec::new(), kept, consoles, events: 0, connected: 0 }
     }
 
     /// Does what there is to do, within bounds. It never waits.
     pub fn serve(&mut self, run: &mut impl Operator) {
         self.accept();
-        let (kept, now) = (&self.kept, run.now());
+        let (known, now) = (Known { events: &self.kept, consoles: &self.consoles }, run.now());
         let mut traced = self.clients.iter().any(|client| client.trace.is_some());
         self.clients.retain_mut(|client| {
             client.end_trace(now);
@@ -65,7 +67,7 @@ impl Server {
                 match client.receive() {
                     Came::Nothing => break,
                     Came::Line(line) => {
-                        let answer = answer(&line, client, kept, traced, run);
+                        let answer = answer(&line, client, known, traced, run);
                         let answer = answer.unwrap_or_else(|error| Some(Answer::Error(error)));
                         traced |= client.trace.is_some();
                         answer.into_iter().for_each(|answer| client.answer(&answer.line()));
@@ -114,6 +116,14 @@ impl Server {
     pub fn switch(&mut self, at: Tsc, schedule: &str) {
         let line = Answer::Switch { at_tsc: at.0, schedule: schedule.to_owned() }.line();
         self.clients.retain_mut(|client| client.trace.is_none() || client.tell(&line));
+    }
+
+    /// Keeps what a partition has written, and tells those who are attached to its console, as far as there is room.
+    pub fn console(&mut self, place: usize, partition: &str, bytes: &[u8]) {
+        self.consoles.wrote(place, bytes);
+        for client in self.clients.iter_mut().filter(|client| client.attached == Some(place)) {
+            client.tell_console(partition, bytes);
+        }
     }
 
     /// Tells a client values, if there is room for them; `missed` came before them.
@@ -166,10 +176,17 @@ impl Server {
     }
 }
 
+/// What of the past there is to ask for.
+#[derive(Clone, Copy)]
+struct Known<'a> {
+    events: &'a VecDeque<Event>,
+    consoles: &'a Consoles,
+}
+
 fn answer(
     line: &[u8],
     client: &mut Client,
-    kept: &VecDeque<Event>,
+    known: Known<'_>,
     traced: bool,
     run: &mut impl Operator,
 ) -> Result<Option<Answer>, Refusal> {
@@ -177,7 +194,7 @@ fn answer(
         Request::Write(value) => (value.partition.clone(), ValueOrder::Write(value)),
         Request::Force(value) => (value.partition.clone(), ValueOrder::Force(value)),
         Request::Release(partition, point) => (partition, ValueOrder::Release(point)),
-        request => return at_once(request, client, kept, traced, run).map(Some),
+        request => return at_once(request, client, known, traced, run).map(Some),
     };
     if !matches!(order, ValueOrder::Release(_)) {
         client.knows_places()?;
@@ -190,7 +207,7 @@ fn answer(
 fn at_once(
     request: Request,
     client: &mut Client,
-    kept: &VecDeque<Event>,
+    known: Known<'_>,
     traced: bool,
     run: &mut impl Operator,
 ) -> Result<Answer, Refusal> {
@@ -213,7 +230,7 @@ fn at_once(
         }
         Request::Events { follow } => {
             client.follows = follow;
-            Ok(Answer::Events { events: kept.iter().cloned().collect() })
+            Ok(Answer::Events { events: known.events.iter().cloned().collect() })
         }
         // Each trace costs the supervisor thread its share, so there is no second one.
         Request::Trace(_) if traced => {
@@ -222,6 +239,14 @@ fn at_once(
         Request::Trace(duration) => {
             client.trace = Some(Tracing::new(run.now().plus(duration)));
             Ok(Answer::Trace { trace: run.trace() })
+        }
+        Request::Attach(partition) => {
+            let (place, terminal) = run.console(&partition)?;
+            client.attach(place);
+            Ok(Answer::Attached { console: known.consoles.start(place, &partition, terminal) })
+        }
+        Request::Type(partition, bytes) => {
+            run.type_bytes(&partition, &bytes).map(|taken| Answer::Typed { taken: taken as u64 })
         }
         Request::Watch { partition, ranges, interval } => {
             if !ranges.is_empty() {

@@ -29,7 +29,7 @@ impl Case {
             message_bytes: MESSAGE_BYTES as u32,
             source: End { owner: from, port: name.to_owned() },
             destinations: vec![End { owner: to, port: name.to_owned() }],
-            doorbell: false,
+            doorbell: None,
             host: None,
         };
         let all = [

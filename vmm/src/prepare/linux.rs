@@ -13,13 +13,13 @@ use takt_scheduler::time::Nanos;
 use super::spawn::Processor;
 use super::{LinuxParts, Preparation, Prepared};
 use crate::boot::linux::Image;
-use crate::config::Partition;
+use crate::config::{self, Partition};
 use crate::disk::Drive;
 use crate::event;
 use crate::init_watch::{InitSeen, InitWatch, PanicSeen};
 use crate::kernel_watch::KernelWatch;
 use crate::linux_machine::{self, LinuxMachine, LinuxMachineError};
-use crate::machine;
+use crate::machine::{self, MachineError};
 use crate::memory::GuestMemory;
 use crate::net::{self, Interface};
 use crate::pci::Pci;
@@ -53,7 +53,14 @@ impl Preparation<'_> {
         let (init, panic) = (InitSeen::default(), PanicSeen::default());
         let watch = InitWatch::new(writer, init.clone(), panic.clone());
         let console = SerialPort::new(IrqLine(event::clone(&irq)?), watch);
-        self.console = Some(console.clone());
+        let is_shown = partition.console() == Some(config::Console::Terminal);
+        if is_shown {
+            self.console = Some(console.clone());
+        }
+        let links = self.linuxes.get(&partition.id());
+        let links = links.ok_or(MachineError::Missing("a Linux's links"))?;
+        let deadlines = links.deadlines.clone();
+        let bell = event::clone(&links.doorbell)?;
         let place = Place {
             cpu: partition.cpu(),
             domain: self.domains.entry(partition.cpu()),
@@ -87,16 +94,16 @@ impl Preparation<'_> {
             kernel: Image::open(kernel).map_err(unfit)?,
             initrd: initrd.map(Image::open).transpose().map_err(unfit)?,
             cmdline: cmdline.to_owned(),
-            console,
+            console: console.clone(),
             irq,
             card: pci.map(Pci::into_card),
-            bell: event::clone(&self.doorbell)?,
+            bell,
             drives,
             interfaces,
             button: button.clone(),
             frequency: self.frequency,
             watchdog: watchdog.clone(),
-            deadlines: self.deadlines.clone(),
+            deadlines: deadlines.clone(),
             vm: None,
         };
         let (vcpu, guest) = board.start()?;
@@ -106,10 +113,12 @@ impl Preparation<'_> {
         let mut prepared = self.spawn(partition, processor, memory, guest, output, revivals)?;
         prepared.account.can_restart(restart);
         prepared.account.is_terminal = true;
-        if let Some(deadlines) = &self.deadlines {
+        prepared.account.is_shown = is_shown;
+        prepared.account.keyboard = Some(console);
+        if let Some(deadlines) = &deadlines {
             deadlines.served_by(prepared.account.control.clone());
         }
-        prepared.account.deadlines.clone_from(&self.deadlines);
+        prepared.account.deadlines = deadlines;
         prepared.account.watchdog = watchdog;
         prepared.account.power_button =
             button.zip(patience).map(|(wire, patience)| PowerButton::new(wire, patience));

@@ -26,6 +26,7 @@ use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile};
 use crate::cpuset::Domains;
 use crate::disk::DiskThread;
+use crate::event;
 use crate::health::bus_locks;
 use crate::hooks::LateWakeUp;
 use crate::init_watch::{Console, InitSeen};
@@ -100,18 +101,16 @@ pub struct Preparation<'a> {
     /// How long it has taken to get and clear the guests' memory: in the appliance, huge pages are set aside for it
     /// first.
     pub clearing: Duration,
-    /// The serial port of the Linux guest, once there is one.
+    /// The serial port of the Linux that has the terminal, once there is one.
     pub console: Option<Console>,
-    /// What sources ring to wake the Linux guest.
-    pub doorbell: EventFd,
+    /// What others know of each Linux.
+    pub linuxes: BTreeMap<PartitionId, LinuxLinks>,
     /// What may interrupt PLC guests.
     pub interrupts: Interrupts,
     /// Whether the clock by which threads sleep may be steered.
     pub steering: Steering,
     /// Which wake-up a test wants late.
     pub late_wake_up: LateWakeUp,
-    /// The deadlines of the Linux guest's timer, if there are windows of others on its CPU.
-    pub deadlines: Option<Arc<Deadlines>>,
     /// Of the threads that end windows, which are made last.
     pub enforcers: BTreeMap<Cpu, Arc<Control>>,
     /// What follows from a system call that a thread may not make.
@@ -120,6 +119,33 @@ pub struct Preparation<'a> {
     pub role: Role,
     /// What starts threads that have no part in the schedule.
     pub spawner: Spawn<'a>,
+}
+
+/// What others know of a Linux, made before any partition is prepared.
+pub struct LinuxLinks {
+    /// What sources ring to wake it.
+    pub doorbell: EventFd,
+    /// The deadlines of its timer, if there are windows of others on its CPU.
+    pub deadlines: Option<Arc<Deadlines>>,
+}
+
+impl LinuxLinks {
+    /// Of each Linux of a file.
+    ///
+    /// # Errors
+    /// If the host has no event descriptor left.
+    pub fn of(
+        file: &PartitionFile,
+        board: &Arc<ScheduleState>,
+    ) -> Result<BTreeMap<PartitionId, Self>, RunError> {
+        let is_linux = |p: &&Partition| matches!(p.kind(), Kind::Linux { .. });
+        let links = |p: &Partition| -> Result<_, RunError> {
+            let quiet = file.schedules().quiet_on(p.cpu(), Some(p.id()));
+            let deadlines = quiet.map(|quiet| Arc::new(Deadlines::new(quiet, board.clone())));
+            Ok((p.id(), Self { doorbell: event::eventfd()?, deadlines }))
+        };
+        file.partitions().iter().filter(is_linux).map(links).collect()
+    }
 }
 
 /// What a run needs of its preparation.
@@ -174,13 +200,10 @@ impl Preparation<'_> {
         Finish { closing, board, console, interrupts, clearing }
     }
 
-    /// The deadlines of the file's Linux, if there are windows of others on its CPU.
-    #[must_use]
-    pub fn deadlines(file: &PartitionFile, board: &Arc<ScheduleState>) -> Option<Arc<Deadlines>> {
-        let is_linux = |p: &&Partition| matches!(p.kind(), Kind::Linux { .. });
-        let linux = file.partitions().iter().find(is_linux)?;
-        let quiet = file.schedules().quiet_on(linux.cpu(), Some(linux.id()))?;
-        Some(Arc::new(Deadlines::new(quiet, board.clone())))
+    /// The deadlines of those Linuxes.
+    fn deadlines_of(&self, which: impl Fn(&Partition) -> bool) -> Box<[Arc<Deadlines>]> {
+        let of = |p: &Partition| self.linuxes.get(&p.id())?.deadlines.clone();
+        self.file.partitions().iter().filter(|p| which(p)).filter_map(of).collect()
     }
 
     /// What ends, or will end, the windows of a CPU.
@@ -210,7 +233,7 @@ impl Preparation<'_> {
                 board: self.board.clone(),
                 quiet: schedules.quiet_on(cpu, None),
                 steering: self.steering,
-                deadlines: self.deadlines.clone(),
+                deadlines: self.deadlines_of(|_| true),
             };
             let control = self.enforcer(cpu);
             let own = control.clone();

@@ -79,7 +79,11 @@ impl Preparation<'_> {
         for region in &ports.own {
             region.format(&memory)?;
         }
-        doorbell::attach_sources(&machine.vm, &ports.table, &self.doorbell)?;
+        for (port, listener) in &ports.rings {
+            let linux = self.linuxes.get(listener);
+            let bell = &linux.ok_or(MachineError::Missing("a Linux's doorbell"))?.doorbell;
+            doorbell::attach_source(&machine.vm, *port, bell)?;
+        }
         long_mode::write_tables(memory.regions()).map_err(StartError::from)?;
         let lines = devices.as_ref().map_or(&[][..], |devices| &devices.lines);
         self.interrupts.attach(partition.name(), machine.vm, lines)?;

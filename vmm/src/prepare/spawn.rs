@@ -16,7 +16,7 @@ use super::{Preparation, Prepared};
 use crate::account::Account;
 use crate::boot::StartMode;
 use crate::boot::touch::TouchError;
-use crate::config::{Kind, Partition, ScheduleChange};
+use crate::config::{Partition, ScheduleChange};
 use crate::event;
 use crate::handoff::{Giver, Gone, handoff};
 use crate::health::bus_locks::BusLocks;
@@ -27,7 +27,6 @@ use crate::restart::{Revival, Revivals};
 use crate::run_error::RunError;
 use crate::terminal::Lines;
 use crate::vcpu::guest::{End, Guest};
-use crate::vcpu::guest_timer::Deadlines;
 use crate::vcpu::kick::Kickable;
 use crate::vcpu::record::Record;
 use crate::vcpu::thread::{self, Place};
@@ -114,7 +113,7 @@ impl Preparation<'_> {
                 steering: self.steering,
                 enforcer,
                 late_wake_up: self.late_wake_up,
-                deadlines: self.waiting_for(partition),
+                deadlines: self.deadlines_of(|p| p.id() != id && p.cpu() == cpu),
                 on_switch: match partition.on_schedule_change() {
                     ScheduleChange::Ignore => None,
                     ScheduleChange::Warm => Some(StartMode::Warm),
@@ -153,6 +152,8 @@ impl Preparation<'_> {
             output,
             unshown: 0,
             is_terminal: false,
+            is_shown: true,
+            keyboard: None,
             records,
             assembler: WindowAssembler::default(),
             says_done,
@@ -172,16 +173,6 @@ impl Preparation<'_> {
             lines: Lines::default(),
         };
         Ok(Prepared { account, thread, disks: Vec::new(), linux: None })
-    }
-}
-
-impl Preparation<'_> {
-    /// The deadlines of another partition that wait for the windows of this one.
-    fn waiting_for(&self, partition: &Partition) -> Option<Arc<Deadlines>> {
-        let linux =
-            self.file.partitions().iter().find(|p| matches!(p.kind(), Kind::Linux { .. }))?;
-        let waits = linux.id() != partition.id() && linux.cpu() == partition.cpu();
-        self.deadlines.clone().filter(|_| waits)
     }
 }
 

@@ -46,7 +46,7 @@ use crate::memory::Pages;
 use crate::outlet::Trace;
 use crate::outlet::{Outlet, StandardOutput};
 use crate::passthrough::{Devices, emergency_stop};
-use crate::prepare::{Finish, Preparation};
+use crate::prepare::{Finish, LinuxLinks, Preparation};
 use crate::report::{self, Host, Report};
 use crate::resctrl::Groups;
 use crate::run_error::RunError;
@@ -134,11 +134,10 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         frequency: None,
         clearing: choosing,
         console: None,
-        doorbell: eventfd()?,
         interrupts: Interrupts::new()?,
         steering: steering::look(),
         late_wake_up: options.hooks.late_wake_up(),
-        deadlines: Preparation::deadlines(file, &board),
+        linuxes: LinuxLinks::of(file, &board)?,
         enforcers: BTreeMap::new(),
         mode: options.seccomp,
         role: options.role,

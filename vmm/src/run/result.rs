@@ -92,7 +92,7 @@ impl Run<'_> {
                 report::Donation {
                     offered_ns: duration.less(occupied).0,
                     received_ns: cpu_time.0,
-                    minimum_share: schedules.guaranteed(partition.id()).0 as f64
+                    minimum_share: self.file.least_own_time(partition.id()).0 as f64
                         / schedules.frame().0 as f64,
                 }
             });

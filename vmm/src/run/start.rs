@@ -10,7 +10,7 @@ use vmm_sys_util::eventfd::EventFd;
 use super::epoch::Epoch;
 use super::{Run, nanos};
 use crate::account::Account;
-use crate::config::{Partition, Trust};
+use crate::config::{self, Partition, Trust};
 use crate::disk::DiskThread;
 use crate::host_clock::HostClock;
 use crate::host_watchdog::HostWatchdog;
@@ -142,6 +142,10 @@ impl Run<'_> {
         for (partition, pages) in self.file.partitions().iter().zip(&self.pages) {
             if let Some(text) = huge_pages::told(partition, *pages) {
                 screen.line("takt", &text);
+            }
+            if partition.console() == Some(config::Console::Control) {
+                let (name, file) = (partition.name(), self.file.path().display());
+                screen.line("takt", &format!("{name}: its console: takt console {file} {name}"));
             }
             let unsigned = partition.programs().iter().filter(|p| p.trust == Trust::Unsigned);
             let unsigned: Vec<&str> = unsigned.map(|program| program.name.as_str()).collect();

@@ -165,6 +165,9 @@ impl Supervisor {
     pub fn drain(&mut self) {
         for (id, account) in self.accounts.iter_mut().enumerate() {
             let bytes = account.show(PartitionId(id), &mut self.screen, self.over);
+            if let Some(operators) = self.operators.as_mut().filter(|_| !bytes.is_empty()) {
+                operators.console(PartitionId(id), &account.name, &bytes);
+            }
             if account.is_terminal && !bytes.is_empty() {
                 if let Some(kernel) = &mut account.kernel {
                     kernel.printed();

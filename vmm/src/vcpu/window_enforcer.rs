@@ -32,8 +32,8 @@ pub struct Windows {
     pub quiet: Option<QuietTimes>,
     /// Whether the clock of its sleeps may be steered.
     pub steering: Steering,
-    /// Of a Linux, which go by the schedule.
-    pub deadlines: Option<Arc<Deadlines>>,
+    /// Of all Linuxes, which go by the schedule.
+    pub deadlines: Box<[Arc<Deadlines>]>,
 }
 
 /// Kicks until it is told to stop.
@@ -65,8 +65,8 @@ pub fn run(windows: &Windows, base: &Timebase, own: &Control) {
         if let Slot::Window(release) = slot {
             owners[release.schedule.0][release.window].end_window(now);
         }
-        if let (true, Some(deadlines)) = (board.adopt(base.offset(now)), deadlines) {
-            deadlines.look_again();
+        if board.adopt(base.offset(now)) {
+            deadlines.iter().for_each(|deadlines| deadlines.look_again());
         }
         let next = timetable.after(&slot, board.switch());
         // Never early and never twice, and without a loop to catch up after a long delay: what

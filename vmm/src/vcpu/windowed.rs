@@ -44,8 +44,8 @@ pub struct Plan {
     pub enforcer: Arc<Control>,
     /// Which wake-up a test wants late.
     pub late_wake_up: LateWakeUp,
-    /// A Linux's deadlines that wait for this partition's windows, if it is not that Linux's own.
-    pub deadlines: Option<Arc<Deadlines>>,
+    /// The deadlines of other Linuxes, which wait for this partition's windows.
+    pub deadlines: Box<[Arc<Deadlines>]>,
     /// How the partition is started anew when a switch takes effect; `None`: it goes on.
     pub on_switch: Option<StartMode>,
 }
@@ -233,9 +233,9 @@ impl Windowed {
             record.ended = ended.is_some();
             self.log.push(Record::Window(record));
             self.arrived(due, ran.entered);
-            // After all that is the partition's own: this one is for Linux.
-            if let (Some(deadlines), Outcome::Done) = (&self.plan.deadlines, ran.outcome) {
-                deadlines.window_given_back(end);
+            // After all that is the partition's own: this one is for the Linuxes beside it.
+            if matches!(ran.outcome, Outcome::Done) {
+                self.plan.deadlines.iter().for_each(|deadlines| deadlines.window_given_back(end));
             }
             if let Some(end) = ended {
                 return end;

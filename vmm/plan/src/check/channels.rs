@@ -21,7 +21,7 @@ pub fn list(out: &mut String, file: &PartitionFile) {
         };
         let (name, bytes) = (&channel.name, channel.message_bytes);
         line(out, &format!("  {name}: {kind}, up to {bytes} bytes, {rest}"));
-        let doorbell = if channel.doorbell { ", with a doorbell" } else { "" };
+        let doorbell = if channel.doorbell.is_some() { ", with a doorbell" } else { "" };
         line(out, &format!("    {}{doorbell}", end(file, &channel.source)));
         for destination in &channel.destinations {
             line(out, &format!("      -> {}", end(file, destination)));

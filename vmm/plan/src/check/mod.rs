@@ -43,6 +43,7 @@ pub fn report(file: &PartitionFile) -> String {
     out.push_str(if several { "\nWhichever schedule holds\n\n" } else { "\n" });
     tables::partitions(&mut out, file);
     tables::reservations(&mut out, file);
+    tables::sharing(&mut out, file);
     tables::not_analysed(&mut out, file);
     programs::list(&mut out, file);
     channels::list(&mut out, file);

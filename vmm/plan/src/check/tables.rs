@@ -3,7 +3,7 @@
 use takt_scheduler::analysis::Method;
 use takt_scheduler::reservation::{CEILING_PERMILLE, CpuReservations, Reservation};
 use takt_scheduler::schedules::ScheduleId;
-use takt_scheduler::table::{Role, Table};
+use takt_scheduler::table::{PartitionId, Role, Table};
 use takt_scheduler::time::Nanos;
 
 use super::{line, programs};
@@ -13,9 +13,12 @@ use crate::{Allowance, Bytes, INTERRUPT, Kind, Met, NamedTask, Partition, Partit
 pub fn shares(out: &mut String, file: &PartitionFile, table: &Table) {
     let row = |partition: &Partition| {
         let id = partition.id();
-        let own = table.guaranteed(id);
+        let own = file.own_time(table, id);
         let runs = match (table.placements()[id.0].role, table.windows_of(id).count()) {
-            (Role::Background, _) => "background".to_owned(),
+            (Role::Background, _) => match table.backgrounds_of(partition.cpu()).count() {
+                1 => "background".to_owned(),
+                several => format!("background of {several}"),
+            },
             (Role::Windowed { .. }, 0) => "not at all".to_owned(),
             (Role::Windowed { .. }, 1) => "1 window".to_owned(),
             (Role::Windowed { .. }, count) => format!("{count} windows"),
@@ -99,7 +102,7 @@ pub fn partitions(out: &mut String, file: &PartitionFile) {
     let schedules = file.schedules();
     let row = |partition: &Partition| {
         let id = partition.id();
-        let least = schedules.guaranteed(id);
+        let least = file.least_own_time(id);
         let guard = match schedules.placements()[id.0].role {
             Role::Background => "-".to_owned(),
             Role::Windowed { guard } if partition.has_auto_guard() => format!("auto, {guard}"),
@@ -150,6 +153,25 @@ pub fn reservations(out: &mut String, file: &PartitionFile) {
             words(kicker)
         );
         line(out, &text);
+    }
+}
+
+/// Which background partitions share what the windows of a CPU leave.
+pub fn sharing(out: &mut String, file: &PartitionFile) {
+    let table = &file.schedules().tables()[0];
+    for cpu in table.cpus() {
+        let own = |id: PartitionId| &file.partitions()[id.0];
+        let all: Vec<&Partition> = table.backgrounds_of(cpu).map(own).collect();
+        if all.len() > 1 {
+            let threads: u64 = all.iter().map(|p| p.background_threads()).sum();
+            let names: Vec<&str> = all.iter().map(|p| p.name()).collect();
+            let text = format!(
+                "CPU {}: {} share what windows leave; each of their {threads} threads weighs the same",
+                cpu.0,
+                names.join(", ")
+            );
+            line(out, &text);
+        }
     }
 }
 

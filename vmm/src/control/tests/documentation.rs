@@ -47,10 +47,12 @@ fn every_example_is_what_is_really_said() {
         "commit",
         "roll-back",
         "versions",
+        "attach",
+        "type",
     ];
     let answers = [
         "status", "done", "events", "event", "trace", "window", "switch", "traced", "error",
-        "watching", "values", "versions",
+        "watching", "values", "versions", "attached", "console", "typed",
     ];
     let all = requests.map(|r| format!("request {r}")).into_iter();
     let all: BTreeSet<String> = all.chain(answers.map(|a| format!("answer {a}"))).collect();

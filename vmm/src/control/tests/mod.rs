@@ -1,6 +1,7 @@
 //! The control socket, with real sockets and a run that only remembers what it was asked.
 
 mod channels;
+mod consoles;
 mod documentation;
 mod hostile;
 mod orders;
@@ -51,10 +52,15 @@ impl Drop for Folder {
     }
 }
 
+/// Bytes for which a console of the run has room at a time.
+const ROOM: usize = 5;
+
 /// A run that grants everything but what concerns the partition "linux".
 #[derive(Default)]
 struct FakeRun {
     asked: Vec<String>,
+    /// What was typed and taken.
+    typed: Vec<u8>,
     /// The last change that has been carried out.
     answered: u64,
     now: Nanos,
@@ -133,6 +139,18 @@ impl Operator for FakeRun {
         self.order(format!("versions {partition}"), partition).map(|_| vec![versions()])
     }
 
+    fn console(&mut self, partition: &str) -> Result<(usize, bool), Refusal> {
+        let place = ["plc", "linux"].iter().position(|name| *name == partition);
+        place.map(|place| (place, place == 1)).ok_or_else(|| {
+            Refusal::new(ErrorKind::NoSuchPartition, "there is no partition of this name")
+        })
+    }
+
+    fn type_bytes(&mut self, _: &str, bytes: &[u8]) -> Result<usize, Refusal> {
+        self.typed.extend(bytes.iter().take(ROOM));
+        Ok(bytes.len().min(ROOM))
+    }
+
     fn trace(&self) -> TraceStart {
         trace_start()
     }
@@ -168,7 +186,8 @@ struct Served {
 impl Served {
     fn new() -> Served {
         let folder = Folder::new();
-        let server = Server::new(Listener::bind(&folder.socket(), SocketKind::Stream).ok());
+        let listener = Listener::bind(&folder.socket(), SocketKind::Stream).ok();
+        let server = Server::new(listener, 2);
         Served { server, run: FakeRun::default(), folder }
     }
 

@@ -39,6 +39,8 @@ fn account() -> (Account, Revivals<PlcGuest>) {
         output,
         unshown: 0,
         is_terminal: false,
+        is_shown: true,
+        keyboard: None,
         records: None,
         assembler: WindowAssembler::default(),
         says_done: true,

@@ -78,7 +78,7 @@ impl Bench {
         let (guest, own) = (end(Owner::Partition(PartitionId(0))), end(Owner::Host));
         let (source, destination) = if sends { (own, guest) } else { (guest, own) };
         let (name, destinations) = ("levels".into(), vec![destination]);
-        let (message_bytes, doorbell) = (maximum, false);
+        let (message_bytes, doorbell) = (maximum, None);
         let channel = Channel { name, kind, message_bytes, source, destinations, doorbell, host };
         // Channels borrow what the file says; here that lives as long as the test's process.
         let channels = Channels::new(Box::leak(Box::new([channel]))).unwrap();
