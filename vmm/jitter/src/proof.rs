@@ -209,18 +209,14 @@ mod tests {
 
     #[test]
     fn each_linux_has_to_make_the_load() {
-        let lines = [
-            (1_000, "takt-load: fork 0 processes"),
-            (1_500, "takt-load: fork 9 processes"),
-        ];
+        let lines =
+            [(1_000, "takt-load: fork 0 processes"), (1_500, "takt-load: fork 9 processes")];
         let mut both = figures(&lines, 2_000);
         both.partitions.push(Partition { name: "second".into(), ..both.partitions[1].clone() });
         let proof = Proof::of(Load::Fork, &both).unwrap();
         assert_eq!((proof.proved, proof.partition.as_str()), (false, "second"));
-        let load = takt_figures::load::Course {
-            partition: "second".into(),
-            ..both.loads[0].clone()
-        };
+        let load =
+            takt_figures::load::Course { partition: "second".into(), ..both.loads[0].clone() };
         both.loads.push(load);
         assert!(Proof::of(Load::Fork, &both).unwrap().proved);
     }

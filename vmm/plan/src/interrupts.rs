@@ -93,8 +93,7 @@ mod tests {
     fn with_interrupts(duration: u64, linux_cpus: &[usize], released: &[Nanos]) -> Nanos {
         let plc = Placement { cpu: Cpu(0), role: Role::Windowed { guard: us(20) } };
         let linux = |cpu: &usize| Placement { cpu: Cpu(*cpu), role: Role::Background };
-        let placements: Vec<_> =
-            std::iter::once(plc).chain(linux_cpus.iter().map(linux)).collect();
+        let placements: Vec<_> = std::iter::once(plc).chain(linux_cpus.iter().map(linux)).collect();
         let window = Window {
             partition: PartitionId(0),
             offset: us(0),

@@ -7,8 +7,8 @@ use takt_scheduler::table::{PartitionId, Role};
 use takt_scheduler::time::Nanos;
 use toml::Spanned;
 
-use super::diagnostic::{Diagnostic, Span, quote};
 use super::consoles;
+use super::diagnostic::{Diagnostic, Span, quote};
 use super::disks::{self, CheckedDisk};
 use super::hardware;
 use super::health;

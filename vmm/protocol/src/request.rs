@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use takt_scheduler::time::Nanos;
 
-use super::point::{self, INTERVAL_MAX, LABEL_MAX, Named, raw_point, raw_range};
 use super::console::TYPED_MAX;
 use super::hex::{from_hex, hex};
+use super::point::{self, INTERVAL_MAX, LABEL_MAX, Named, raw_point, raw_range};
 use super::{ErrorKind, Point, Range, Refusal, TRACE_MAX, VERSION, WATCHED_RANGES, line};
 
 /// What a client asks for.

@@ -9,9 +9,7 @@ use std::os::unix::net::UnixStream;
 
 use takt_scheduler::time::Nanos;
 
-use super::protocol::{
-    self, Answer, ConsoleOutput, LINE_MAX, Refusal, TracedWindow, Values, hex,
-};
+use super::protocol::{self, Answer, ConsoleOutput, LINE_MAX, Refusal, TracedWindow, Values, hex};
 use super::tracing::Tracing;
 
 /// Bytes of events that a client may be behind with.

@@ -127,4 +127,3 @@ fn plain(bytes: &[u8]) -> Vec<u8> {
 fn strange(what: &str) -> ClientError {
     ClientError::NotUnderstood(what.to_owned())
 }
-
