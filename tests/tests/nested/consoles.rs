@@ -48,7 +48,7 @@ impl Plant {
 struct Console {
     takt: BufReader<UnixStream>,
     partition: String,
-    /// What the console has shown and nobody has looked for.
+    /// What the console has shown and the test has not looked for yet.
     shown: Vec<u8>,
     /// Bytes that were missed.
     missed: u64,
@@ -177,7 +177,7 @@ fn hostile_clients_of_a_console_move_no_release_and_hold_up_no_guest() {
         second.until("linux# ");
         // One is attached and never reads.
         let silent = plant.attach("second");
-        // One types what nobody reads, as fast as it can.
+        // One types what no program reads, as fast as it can.
         let typist = scope.spawn(|| {
             let mut typist = plant.attach("linux");
             let (mut typed, digits) = (0_u64, "23".repeat(4_000));

@@ -144,8 +144,10 @@ fn the_images_beside_the_fixtures_are_those_of_the_tests() {
 
 /// An example, with dummies where it expects the images that `scripts/guest-image` makes, and those of the PLC guests,
 /// programs with the points of the examples', and a disk of one sector for that of `scripts/load-image`.
-fn example(name: &str) -> (PathBuf, PartitionFile) {
-    let folder = scratch(&format!("example-{name}"));
+/// The folder's name is short, as a control socket's path has to be.
+fn example(name: &str) -> (tempfile::TempDir, PartitionFile) {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     let images = folder.join("target/guest");
     let plc_images = folder.join("plc-guest/target/x86_64-unknown-linux-gnu/release");
     fs::create_dir_all(&images).unwrap();
@@ -163,7 +165,7 @@ fn example(name: &str) -> (PathBuf, PartitionFile) {
     let path = folder.join("configs").join(name);
     fs::copy(Path::new("../../configs").join(name), &path).unwrap();
     let file = config::load(&path, None).unwrap_or_else(|error| panic!("{error}"));
-    (folder.canonicalize().unwrap(), file)
+    (temporary, file)
 }
 
 #[test]
@@ -180,6 +182,7 @@ fn every_example_is_good_and_says_what_it_shows() {
 #[test]
 fn a_good_file_says_what_is_in_it() {
     let (folder, file) = example("plc-and-linux.toml");
+    let folder = folder.path().canonicalize().unwrap();
     assert_eq!(file.path(), folder.join("configs/plc-and-linux.toml"));
     assert_eq!(file.schedule_names(), ["normal"]);
     let [plc, linux] = file.partitions() else { panic!("{file:?}") };
@@ -466,6 +469,7 @@ fn the_documentation_shows_the_report_that_is_really_printed() {
 #[test]
 fn needs_are_lines_for_a_script() {
     let (folder, file) = example("plc-and-linux.toml");
+    let folder = folder.path().canonicalize().unwrap();
     let folder = folder.display();
     let expected = format!(
         "memory 272629760\ncpus 1\nfile {folder}/configs/plc-and-linux.toml\n\
