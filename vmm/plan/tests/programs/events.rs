@@ -15,13 +15,13 @@ fn waiting(program: &mut Builder, name: &str, source: Event) {
     program.task(Task { budget: Some(Nanoseconds(10_000)), priority: 1, ..task });
 }
 
-/// A partition, in a folder of this name, with a program whose second and further tasks wait for these.
-fn case(name: &str, sources: &[Event], interrupts: &str) -> Case {
+/// A partition with a program whose second and further tasks wait for these.
+fn case(sources: &[Event], interrupts: &str) -> Case {
     let mut program = builder("a");
     for (number, source) in sources.iter().enumerate() {
         waiting(&mut program, &format!("e{number}"), source.clone());
     }
-    let case = Case::new(name).file("a.plc", &program.build().unwrap());
+    let case = Case::new("events").file("a.plc", &program.build().unwrap());
     case.program("a.plc", "").with(interrupts)
 }
 
@@ -33,7 +33,7 @@ const ENCODER: &str = "[[partition.interrupt]]\nname = \"encoder\"\nvector = 64\
 
 #[test]
 fn an_interrupt_releases_one_task_by_its_name() {
-    let file = case("released", &[interrupt("encoder")], ENCODER).good();
+    let file = case(&[interrupt("encoder")], ENCODER).good();
     let table = file.partitions()[0].io_table();
     let entry = table.mappings[0];
     assert_eq!((table.count, entry.direction, entry.kind), (1, EVENT, kind::INTERRUPT));
@@ -46,13 +46,13 @@ fn an_interrupt_releases_one_task_by_its_name() {
         assert!(text.contains(line), "no {line:?} in\n{text}");
     }
     // Without such a task nothing is kept for it.
-    assert!(!report(&case("released", &[], ENCODER).good()).contains("letting them in"));
+    assert!(!report(&case(&[], ENCODER).good()).contains("letting them in"));
 }
 
 #[test]
 fn what_the_guest_cannot_wait_for_is_refused() {
     let refused = |sources: &[Event], interrupts: &str, words: &[&str]| {
-        case("unreleased", sources, interrupts).refused(words);
+        case(sources, interrupts).refused(words);
     };
     let doorbell = Event::Doorbell("x".to_owned());
     refused(&[doorbell], "", &["waits for a doorbell, which only a Linux has", "`channel` sees"]);
