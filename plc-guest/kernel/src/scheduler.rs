@@ -353,16 +353,13 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         Some(id)
     }
 
-    /// What an event task waits for has happened. If it happens again before a job is released for it, it is one release,
-    /// and the other is lost and counted.
+    /// What an event task waits for has happened.
     pub fn signal(&mut self, id: TaskId, now: Instant) {
         let task = &mut self.tasks[id.index()];
         if matches!(task.state, State::Dormant | State::Faulted) {
             return;
         }
-        if core::mem::replace(&mut task.signalled, true) {
-            count(&mut task.statistics.overruns, 1);
-        }
+        task.signalled = true;
         if task.state == State::Waiting(Wait::Release) && task.next <= now {
             self.release_event(id, now);
         } else {

@@ -37,7 +37,6 @@ mod stalls;
 mod tasks;
 mod tasks_costs;
 mod tasks_faults;
-mod tasks_interrupts;
 mod tasks_together;
 mod timing;
 mod vfio;

@@ -131,11 +131,10 @@ impl Kernel {
         self.clock = Clock::new(first.release_tsc, first.tsc_khz);
         self.enter_window(&first);
         loop {
-            let now = self.now();
-            // It opens the door to interrupts, and a tick that comes in by it is dropped: so before the look.
-            self.events.poll(&mut self.scheduler, &self.programs, &mut self.ports, now);
             self.look_for_window();
+            let now = self.now();
             let due = now.max(self.clock.instant(self.window.release_tsc)).after(ROUNDING);
+            self.events.poll(&mut self.scheduler, &self.programs, &mut self.ports, now);
             self.scheduler.advance(due);
             self.see_to_the_late();
             match self.scheduler.pick() {
