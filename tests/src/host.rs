@@ -44,7 +44,13 @@ impl Host {
     /// Runs a script of `tests/host`. What it leaves as `/out/report.json` is the report.
     #[must_use]
     pub fn run(self, script: &str, arguments: &[&str]) -> Outcome {
-        let out = scratch().join(format!("{script}.out"));
+        self.run_as(script, script, arguments)
+    }
+
+    /// The same for one of several tests with this script: what it leaves is under the test's own name.
+    #[must_use]
+    pub fn run_as(self, name: &str, script: &str, arguments: &[&str]) -> Outcome {
+        let out = scratch().join(format!("{name}.out"));
         let report = out.join("report.json");
         let _ = fs::remove_file(&report);
         let outcome = self.leaving(&out, script, arguments);

@@ -4,11 +4,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use takt_tests::{File, Host, Outcome, long, plc_image, target};
+use takt_tests::{File, Host, Outcome, initrd_with, long, plc_image, target};
 
-/// What a script has left, by name.
-fn left(script: &str, name: &str) -> String {
-    let path = target("tests").join(format!("{script}.out")).join(name);
+/// What a test's script has left, by name.
+fn left(test: &str, name: &str) -> String {
+    let path = target("tests").join(format!("{test}.out")).join(name);
     fs::read_to_string(path).unwrap_or_default()
 }
 
@@ -75,8 +75,8 @@ fn a_reader_that_stops_costs_what_it_does_not_read_and_nothing_else() {
 }
 
 /// An ext4 with a file for a disk.
-fn slow_image() -> PathBuf {
-    let folder = target("tests/slow-disk");
+fn slow_image(test: &str) -> PathBuf {
+    let folder = target("tests").join(test);
     let _ = fs::remove_dir_all(&folder);
     let tree = folder.join("tree");
     fs::create_dir_all(&tree).unwrap();
@@ -89,12 +89,55 @@ fn slow_image() -> PathBuf {
     image.canonicalize().unwrap()
 }
 
-/// A Linux with windows, whose thread the host's watchdog looks at, has written and flushed for long when its
-/// disk stands still, and is started again under requests that the disk is busy with. Where the thread waited
-/// for the disk it would be taken for stuck, and the machine restarted.
+/// A Linux with windows, whose thread the host's watchdog looks at, with a disk in a file system that stands still
+/// whenever it says that it is writing, until it says the cue.
+fn with_slow_disk(test: &str, initrd: &Path, exec: &str, cues: &[&str]) -> Outcome {
+    let image = slow_image(test);
+    let kernel = target("guest/vmlinuz");
+    let file = File::new("10ms")
+        .watchdog("1s")
+        .plc("plc", None, "")
+        .lines(&format!(
+            "[[partition]]\nname = \"linux\"\nkind = \"linux\"\ncpu = 0\nmemory = \"128MiB\"\n\
+             kernel = {kernel:?}\ninitrd = {initrd:?}\ncmdline = \"console=ttyS0 takt.exec=\\\"{exec}\\\"\"\n\
+             restarts = {{ at_most = 1, within = \"60s\" }}\n\
+             [[partition.disk]]\npath = \"/mnt/disk\"\nread_only = false",
+        ))
+        .health("linux", "partition-reset", "cold-start")
+        .health("linux", "partition-ended", "shut-down")
+        .schedule("normal")
+        .window("plc", 0, 200)
+        .window("linux", 500, 8_000)
+        .save(test);
+    let _ = fs::remove_dir_all(target("tests").join(format!("{test}.out")));
+    let (file, image) = (path(&file), path(&image));
+    let arguments: Vec<&str> = [&*file, &*image].into_iter().chain(cues.iter().copied()).collect();
+    let outcome = ["loop", "ext4"]
+        .iter()
+        .fold(host(), |host, module| host.with("--module", module))
+        .with("--memory", "512")
+        .with_file(Path::new(&file))
+        .with_file(Path::new(&image))
+        .with_file(&kernel)
+        .with_file(initrd)
+        .run_as(test, "slow-disk", &arguments);
+    let console = left(test, "console");
+    assert_eq!(outcome.status, 0, "{}\n{console}", outcome.output);
+    let outcome = Outcome { output: console, ..outcome };
+    assert_nothing_late(&outcome, "plc", 500);
+    outcome
+}
+
+/// Where a text is first shown.
+fn place(outcome: &Outcome, text: &str) -> usize {
+    let found = outcome.output.find(text);
+    found.unwrap_or_else(|| panic!("no {text:?}\n{}", outcome.output))
+}
+
+/// It has written and flushed for long when its disk stands still, and is started again under requests that the disk is
+/// busy with. Where its thread waited for the disk it would be taken for stuck, and the machine restarted.
 #[test]
 fn a_disk_that_stands_still_holds_up_neither_its_linux_nor_a_new_start_nor_the_watchdog() {
-    let image = slow_image();
     // Two megabytes each, and a flush. What a terminal has not sent yet is lost at a reboot: the kernel's log is not.
     let loops = if long() { 1_024 } else { 32 };
     let exec = format!(
@@ -106,48 +149,51 @@ fn a_disk_that_stands_still_holds_up_neither_its_linux_nor_a_new_start_nor_the_w
          echo; echo $((2*n)) MiB flushed; echo writing; \
          (while :; do w; done) > /dev/null 2>&1 & sleep 1; say restarting; reboot -nf"
     );
-    let initrd = target("guest/initrd.img");
-    let kernel = target("guest/vmlinuz");
-    let file = File::new("10ms")
-        .watchdog("1s")
-        .plc("plc", None, "")
-        .lines(&format!(
-            "[[partition]]\nname = \"linux\"\nkind = \"linux\"\ncpu = 0\nmemory = \"128MiB\"\n\
-             kernel = {:?}\ninitrd = {:?}\ncmdline = \"console=ttyS0 takt.exec=\\\"{exec}\\\"\"\n\
-             restarts = {{ at_most = 1, within = \"60s\" }}\n\
-             [[partition.disk]]\npath = \"/mnt/disk\"\nread_only = false",
-            kernel, initrd,
-        ))
-        .health("linux", "partition-reset", "cold-start")
-        .health("linux", "partition-ended", "shut-down")
-        .schedule("normal")
-        .window("plc", 0, 200)
-        .window("linux", 500, 8_000)
-        .save("slow-disk");
-    let _ = fs::remove_dir_all(target("tests/slow-disk.out"));
-    let outcome = ["loop", "ext4"]
-        .iter()
-        .fold(host(), |host, module| host.with("--module", module))
-        .with("--memory", "512")
-        .with_file(&file)
-        .with_file(&image)
-        .with_file(&kernel)
-        .with_file(&initrd)
-        .run("slow-disk", &[&path(&file), &path(&image)]);
-    let console = left("slow-disk", "console");
-    assert_eq!(outcome.status, 0, "{}\n{console}", outcome.output);
-    let outcome = Outcome { output: console, ..outcome };
-    assert_nothing_late(&outcome, "plc", 500);
+    let outcome = with_slow_disk("slow-disk", &target("guest/initrd.img"), &exec, &["restarting"]);
     // It was reset, and started again, while nothing could be written.
-    let at = |text: &str| {
-        let found = outcome.output.find(text);
-        found.unwrap_or_else(|| panic!("no {text:?}\n{}", outcome.output))
-    };
+    let at = |text: &str| place(&outcome, text);
     let restarted = at("partition-reset: asked for a restart -> cold-start");
     outcome.assert_shows(&format!("{} MiB flushed", 2 * loops));
     assert!(at("] restarting") < restarted && restarted < at("[host] the file system is thawed"));
     assert!(at("[host] the file system is thawed") < at("] alive"));
     assert_eq!(outcome.number("linux", "restarts"), 1);
+}
+
+/// A reset by the guest itself, twice: Linux's driver is taken from the disk while Linux writes, and waits for its
+/// requests; then a driver that does not wait resets the disk under them, three times.
+#[test]
+fn a_disk_that_stands_still_is_reset_at_once_and_touches_no_request_that_it_has_lost() {
+    let loops = if long() { 1_024 } else { 8 };
+    let driver = "/sys/bus/platform/drivers/virtio-mmio";
+    let exec = format!(
+        "say() {{ echo $1 > /dev/kmsg; }}; \
+         w() {{ [ -b /dev/vda ] && dd if=/dev/zero of=/dev/vda bs=64k seek=1 count=32 conv=fsync; }}; \
+         n=0; while [ $n -lt {loops} ]; do w 2> /dev/null; n=$((n+1)); done; \
+         echo; echo $((2*n)) MiB flushed; echo writing; \
+         (while w; do :; done) > /dev/null 2>&1 & sleep 1; \
+         (echo LNRO0005:00 > {driver}/unbind; say taken) & sleep 1; say waiting; wait; \
+         echo; echo writing; reset-disk 0; echo status $?; \
+         echo LNRO0005:00 > {driver}/bind; echo; w && say alive; sync; poweroff -f"
+    );
+    let initrd = target(&initrd_with("reset-disk", &[env!("CARGO_BIN_EXE_reset-disk").as_ref()]));
+    let outcome =
+        with_slow_disk("reset-disk", &initrd, &exec, &["waiting", "reset-under-requests"]);
+    outcome.assert_shows(&format!("{} MiB flushed", 2 * loops));
+    // Linux's driver waited until the first thaw, the other one for nothing.
+    let thawed = outcome.output.match_indices("[host] the file system is thawed");
+    let thawed: Vec<usize> = thawed.map(|(at, _)| at).collect();
+    let at = |text: &str| place(&outcome, text);
+    assert!(at("] waiting") < thawed[0] && thawed[0] < at("] taken"), "{}", outcome.output);
+    assert!(at("] reset-under-requests") < thawed[1] && thawed[1] < at("] alive"));
+    outcome.assert_shows("\nstatus 0");
+    let line = outcome.output.lines().find_map(|line| line.strip_prefix("reset-disk: "));
+    let line = line.unwrap_or_else(|| panic!("no figures\n{}", outcome.output));
+    println!("{line}");
+    let longest = line.split_once("the longest of ").and_then(|(_, rest)| rest.split_once(" ns"));
+    let longest: Option<u64> = longest.and_then(|(ns, _)| ns.parse().ok());
+    // A frame, in which Linux has 8 ms, and not the seconds until the thaw.
+    assert!(longest.is_some_and(|ns| ns < 10_000_000), "{line}");
+    assert_eq!(outcome.number("linux", "restarts"), 0);
 }
 
 fn path(path: &Path) -> String {
