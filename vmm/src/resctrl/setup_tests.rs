@@ -1,118 +1,26 @@
-//! Against a file system that is made up: it holds the record of a host, merges lines into schemata as the
-//! kernel does, notes each change in order, and can be told to refuse any of them.
+//! Against a file system that is made up and holds the record of a host.
 
-use std::cell::{Cell, RefCell};
-use std::collections::BTreeMap;
-use std::rc::Rc;
+#[path = "fake_tests.rs"]
+mod fake;
 
 use takt_host::resctrl::ResctrlError;
 use takt_scheduler::table::Cpu;
 
 use super::*;
 use crate::kernel_tree::Tree;
+use fake::Fake;
 
-const RECORD: &str = include_str!("../../host/tests/hosts/resctrl-xeon.host");
-const WHOLE: &str = "MB:0=100;1=100\nL3:0=7ff;1=7ff";
-
-#[derive(Default)]
-struct State {
-    files: RefCell<BTreeMap<String, String>>,
-    log: RefCell<Vec<String>>,
-    /// Refuse the change with this number, once.
-    refuse: Cell<Option<usize>>,
-}
-
-#[derive(Clone)]
-struct Fake(Rc<State>);
+const XEON: &str = include_str!("../../host/tests/hosts/resctrl-xeon.host");
+const CDP: &str = include_str!("../../host/tests/hosts/resctrl-xeon-cdp.host");
+const EPYC: &str = include_str!("../../host/tests/hosts/resctrl-epyc.host");
 
 fn fake() -> Fake {
-    let parts = RECORD.split("== ").filter_map(|part| part.split_once('\n'));
-    let below = parts.filter_map(|(path, text)| {
-        Some((path.strip_prefix("sys/fs/resctrl/")?.to_owned(), text.to_owned()))
-    });
-    let state = State { files: RefCell::new(below.collect()), ..State::default() };
-    state.files.borrow_mut().insert(SCHEMATA.into(), WHOLE.into());
-    Fake(Rc::new(state))
+    Fake::of(XEON)
 }
 
-impl Fake {
-    fn note(&self, change: String) -> io::Result<()> {
-        let mut log = self.0.log.borrow_mut();
-        if self.0.refuse.get() == Some(log.len()) {
-            self.0.refuse.set(None);
-            return Err(io::Error::from_raw_os_error(libc::EINVAL));
-        }
-        log.push(change);
-        Ok(())
-    }
-
-    fn log(&self) -> Vec<String> {
-        self.0.log.borrow().clone()
-    }
-
-    fn files(&self) -> BTreeMap<String, String> {
-        self.0.files.borrow().clone()
-    }
-}
-
-impl Tree for Fake {
-    fn read(&self, path: &str) -> io::Result<String> {
-        self.0.files.borrow().get(path).cloned().ok_or(io::ErrorKind::NotFound.into())
-    }
-
-    fn write(&self, path: &str, text: &str) -> io::Result<()> {
-        let before = self.read(path)?;
-        self.note(format!("{path} = {text}"))?;
-        let (resource, value) = text.split_once(':').unwrap();
-        let (domain, _) = value.split_once('=').unwrap();
-        let line = |line: &str| match line.split_once(':') {
-            Some((name, all)) if name == resource => {
-                let new = |one: &str| match one.split_once('=') {
-                    Some((of, _)) if of == domain => value.to_owned(),
-                    _ => one.to_owned(),
-                };
-                format!("{name}:{}", all.split(';').map(new).collect::<Vec<_>>().join(";"))
-            }
-            _ => line.to_owned(),
-        };
-        let after = before.lines().map(line).collect::<Vec<_>>().join("\n");
-        self.0.files.borrow_mut().insert(path.into(), after);
-        Ok(())
-    }
-
-    fn make(&self, path: &str) -> io::Result<()> {
-        self.note(format!("make {path}"))?;
-        let mut files = self.0.files.borrow_mut();
-        files.insert(format!("{path}/{SCHEMATA}"), WHOLE.into());
-        files.insert(format!("{path}/tasks"), String::new());
-        Ok(())
-    }
-
-    fn remove(&self, path: &str) -> io::Result<()> {
-        self.note(format!("remove {path}"))?;
-        self.0.files.borrow_mut().retain(|file, _| !file.starts_with(&format!("{path}/")));
-        Ok(())
-    }
-
-    fn full_path(&self, path: &str) -> PathBuf {
-        PathBuf::from("/sys/fs/resctrl").join(path)
-    }
-}
-
-impl Kernel for Fake {
-    fn folders(&self) -> io::Result<Vec<String>> {
-        let mut names: Vec<String> = self
-            .files()
-            .keys()
-            .filter_map(|path| Some(path.split_once('/')?.0.to_owned()))
-            .collect();
-        names.dedup();
-        Ok(names)
-    }
-
-    fn vendor(&self) -> String {
-        "GenuineIntel".into()
-    }
+/// The lines of a file, without the space that the kernel aligns them by.
+fn lines(kernel: &Fake, path: &str) -> Vec<String> {
+    kernel.read(path).unwrap().lines().map(|line| line.trim().to_owned()).collect()
 }
 
 fn asked(partition: &str, ways: Option<u32>, percent: Option<u32>) -> Asked {
@@ -137,7 +45,8 @@ fn groups_are_made_in_order_and_all_is_undone() {
         "schemata = L3:0=7f0",
     ];
     assert_eq!(kernel.log(), steps);
-    assert_eq!(kernel.read("takt-plc/schemata").unwrap(), "MB:0=100;1=100\nL3:0=f;1=7ff");
+    assert_eq!(lines(&kernel, "takt-plc/schemata"), ["MB:0=100;1=100", "L3:0=00f;1=7ff"]);
+    assert_eq!(lines(&kernel, "takt-linux/schemata"), ["MB:0= 30;1=100", "L3:0=7f0;1=7ff"]);
     let tasks = setup.entry("linux").map(|entry| format!("{entry:?}")).unwrap();
     assert!(tasks.contains("/sys/fs/resctrl/takt-linux/tasks"), "{tasks}");
     assert!(setup.entry("other").is_none());
@@ -154,7 +63,7 @@ fn whichever_step_is_refused_all_is_as_before() {
     for step in 0..6 {
         let kernel = fake();
         let before = kernel.files();
-        kernel.0.refuse.set(Some(step));
+        kernel.refuse(step);
         let error = Setup::make(kernel.clone(), &usual()).err().unwrap();
         assert!(error.to_string().contains("info/last_cmd_status"), "{error}");
         assert_eq!(kernel.files(), before, "step {step}: {:?}", kernel.log());
@@ -166,7 +75,7 @@ fn undoing_goes_on_after_a_step_that_is_refused() {
     for step in 6..9 {
         let kernel = fake();
         let mut setup = Setup::make(kernel.clone(), &usual()).unwrap();
-        kernel.0.refuse.set(Some(step));
+        kernel.refuse(step);
         assert!(setup.undo().is_err());
         assert_eq!(kernel.log().len(), 8, "step {step}: {:?}", kernel.log());
     }
@@ -199,7 +108,7 @@ fn what_a_killed_takt_has_left_is_removed_wherever_it_was_killed() {
 fn a_group_with_threads_is_left_alone() {
     let kernel = fake();
     kernel.make("takt-plc").unwrap();
-    kernel.0.files.borrow_mut().insert("takt-plc/tasks".into(), "71\n72\n".into());
+    kernel.set("takt-plc/tasks", "71\n72\n");
     let before = kernel.files();
     let error = Setup::make(kernel.clone(), &usual()).err().unwrap();
     assert!(matches!(&error, GroupError::InUse { threads, .. } if threads == "71, 72"), "{error}");
@@ -216,6 +125,76 @@ fn groups_of_others_stay_and_are_in_the_way_where_they_use_the_same_ways() {
     kernel.write("database/schemata", "L3:0=7f0").unwrap();
     let mut setup = Setup::make(kernel.clone(), &usual()).unwrap();
     setup.undo().unwrap();
-    assert_eq!(kernel.folders().unwrap(), ["database", "info"]);
-    assert_eq!(kernel.read("database/schemata").unwrap(), "MB:0=100;1=100\nL3:0=7f0;1=7ff");
+    assert_eq!(kernel.folders().unwrap(), ["database", "info", "mon_data"]);
+    assert_eq!(lines(&kernel, "database/schemata"), ["MB:0=100;1=100", "L3:0=7f0;1=7ff"]);
+}
+
+#[test]
+fn amds_cache_is_divided_and_its_bandwidth_is_no_percentage() {
+    let kernel = Fake::of(EPYC);
+    let before = kernel.files();
+    let plc = Asked { domain: Some(2), ..asked("plc", Some(5), None) };
+    let mut setup = Setup::make(kernel.clone(), &[plc]).unwrap();
+    let steps = ["make takt-plc", "takt-plc/schemata = L3:2=1f", "schemata = L3:2=ffe0"];
+    assert_eq!(kernel.log(), steps);
+    let untouched = ["SMBA:0=2048;1=2048;2=2048;3=2048", "MB:0=2048;1=2048;2=2048;3=2048"];
+    let cache = ["L3:0=ffff;1=ffff;2=001f;3=ffff", "L3:0=ffff;1=ffff;2=ffe0;3=ffff"];
+    for (path, cache) in ["takt-plc/schemata", "schemata"].iter().zip(cache) {
+        assert_eq!(lines(&kernel, path), [untouched[0], untouched[1], cache]);
+    }
+    setup.undo().unwrap();
+    assert_eq!(kernel.files(), before);
+    for (killed_after, left) in [(1, 1), (2, 1), (3, 1)] {
+        let killed = Fake::of(EPYC);
+        killed.make("takt-plc").unwrap();
+        for line in [("takt-plc/schemata", "L3:2=1f"), ("schemata", "L3:2=ffe0")]
+            .iter()
+            .take(killed_after - 1)
+        {
+            killed.write(line.0, line.1).unwrap();
+        }
+        assert_eq!(remove_left_over(&killed).unwrap(), left);
+        assert_eq!(killed.files(), before, "{:?}", killed.log());
+    }
+    let error = Setup::make(kernel.clone(), &[asked("linux", None, Some(30))]).err().unwrap();
+    let text = error.to_string();
+    assert!(
+        text.contains("eighths of a GB/s") && text.ends_with("leave `memory_bandwidth` out"),
+        "{text}"
+    );
+    assert_eq!(kernel.files(), before);
+}
+
+#[test]
+fn a_cache_with_code_and_data_apart_is_left_as_it_is() {
+    let kernel = Fake::of(CDP);
+    let error = Setup::make(kernel.clone(), &usual()).err().unwrap();
+    assert!(error.to_string().contains("no info/L3"), "{error}");
+    assert_eq!(kernel.log(), [""; 0]);
+    // Bandwidth is divided apart from the cache.
+    let mut setup = Setup::make(kernel.clone(), &[asked("linux", None, Some(30))]).unwrap();
+    assert_eq!(kernel.log(), ["make takt-linux", "takt-linux/schemata = MB:0=30"]);
+    setup.undo().unwrap();
+}
+
+#[test]
+fn what_the_kernel_would_refuse_is_refused_here_too() {
+    let [xeon, epyc] = [XEON, EPYC].map(Fake::of);
+    for line in
+        ["L3:0=505", "L3:0=fff", "L3:0=0", "L3:2=1", "L2:0=1", "MB:0=5", "MB:0=101", "MB:0=x"]
+    {
+        assert!(xeon.write("schemata", line).is_err(), "{line}");
+    }
+    // The kernel rounds up what is between two steps, which the plan therefore refuses.
+    xeon.write("schemata", "MB:0=31;1=10").unwrap();
+    assert_eq!(lines(&xeon, "schemata")[0], "MB:0= 40;1= 10");
+    epyc.write("schemata", "L3:1=f00f").unwrap();
+    epyc.write("schemata", "MB:1=16").unwrap();
+    assert_eq!(lines(&epyc, "schemata")[1], "MB:0=2048;1=  16;2=2048;3=2048");
+    // The default group is one of the eight that the processor tells apart for bandwidth.
+    let made = (0..20).take_while(|n| xeon.make(&format!("g{n}")).is_ok()).count();
+    assert_eq!(made, 7);
+    let many: Vec<_> = (0..8).map(|n| asked(&format!("p{n}"), None, Some(30))).collect();
+    let error = Setup::make(fake(), &many).err().unwrap();
+    assert!(error.to_string().contains("8 groups apart"), "{error}");
 }

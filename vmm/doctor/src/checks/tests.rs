@@ -325,11 +325,11 @@ fn huge_pages_that_are_insisted_on_must_be_set_aside() {
 #[test]
 fn shares_of_the_cache_are_planned_as_the_run_would() {
     use takt_host::resctrl::Asked;
-    let record = include_str!("../../../host/tests/hosts/resctrl-xeon.host");
-    let mut host = Recorded::named("workstation");
-    for (path, text) in record.split("== ").filter_map(|part| part.split_once('\n')) {
-        host = host.with(path, text);
-    }
+    let of = |record: &str| {
+        let parts = record.split("== ").filter_map(|part| part.split_once('\n'));
+        parts.fold(Recorded::named("workstation"), |host, (path, text)| host.with(path, text))
+    };
+    let host = of(include_str!("../../../host/tests/hosts/resctrl-xeon.host"));
     let mut demand = Demand::usual(&host.unpack().host);
     let with = |host: &Recorded, ways, demand: &mut Demand| {
         let (partition, cpu) = ("plc".to_owned(), Cpu(3));
@@ -353,4 +353,10 @@ fn shares_of_the_cache_are_planned_as_the_run_would() {
     let gone = Recorded::named("workstation").with("proc/filesystems", "nodev\tresctrl");
     let gone = with(&gone, Some(4), &mut demand);
     assert_eq!(gone.remedy.unwrap(), "mount -t resctrl resctrl /sys/fs/resctrl");
+    let apart = of(include_str!("../../../host/tests/hosts/resctrl-xeon-cdp.host"));
+    let apart = with(&apart, Some(4), &mut demand);
+    assert!(apart.found.contains("`cdp`"), "{}", apart.found);
+    let epyc = of(include_str!("../../../host/tests/hosts/resctrl-epyc.host"));
+    let epyc = with(&epyc, Some(4), &mut demand);
+    assert_eq!(epyc.remedy.unwrap(), "leave `memory_bandwidth` out");
 }

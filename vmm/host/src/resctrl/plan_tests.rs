@@ -1,5 +1,7 @@
-//! Against the record of a host with eleven ways, of which devices share the upper two, and sixteen groups for the
-//! cache but eight for bandwidth (`tests/hosts/resctrl-xeon.host`, written by hand from the kernel's documentation).
+//! Against records of hosts (`tests/hosts/resctrl-*.host`), which were written by hand from the kernel's documentation
+//! and from what owners of such processors have published: one of Intel's with eleven ways, of which devices share the
+//! upper two, and sixteen groups for the cache but eight for bandwidth; the same with code and data apart; and one of
+//! AMD's with sixteen ways in each of four caches.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -7,20 +9,27 @@ use std::io;
 use super::*;
 use crate::resctrl::{BandwidthInfo, info};
 
-/// The files of the record below the file system's root.
-fn recorded() -> BTreeMap<String, String> {
-    let text = include_str!("../../tests/hosts/resctrl-xeon.host");
-    let parts = text.split("== ").filter_map(|part| part.split_once('\n'));
+const XEON: &str = include_str!("../../tests/hosts/resctrl-xeon.host");
+const CDP: &str = include_str!("../../tests/hosts/resctrl-xeon-cdp.host");
+const EPYC: &str = include_str!("../../tests/hosts/resctrl-epyc.host");
+
+/// The files of a record below the file system's root.
+fn recorded(record: &str) -> BTreeMap<String, String> {
+    let parts = record.split("== ").filter_map(|part| part.split_once('\n'));
     let below = parts.filter_map(|(path, text)| {
         Some((path.strip_prefix("sys/fs/resctrl/")?.to_owned(), text.to_owned()))
     });
     below.collect()
 }
 
-fn host() -> (Info, Schemata) {
-    let files = recorded();
+fn host_of(vendor: &str, record: &str) -> (Info, Schemata) {
+    let files = recorded(record);
     let read = |path: &str| files.get(path).cloned().ok_or(io::ErrorKind::NotFound.into());
-    (info("GenuineIntel", read).unwrap(), Schemata::new(&files["schemata"]))
+    (info(vendor, read).unwrap(), Schemata::new(&files["schemata"]))
+}
+
+fn host() -> (Info, Schemata) {
+    host_of("GenuineIntel", XEON)
 }
 
 fn asked(partition: &str, cpu: usize, ways: Option<u32>, percent: Option<u32>) -> Asked {
@@ -40,11 +49,30 @@ fn refused(asked: &[Asked]) -> (String, String) {
 }
 
 #[test]
-fn the_record_says_what_can_be_divided() {
+fn the_records_say_what_can_be_divided() {
     let (info, _) = host();
     let cache = CacheInfo { groups: 16, all: 0x7ff, least: 1, shared: 0x600 };
-    let bandwidth = BandwidthInfo { groups: 8, least: 10, step: 10 };
-    assert_eq!(info, Info { cache: Some(cache), bandwidth: Some(bandwidth), absolute: false });
+    let bandwidth = Some(BandwidthInfo { groups: 8, least: 10, step: 10 });
+    assert_eq!(info, Info { cache: Some(cache), bandwidth, absolute: false });
+    // Where code and data are divided apart there is no cache that is divided as a whole.
+    let (info, _) = host_of("GenuineIntel", CDP);
+    assert_eq!(info, Info { cache: None, bandwidth, absolute: false });
+    let (info, schemata) = host_of("AuthenticAMD", EPYC);
+    let cache = CacheInfo { groups: 16, all: 0xffff, least: 1, shared: 0 };
+    let bandwidth = BandwidthInfo { groups: 16, least: 0, step: 1 };
+    assert_eq!(info, Info { cache: Some(cache), bandwidth: Some(bandwidth), absolute: true });
+    let whole = (0..4).map(|domain| (domain, 0xffff));
+    assert!(schemata.of(Resource::Cache).eq(whole));
+}
+
+#[test]
+fn amds_caches_are_divided_each_by_itself() {
+    let (info, default) = host_of("AuthenticAMD", EPYC);
+    let all = [asked("plc", 3, Some(4), None), asked("far", 9, Some(15), None)];
+    let plan = plan(&all, info, &default, &[]).unwrap();
+    assert_eq!(plan.groups[0].lines, ["L3:0=f"]);
+    assert_eq!(plan.groups[1].lines, ["L3:1=7fff"]);
+    assert_eq!(plan.taken, ["L3:0=fff0", "L3:1=8000"]);
 }
 
 #[test]
