@@ -45,6 +45,8 @@ pub enum Damage {
     Checksum,
     #[error("its values do not fit into it")]
     Values,
+    #[error("its generation has the number {0}, which no file gets to")]
+    Number(u64),
     #[error("it is empty, and had a generation")]
     Empty,
 }
@@ -145,6 +147,10 @@ impl Generation {
             return Err(Damage::Checksum);
         }
         let (number, cycle) = (head.u64().ok_or_else(short)?, head.u64().ok_or_else(short)?);
+        // The next one's is one higher, and 0 is that of none.
+        if matches!(number, 0 | u64::MAX) {
+            return Err(Damage::Number(number));
+        }
         let image = head.array().ok_or_else(short)?;
         let mut values = Reader(&content[HEAD..]);
         // The list grows by what is there, not by what is said.

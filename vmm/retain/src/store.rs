@@ -75,7 +75,11 @@ impl Store {
     /// # Errors
     /// If it is not written; the generation before it is whole all the same.
     pub fn save(&mut self, cycle: u64, layout: &Layout, block: &[u8]) -> io::Result<u64> {
-        let number = self.number + 1;
+        // The highest number is no generation's.
+        let number = self.number.saturating_add(1);
+        if number == u64::MAX {
+            return Err(io::Error::from(io::ErrorKind::QuotaExceeded));
+        }
         let bytes = Generation::encode(number, cycle, layout, block)
             .ok_or_else(|| io::Error::from(io::ErrorKind::InvalidInput))?;
         let file = &self.files[self.next];

@@ -135,6 +135,24 @@ fn with_checksum(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
+/// After the highest number no newer generation could be told from an older one.
+#[test]
+fn a_number_that_no_file_gets_to_is_damage() {
+    let layout = kept();
+    for number in [0, u64::MAX] {
+        let bytes = Generation::encode(number, 1, &layout, &block(&layout, 1)).unwrap();
+        assert_eq!(Generation::decode(&bytes), Err(Damage::Number(number)));
+    }
+    let _alone = files_are_our_own();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("tank");
+    let last = Generation::encode(u64::MAX - 1, 1, &layout, &block(&layout, 1)).unwrap();
+    fs::write(&Store::paths(&path)[0], last).unwrap();
+    let (mut store, _) = Store::open(&path).unwrap();
+    assert!(store.save(2, &layout, &block(&layout, 2)).is_err(), "there is no number left");
+    assert!(store.save(2, &layout, &block(&layout, 2)).is_err(), "and there stays none");
+}
+
 /// Numbers that look random, the same each time (splitmix64).
 struct Numbers(u64);
 
