@@ -1,4 +1,4 @@
-//! What a client that is wrong, or means ill, can do: it gets errors, and the server goes on.
+//! A faulty or malicious client gets errors, and the server goes on.
 
 use std::io::Cursor;
 

@@ -30,7 +30,7 @@ fn lines(text: &str) -> String {
     };
     let lines = &lines[first..=last];
     let indent = |line: &&str| line.len() - line.trim_start().len();
-    // The first line begins right behind the tag in some files: it says nothing of the indentation.
+    // The first line begins right behind the tag in some files: its indentation is not that of the others.
     let common = lines.iter().skip(1).filter(|line| !line.is_empty()).map(indent).min();
     let common = common.unwrap_or(usize::MAX).min(lines.iter().map(indent).max().unwrap_or(0));
     let mut text = String::new();

@@ -30,7 +30,7 @@ pub enum ImportError {
         maximum: usize,
     },
     /// Not well-formed, a DTD, or too many nodes.
-    #[error("the project is no XML that can be read: {0}")]
+    #[error("the project is not well-formed XML: {0}")]
     Xml(#[from] roxmltree::Error),
     /// Another kind of document.
     #[error("{at}: the document is a <{found}>, not a PLCopen <project>")]

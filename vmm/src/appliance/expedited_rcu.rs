@@ -2,16 +2,15 @@
 //!
 //! Whatever a machine gets from KVM (memory slots, routes of interrupts, doorbells, its first thread)
 //! takes a grace period: KVM waits until no processor can still see what was there before. A kernel
-//! with PREEMPT_RT takes its time for that, some timer ticks each, because hurrying means to interrupt
+//! with PREEMPT_RT waits some timer ticks for each, because an expedited period interrupts
 //! the other processors (`rcu_normal`, which it sets for itself; kernel/rcu/update.c). While a run is
 //! prepared in the appliance no guest runs on them, so grace periods are expedited there until the
 //! first guest starts.
 //!
-//! In a hurry the kernel asks again and again whether everybody is through who may still see the old
-//! (`process_srcu`, kernel/rcu/srcutree.c). With one processor that may be the very thread that its
-//! worker has taken it from, while it was asking for the grace period, and then the worker asks until the
-//! next tick of the timer: up to 4 ms for each machine. So the thread that hurries is one that a
-//! worker takes the processor from only when it waits.
+//! During an expedited period a worker of the kernel polls until no thread can still read the old state
+//! (`process_srcu`, kernel/rcu/srcutree.c). With one processor, the worker can preempt the thread that asked for the
+//! period while that thread is such a reader. The worker then polls until the next timer tick: up to 4 ms
+//! for each machine. So the thread that asks has a real-time class, and the worker runs only when it waits.
 //!
 //! On any other host the processors are somebody else's too, and the setting is one for all of them:
 //! it is left alone.
@@ -34,7 +33,7 @@ pub struct ExpeditedRcu {
 }
 
 impl ExpeditedRcu {
-    /// Begins to hurry, if this is the appliance. A kernel that knows no hurry starts guests as well,
+    /// Sets expedited grace periods, if this is the appliance. A kernel without them starts guests as well,
     /// only later.
     #[must_use]
     pub fn begin(role: Role) -> ExpeditedRcu {
@@ -47,10 +46,10 @@ impl ExpeditedRcu {
 
     fn by(settings: &[(&str, &str)], real_time: bool) -> ExpeditedRcu {
         let mut before = Vec::new();
-        for (path, hurried) in settings {
+        for (path, value) in settings {
             let Ok(was) = fs::read_to_string(path) else { continue };
             let Ok(mut file) = OpenOptions::new().write(true).open(path) else { continue };
-            if file.write_all(hurried.as_bytes()).is_ok() {
+            if file.write_all(value.as_bytes()).is_ok() {
                 before.push((file, was));
             }
         }

@@ -102,7 +102,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         .then(|| Operators::new(control, file, &channels))
         .transpose()?;
     steps.pass()?;
-    let hurry = ExpeditedRcu::begin(options.role);
+    let expedited = ExpeditedRcu::begin(options.role);
     // Dropped after all threads have been let go.
     let domains = Domains::set_up(file.schedules())?;
     steps.pass()?;
@@ -203,7 +203,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
     let controls: Vec<Arc<Control>> = prepared.iter().map(|p| p.account.control.clone()).collect();
     let guard = devices.guard(&controls);
     options.hooks.start_panicking(options.seccomp)?;
-    drop(hurry);
+    drop(expedited);
     let result = run
         .start(prepared, kickers, console, screen, sources)
         .and_then(|started| run.last(started));

@@ -3,9 +3,9 @@
 //! Each thread does everything that can fail, reports, and then waits for the epoch. If one
 //! fails, the others are let go without ever having entered their guest.
 //!
-//! Its reservation it gets from outside, when it has nothing left to do but wait. Under a budget that
-//! is meant for a kick in each period, shutting itself in would take many periods, and what it had used
-//! beyond the budget it would still owe at the epoch.
+//! The thread that starts it gives it its reservation, when all that is left for it is to wait. A budget
+//! that is made for one kick in each period is too small for entering the sandbox: that would take many
+//! periods, and SCHED_DEADLINE would throttle the thread at the epoch for what it used beyond the budget.
 
 use std::convert::Infallible;
 use std::io;
