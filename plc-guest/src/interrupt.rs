@@ -58,7 +58,7 @@ pub fn has_controller() -> bool {
 }
 
 /// Takes what has arrived. `sti` itself keeps interrupts off for one more instruction.
-fn open_for_a_moment() {
+pub fn open_for_a_moment() {
     // SAFETY: the handlers use the stack below, which `nostack` is absent for, keep all registers,
     // and write only `COME`. There is nothing to take in a machine without a controller.
     unsafe { asm!("sti", "nop", "cli") };

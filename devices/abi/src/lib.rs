@@ -86,9 +86,16 @@ pub mod port {
     /// on Takt's console. They are taken without blocking; what does not fit is dropped and
     /// counted. (A string instruction would be one exit for each byte.)
     pub const CONSOLE: u16 = 0x7a0c;
-    /// 32-bit write of any value: the scan is done, the rest of the window is given away. The
-    /// instruction completes when the next release is about to be due.
+    /// 32-bit write of [`done`], or of 0: the scan is done, the rest of the window is given away.
+    /// The instruction completes when the next release is about to be due, or at once if the value is that
+    /// of another window: a guest can be taken out just before it writes.
     pub const DONE: u16 = 0x7a00;
+    /// The value for [`DONE`] that gives away the window of this release only; 0 gives away any. For one release in
+    /// 2^32 it is 0.
+    #[must_use]
+    pub const fn done(release: u64) -> u32 {
+        release.wrapping_add(1) as u32
+    }
     /// 32-bit write of any value: an exception has been recorded in
     /// [`Status::exception`](crate::Status::exception); the guest does not run again.
     pub const EXCEPTION: u16 = 0x7a04;

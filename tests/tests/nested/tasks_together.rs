@@ -68,6 +68,25 @@ fn six_tasks_of_two_programs_span_windows_and_cost_the_most_urgent_nothing() {
 }
 
 #[test]
+fn a_window_that_begins_in_a_call_costs_the_most_urgent_task_nothing() {
+    // It is in the kernel for most of its time, and so are most ends of windows.
+    let calls = cyclic("calls", us(600_000), 9, Entry::RandomCalls);
+    let program = Program::new("p")
+        .task(limited(cyclic("urgent", us(250), 0, Entry::Destroy), 3), 0)
+        .task(calls, 100_000);
+    let file = plc("tasks-in-call", 250, 100, &[("p", program, "")]);
+    let outcome = file.run("tasks-in-call").lasting("3s").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    assert!(outcome.number("plc", "unfinished_windows") > 2_000, "{}", outcome.output);
+    let urgent = Row::of(&outcome, "p.urgent");
+    urgent.assert_in_time(8_000);
+    // The cost of a tick that comes behind the release.
+    let [least, most] = ["exec-min", "exec-max"].map(|column| urgent.number(column));
+    assert!(most < least + 500, "{least} to {most} ns\n{}", outcome.output);
+    assert_on_time(&outcome, "p.urgent");
+}
+
+#[test]
 fn registers_survive_preemption_at_any_instant() {
     // It takes a different time in each window, so the lesser task is never interrupted where it was before.
     let destroy = cyclic("destroy", us(250), 0, Entry::DestroyAtRandom);

@@ -103,7 +103,12 @@ impl PlcGuest {
 
     fn port_write(&mut self, port: u16, data: &[u8]) -> Step {
         match (port, data) {
-            (port::DONE, [_, _, _, _]) => Step::Done,
+            (port::DONE, &[a, b, c, d]) => match u32::from_le_bytes([a, b, c, d]) {
+                0 => Step::Done,
+                window if window == port::done(self.announced.release) => Step::Done,
+                // It was taken out between its decision and this, and the window is another one.
+                _ => Step::Resume,
+            },
             (port::CONSOLE, &[a, b, c, d]) => self.print(u32::from_le_bytes([a, b, c, d])),
             (port::EXCEPTION, [_, _, _, _]) => {
                 Step::Ended(End::Exception(self.status.read().exception))
@@ -303,6 +308,24 @@ mod tests {
             assert_eq!(guest.handle(VcpuExit::IoOut(port::DONE, data)), Step::Resume);
         }
         assert_eq!(guest.illegal_accesses(), 4);
+    }
+
+    #[test]
+    fn a_guest_gives_away_the_window_that_it_means_and_no_other() {
+        let (mut guest, _memory, _end) = guest();
+        let next = Slot::Window(release(8, 4_000));
+        let mut done = |sequence, value: u32| {
+            guest.announce(&release(sequence, 3_000), &next, &BASE);
+            guest.handle(VcpuExit::IoOut(port::DONE, &value.to_le_bytes()))
+        };
+        assert_eq!(done(7, port::done(7)), Step::Done);
+        assert_eq!(done(8, port::done(7)), Step::Resume);
+        assert_eq!(done(8, 0), Step::Done);
+        // A release whose number is the value for any.
+        let wrapped = u64::from(u32::MAX);
+        assert_eq!(done(wrapped, port::done(wrapped)), Step::Done);
+        assert_eq!(done(wrapped + 1, port::done(wrapped + 1)), Step::Done);
+        assert_eq!(guest.illegal_accesses(), 0);
     }
 
     #[test]

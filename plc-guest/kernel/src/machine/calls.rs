@@ -13,7 +13,7 @@ use takt_abi::program as table;
 use takt_kernel::objects::{ObjectId, Received, Seen, Sent};
 use takt_kernel::task::{ProgramId, TaskId};
 use takt_kernel::time::Span;
-use takt_plc_guest::console::print;
+use takt_plc_guest::console::{Line, print};
 use takt_plc_guest::cycle;
 use takt_program::ObjectKind;
 use takt_program::call::{Call, Error, FRESH};
@@ -198,16 +198,31 @@ impl Kernel {
         buffer.iter_mut().filter(|byte| byte.is_ascii_control()).for_each(|byte| *byte = b' ');
         let now = self.now();
         let number = self.places[task.index()].number;
+        let text = core::str::from_utf8(&buffer[..bytes as usize]).unwrap_or("(not UTF-8)");
         let Some(program) = &mut self.programs[program.index()] else {
             return Err(Error::NotAllowed);
         };
+        let line =
+            Line::new(format_args!("{}.{}: {text}", program.name(), program.task_name(number)));
+        if self.window.is_over() {
+            return self.repeat(task);
+        }
         let Some(dropped) = program.lines.take(now) else { return Err(Error::Full) };
-        let text = core::str::from_utf8(&buffer[..bytes as usize]).unwrap_or("(not UTF-8)");
         if dropped > 0 {
             print(format_args!("{}: {dropped} lines were too many", program.name()));
+            if self.window.is_over() {
+                return self.repeat(task);
+            }
         }
-        print(format_args!("{}.{}: {text}", program.name(), program.task_name(number)));
+        line.print();
         DONE
+    }
+
+    /// Lets a task make its call again when it next has the processor. A call that costs an exit does so if another
+    /// window has begun meanwhile: the exit would come before the release.
+    fn repeat(&mut self, task: TaskId) -> Answer {
+        self.contexts[task.index()].repeat_call();
+        Ok(None)
     }
 
     /// The program stops itself.

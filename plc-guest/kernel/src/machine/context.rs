@@ -66,6 +66,8 @@ const _: () = assert!(FRAME_END.is_multiple_of(16), "the processor aligns the st
 
 /// Interrupts on, and the bit that is always set.
 const FLAGS: u64 = 1 << 9 | 1 << 1;
+/// Length of the instruction SYSCALL, behind which a task goes on after a call.
+const SYSCALL_BYTES: u64 = 2;
 /// Flags of the kernel: only the bit that is always set.
 const KERNEL_FLAGS: u64 = 1 << 1;
 /// State of the x87 unit and of SSE after a reset: all exceptions masked.
@@ -106,6 +108,11 @@ impl Context {
         self.floating[..2].copy_from_slice(&X87_CONTROL.to_le_bytes());
         self.floating[24..28].copy_from_slice(&MXCSR.to_le_bytes());
         (self.rip, self.rsp, self.rdi) = (entry, stack, argument);
+    }
+
+    /// After a call: the task makes it again, with the same number and arguments.
+    pub fn repeat_call(&mut self) {
+        self.rip = self.rip.wrapping_sub(SYSCALL_BYTES);
     }
 }
 

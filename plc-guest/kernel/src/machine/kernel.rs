@@ -36,7 +36,7 @@ use takt_kernel::scheduler::{Picked, Violation};
 use takt_kernel::task::{Release, TaskId, Wake};
 use takt_kernel::time::{Clock, Instant, Span};
 use takt_plc_guest::console::print;
-use takt_plc_guest::{cycle, pages, port};
+use takt_plc_guest::{cycle, interrupt, pages, port};
 use takt_program::call::{Call, Error};
 use takt_program::{ABI_VERSION, Start, TaskInformation};
 
@@ -61,12 +61,19 @@ pub struct Place {
 
 /// The window that the kernel is in.
 #[derive(Clone, Copy, Debug)]
-struct Window {
+pub struct Window {
     release: u64,
     release_tsc: u64,
     end_tsc: u64,
     /// Its beginning has been told to the host.
     begun: bool,
+}
+
+impl Window {
+    /// Another one has begun since.
+    pub fn is_over(&self) -> bool {
+        pages::release() != self.release
+    }
 }
 
 /// All that there is.
@@ -80,7 +87,7 @@ pub struct Kernel {
     pub events: Events,
     pub clock: Clock,
     pub start: Start,
-    window: Window,
+    pub window: Window,
     /// The program whose tables are in use, and the task whose view of the process image is in them.
     pub space: Option<(u8, u16)>,
     /// What is mapped to inputs and outputs.
@@ -150,12 +157,16 @@ impl Kernel {
     }
 
     fn look_for_window(&mut self) {
-        if pages::release() != self.window.release {
+        if self.window.is_over() {
             self.enter_window(&pages::information());
         }
     }
 
+    /// A window that has begun in the midst of the kernel has its tick on the way, held up by the interrupt flag. Let in
+    /// here it costs the guard some microseconds; at the first return to ring 3 it would cost them the most urgent task,
+    /// behind its release and out of its budget.
     fn enter_window(&mut self, information: &Information) {
+        interrupt::open_for_a_moment();
         self.window = Window {
             release: information.release,
             release_tsc: information.release_tsc,
@@ -173,7 +184,7 @@ impl Kernel {
         }
         let release = self.window.release;
         let tsc = processor::wait_until(self.window.release_tsc);
-        if pages::release() != release {
+        if self.window.is_over() {
             return None;
         }
         self.window.begun = true;
@@ -207,7 +218,8 @@ impl Kernel {
                 self.tell_figures();
             }
             pages::publish_done(cycle::now());
-            port::write(takt_abi::port::DONE, 0);
+            // If the window ends before this is written, it must not give the next one away.
+            port::write(takt_abi::port::DONE, takt_abi::port::done(release));
         }
     }
 
@@ -285,7 +297,7 @@ impl Kernel {
     /// Charges the running task with the time since then, up to the end of the window that it was in.
     fn charge(&mut self, from: u64) -> Option<Violation> {
         let mut to = cycle::now();
-        if pages::release() != self.window.release {
+        if self.window.is_over() {
             to = to.min(self.window.end_tsc);
         }
         self.scheduler.account(self.clock.span(to.saturating_sub(from)))
