@@ -2,7 +2,8 @@
 //!
 //! The partition file maps points of the programs' process images to places: fields of messages, registers,
 //! outputs of programs, simulated values. Takt checks the mapping and resolves all names, so that the guest finds
-//! numbers only. The pages are there if the partition has programs, and only then.
+//! numbers only. The interrupts that release event tasks stand here too. The pages are there if the partition has
+//! programs, and only then.
 
 use crate::{MAGIC, VERSION, memory};
 
@@ -11,7 +12,7 @@ pub const MAPPINGS_MAX: usize = 255;
 
 /// All mappings of a partition. It lies at [`memory::IO_TABLE`], read-only.
 ///
-/// They are ordered by program, inputs before outputs, and those of one place one after the other: a register is
+/// They are ordered by program, inputs before outputs and these before events, and those of one place one after the other: a register is
 /// read or written once for all of its bits, and a message once for all of its fields.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
@@ -45,11 +46,12 @@ impl IoTable {
 pub struct Mapping {
     /// The program, by its place in the program table.
     pub program: u8,
-    /// [`INPUT`] or [`OUTPUT`].
+    /// [`INPUT`], [`OUTPUT`] or [`EVENT`].
     pub direction: u8,
     /// What is at the place: one of [`kind`].
     pub kind: u8,
-    /// Of an output the task that writes it; of an input the task whose jobs read the place, or [`ANY_TASK`].
+    /// Of an output the task that writes it; of an input the task whose jobs read the place, or [`ANY_TASK`]; of an
+    /// event the task that it releases.
     pub task: u8,
     /// The point is this bit of its byte, or [`WHOLE`].
     pub bit: u8,
@@ -69,7 +71,7 @@ pub struct Mapping {
     /// First byte in the message, register or image at the place.
     pub field: u32,
     /// Place of the port in the port table, number of the I/O port, address of the register, or place of the program
-    /// whose output it is. Of a simulated value its lowest, as the bits of a binary64 number.
+    /// whose output it is, or vector of the interrupt. Of a simulated value its lowest, as the bits of a binary64 number.
     pub place: u64,
     /// Of a simulated value its highest, as [`place`](Self::place); else 0.
     pub high: u64,
@@ -102,6 +104,8 @@ impl Mapping {
 pub const INPUT: u8 = 1;
 /// A [`Mapping::direction`]: from the output image to the place.
 pub const OUTPUT: u8 = 2;
+/// A [`Mapping::direction`]: no point at all; what is at the place releases an event task of the program.
+pub const EVENT: u8 = 3;
 /// A [`Mapping::task`]: the jobs of all tasks read the place.
 pub const ANY_TASK: u8 = 255;
 /// A [`Mapping::bit`] or [`Mapping::place_bit`]: not a bit, but whole bytes.
@@ -129,6 +133,8 @@ pub mod kind {
     pub const SINE: u8 = 9;
     /// Simulated: the lowest value for one half of the period, the highest for the other.
     pub const SQUARE: u8 = 10;
+    /// The interrupt of a device; events only.
+    pub const INTERRUPT: u8 = 11;
 }
 
 /// Bits of [`Mapping::flags`].

@@ -353,13 +353,16 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         Some(id)
     }
 
-    /// What an event task waits for has happened.
+    /// What an event task waits for has happened. If it happens again before a job is released for it, it is one release,
+    /// and the other is lost and counted.
     pub fn signal(&mut self, id: TaskId, now: Instant) {
         let task = &mut self.tasks[id.index()];
         if matches!(task.state, State::Dormant | State::Faulted) {
             return;
         }
-        task.signalled = true;
+        if core::mem::replace(&mut task.signalled, true) {
+            count(&mut task.statistics.overruns, 1);
+        }
         if task.state == State::Waiting(Wait::Release) && task.next <= now {
             self.release_event(id, now);
         } else {

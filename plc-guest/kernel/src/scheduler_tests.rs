@@ -144,12 +144,17 @@ fn an_event_task_keeps_its_minimum_and_forgets_no_event() {
     assert_eq!(at(&mut s, 10), None);
     s.signal(id, Instant(10));
     assert_eq!(at(&mut s, 10), Some(0));
-    // Two during the job are one more, not before 110.
+    assert!(!s.task(id).awaits_event());
+    // Two during the job are one more, not before 110, and one that is lost.
     s.signal(id, Instant(11));
+    assert_eq!(s.task(id).statistics().overruns, 0);
     s.signal(id, Instant(12));
+    assert_eq!(s.task(id).statistics().overruns, 1);
     s.end(Instant(20));
+    assert!(!s.task(id).awaits_event());
     assert_eq!((at(&mut s, 109), at(&mut s, 110)), (None, Some(0)));
     s.end(Instant(120));
+    assert!(s.task(id).awaits_event());
     assert_eq!(at(&mut s, 500), None);
 }
 

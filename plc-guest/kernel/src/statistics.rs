@@ -13,7 +13,8 @@ pub struct Statistics {
     pub jobs: u64,
     /// Jobs that were not complete at their deadline.
     pub misses: u64,
-    /// Releases that were lost because the job before was not complete, or because no window came.
+    /// Releases that were lost because the job before was not complete, or because no window came; of an event task,
+    /// events that came while one was waiting already.
     pub overruns: u64,
     /// Jobs that used more than their budget.
     pub over_budget: u64,

@@ -219,6 +219,12 @@ impl Task {
         self.released
     }
 
+    /// True if no job of it is there or to come: what it waits for has not happened since its last release.
+    #[must_use]
+    pub const fn awaits_event(&self) -> bool {
+        matches!(self.state, State::Waiting(Wait::Release)) && !self.signalled
+    }
+
     /// True if the current job has not kept a limit. The next one may be released the moment it ends.
     #[must_use]
     pub const fn has_violated(&self) -> bool {

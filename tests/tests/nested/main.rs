@@ -37,6 +37,7 @@ mod stalls;
 mod tasks;
 mod tasks_costs;
 mod tasks_faults;
+mod tasks_interrupts;
 mod tasks_together;
 mod timing;
 mod vfio;

@@ -7,7 +7,7 @@ use takt_tests::{File, Outcome};
 use super::tasks::{Row, lines, object, plc};
 
 /// The guard whose length the waiting is measured against.
-const GUARD_NS: u64 = 20_000;
+pub const GUARD_NS: u64 = 20_000;
 
 /// A PLC alone, without a guard: what lies between a window's beginning and the instant at which the kernel would wait
 /// for the release is seen as the lateness of the release.

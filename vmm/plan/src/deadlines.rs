@@ -17,6 +17,7 @@ use takt_scheduler::table::{PartitionId, Role};
 use takt_scheduler::time::Nanos;
 
 use super::diagnostic::{Diagnostic, Span, quote};
+use super::events;
 use super::interrupts::{self, Allowance};
 use super::program_tasks;
 use super::schedules::Draft;
@@ -63,7 +64,12 @@ pub fn check(
         Role::Background => WAKE_UP_ALLOWANCE,
     };
     let kinds: Vec<_> = draft.partitions.iter().map(|p| p.partition.kind()).collect();
-    let interrupts = interrupts::allowance(schedules, partition, &kinds);
+    let interrupts = interrupts::allowance(
+        schedules,
+        partition,
+        &kinds,
+        &events::of_interrupts(&owner.programs),
+    );
     let overhead = wake_up.plus(interrupts.time());
     for (i, table) in schedules.tables().iter().enumerate() {
         let schedule = ScheduleId(i);

@@ -9,7 +9,10 @@
 //!   and periodic modes of its local APIC), and does not run while a window is used. So it goes off once, or
 //!   each time that KVM lets a periodic one (`min_timer_period_us`).
 //!
-//! Interrupts of devices are not counted: their owner says where they go (`takt doctor`).
+//! * an interrupt that releases a task of the partition's own. The guest lets it come once for each job of that task,
+//!   which is an exit, and takes it, which is another.
+//!
+//! Other interrupts of devices are not counted: their owner says where they go (`takt doctor`).
 
 use takt_scheduler::schedules::Schedules;
 use takt_scheduler::table::PartitionId;
@@ -32,19 +35,26 @@ pub struct Allowance {
     pub tick: u64,
     /// Of the timers of Linuxes on the same CPU.
     pub linux: u64,
+    /// Interrupts that release tasks, and the exits by which they are let in.
+    pub devices: u64,
 }
 
 impl Allowance {
     /// What all of them take.
     #[must_use]
     pub fn time(&self) -> Nanos {
-        Nanos((self.tick + self.linux) * INTERRUPT.0)
+        Nanos((self.tick + self.linux + self.devices) * INTERRUPT.0)
     }
 }
 
 /// What may come in each window of `partition`, by its longest one in any schedule. `kinds` are those of all
-/// partitions.
-pub fn allowance(schedules: &Schedules, partition: PartitionId, kinds: &[&Kind]) -> Allowance {
+/// partitions, `released` the least times between two releases of the tasks that its interrupts release.
+pub fn allowance(
+    schedules: &Schedules,
+    partition: PartitionId,
+    kinds: &[&Kind],
+    released: &[Nanos],
+) -> Allowance {
     let placements = schedules.placements();
     let own = placements[partition.0].cpu;
     let beside = kinds.iter().zip(placements).enumerate().filter(|(i, (kind, placement))| {
@@ -54,7 +64,10 @@ pub fn allowance(schedules: &Schedules, partition: PartitionId, kinds: &[&Kind])
     let within = |period: Nanos| 1 + longest.0 / period.0;
     // Each has a timer of its own.
     let linux = beside.count() as u64 * within(PERIODIC);
-    Allowance { tick: within(TICK), linux }
+    // Between two of one task lies a release. So one can come just before a release and the next just after it, and
+    // then the minimum passes.
+    let devices = released.iter().map(|minimum| 2 * (1 + within(*minimum))).sum();
+    Allowance { tick: within(TICK), linux, devices }
 }
 
 #[cfg(test)]
@@ -69,11 +82,15 @@ mod tests {
 
     /// For a window of so many us, on the CPU of a Linux or on another.
     fn for_window(duration: u64, linux_cpu: usize) -> Nanos {
-        beside(duration, &[linux_cpu])
+        with_interrupts(duration, &[linux_cpu], &[])
     }
 
     /// The same with Linuxes on these CPUs.
     fn beside(duration: u64, linux_cpus: &[usize]) -> Nanos {
+        with_interrupts(duration, linux_cpus, &[])
+    }
+
+    fn with_interrupts(duration: u64, linux_cpus: &[usize], released: &[Nanos]) -> Nanos {
         let plc = Placement { cpu: Cpu(0), role: Role::Windowed { guard: us(20) } };
         let linux = |cpu: &usize| Placement { cpu: Cpu(*cpu), role: Role::Background };
         let placements: Vec<_> = std::iter::once(plc).chain(linux_cpus.iter().map(linux)).collect();
@@ -88,7 +105,7 @@ mod tests {
         let kinds = std::iter::once(&Kind::Plc { image: None })
             .chain(linux_cpus.iter().map(|_| &linux))
             .collect::<Vec<_>>();
-        allowance(&schedules, PartitionId(0), &kinds).time()
+        allowance(&schedules, PartitionId(0), &kinds, released).time()
     }
 
     #[test]
@@ -99,5 +116,12 @@ mod tests {
         assert_eq!(for_window(150, 0), us(12));
         assert_eq!(beside(300, &[0, 0]), us(30), "each Linux has a timer");
         assert_eq!(beside(300, &[0, 1]), us(18));
+    }
+
+    #[test]
+    fn a_window_allows_for_interrupts_that_release_tasks() {
+        // Two in a window that is shorter than the minimum, with two exits each.
+        assert_eq!(with_interrupts(300, &[1], &[us(1_000)]), us(6 + 4 * 6));
+        assert_eq!(with_interrupts(300, &[1], &[us(1_000), us(200)]), us(6 + 4 * 6 + 6 * 6));
     }
 }

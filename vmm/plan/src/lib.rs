@@ -28,6 +28,7 @@ mod deadlines;
 mod diagnostic;
 mod disks;
 pub mod elf;
+mod events;
 mod explain;
 mod hardware;
 pub mod health;
@@ -186,6 +187,8 @@ pub struct Partition {
     programs: Vec<Program>,
     program_tasks: Vec<ProgramTask>,
     connections: Vec<Connection>,
+    /// Interrupts that release tasks of its programs.
+    events: Vec<takt_abi::io::Mapping>,
     auto_guard: bool,
 }
 
@@ -305,7 +308,7 @@ impl Partition {
     /// The I/O table that its guest finds.
     #[must_use]
     pub fn io_table(&self) -> takt_abi::io::IoTable {
-        connections::table(&self.connections)
+        connections::table(&self.connections, &self.events)
     }
 
     /// True if its release guard follows the host. Then the guard of its placement is the upper bound.
@@ -453,10 +456,12 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     health::check(&file.health.0, &mut partitions)?;
     let passthrough = passthrough::check(&file.partition.0, &partitions)?;
     let connections = connections::check(&file.partition.0, &partitions, &channels, &passthrough)?;
-    let checked = passthrough.into_iter().zip(connections);
-    partitions.iter_mut().zip(checked).for_each(|(p, (passthrough, connections))| {
+    let events = events::check(&partitions, &passthrough, &connections)?;
+    let checked = passthrough.into_iter().zip(connections).zip(events);
+    partitions.iter_mut().zip(checked).for_each(|(p, ((passthrough, connections), events))| {
         p.partition.passthrough = passthrough;
         p.partition.connections = connections;
+        p.partition.events = events;
     });
     nets::check_all(partitions.iter().flat_map(|p| &p.nets))?;
     consoles::check_all(&partitions, control.is_some())?;

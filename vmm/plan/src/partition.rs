@@ -162,6 +162,7 @@ fn check(
         programs: Vec::new(),
         program_tasks,
         connections: Vec::new(),
+        events: Vec::new(),
         auto_guard: matches!(raw.release_guard.as_ref().map(Spanned::get_ref), Some(Guard::Auto)),
     };
     Ok(Checked {

@@ -4,7 +4,7 @@
 //! value remains, and the plan does not say which that is. So each bit of an output image has one task that writes it,
 //! and each port of the partition one program that uses it.
 
-use takt_program::{Area, Direction, EventSource, Image, Port, TaskKind, Variable};
+use takt_program::{Area, Direction, Image, Port, Variable};
 
 use super::channels::{Channel, End, Owner};
 use super::diagnostic::{Diagnostic, quote};
@@ -77,13 +77,12 @@ pub fn address(variable: &Variable<'_>) -> String {
     }
 }
 
-/// Compares the ports of all programs with the channels, and what their tasks wait for.
+/// Compares the ports of all programs with the channels.
 pub fn check_ports(channels: &[Channel], partitions: &[Checked]) -> Result<(), Diagnostic> {
     for partition in partitions {
         let mut used: Vec<(&str, &CheckedProgram)> = Vec::new();
         for checked in &partition.programs {
             let Some(image) = checked.program.image() else { continue };
-            check_events(checked, &image)?;
             for port in image.ports() {
                 check_port(&port, checked, partition, channels)?;
                 if let Some((_, other)) = used.iter().find(|(name, _)| *name == port.name) {
@@ -142,27 +141,6 @@ fn check_port(
             quote(&channel.name)
         );
         return refuse(&found, allowed);
-    }
-    Ok(())
-}
-
-/// The guest has no other events.
-fn check_events(checked: &CheckedProgram, image: &Image<'_>) -> Result<(), Diagnostic> {
-    for task in image.tasks() {
-        let TaskKind::Event { source, .. } = task.kind else { continue };
-        let what = match source {
-            EventSource::Channel(_) | EventSource::Rise(_) => continue,
-            EventSource::Doorbell(_) => "a doorbell",
-            EventSource::Interrupt(_) => "an interrupt",
-        };
-        let found = format!(
-            "the task {} of the program {} waits for {what}",
-            quote(task.name),
-            quote(&checked.program.name)
-        );
-        let allowed =
-            "a message at a port, or a BOOL that becomes true; this version has no other events";
-        return Err(Diagnostic::new(checked.span.clone(), found, allowed));
     }
     Ok(())
 }

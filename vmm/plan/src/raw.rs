@@ -205,6 +205,7 @@ pub struct SafeValue {
 #[derive(Debug, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Interrupt {
+    pub name: Option<Spanned<String>>,
     pub vector: Spanned<i64>,
     pub pci: Option<Spanned<String>>,
     pub uio: Option<Spanned<String>>,

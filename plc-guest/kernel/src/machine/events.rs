@@ -2,7 +2,11 @@
 //!
 //! The kernel looks for events whenever it decides who runs: at the start of each window, and at each call and
 //! end of a job. So an event is seen at the latest with the next window, which is what the analysis of the
-//! tasks reckons with. Nothing interrupts a task for it.
+//! tasks reckons with.
+//!
+//! The interrupt of a device is let in once, and again when the job that it has released is over: until then the device
+//! asks for the same reason still. So at most one comes for each job, however often the device asks; its handler notes it
+//! and goes back to the task that it found.
 
 use super::memory::Area;
 use super::ports::Ports;
@@ -10,6 +14,7 @@ use super::program::Program;
 use super::{PROGRAMS, Scheduler};
 use takt_kernel::task::TaskId;
 use takt_kernel::time::Instant;
+use takt_plc_guest::interrupt;
 
 /// Most event tasks of a partition.
 pub const EVENTS: usize = 32;
@@ -23,6 +28,13 @@ pub enum Source {
         number: u8,
         /// The stamp of the newest message that has released the task.
         seen: u64,
+    },
+    /// The interrupt with this vector.
+    Interrupt {
+        /// The vector.
+        vector: u8,
+        /// The device may interrupt.
+        armed: bool,
     },
     /// That this bit becomes one.
     Rise {
@@ -68,6 +80,18 @@ impl Events {
                 Source::Port { number, seen } => {
                     let tsc = takt_plc_guest::cycle::now();
                     ports.has_news(*program, u64::from(*number), seen, tsc)
+                }
+                Source::Interrupt { vector, armed } if *armed => {
+                    let came = interrupt::taken(*vector);
+                    *armed = !came;
+                    came
+                }
+                Source::Interrupt { vector, armed } => {
+                    if scheduler.task(*task).awaits_event() {
+                        interrupt::arm(*vector);
+                        *armed = true;
+                    }
+                    false
                 }
                 Source::Rise { byte, mask, last } => {
                     let loading =

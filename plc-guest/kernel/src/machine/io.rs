@@ -9,7 +9,7 @@ use super::ports::Ports;
 use super::process::Process;
 use super::program::Program;
 use core::ops::Range;
-use takt_abi::io::{IoTable, Mapping, OUTPUT, flag, kind};
+use takt_abi::io::{EVENT, IoTable, Mapping, OUTPUT, flag, kind};
 use takt_abi::memory::IO_TABLE;
 use takt_abi::{MAGIC, VERSION};
 use takt_kernel::process_image::{
@@ -53,6 +53,14 @@ impl Io {
     fn of(&self, program: u8) -> &'static [Mapping] {
         let range = self.of.get(usize::from(program)).cloned().unwrap_or(0..0);
         self.all.get(usize::from(range.start)..usize::from(range.end)).unwrap_or(&[])
+    }
+
+    /// The vector of the interrupt that releases a task, if one does.
+    pub fn vector(&self, program: u8, task: u16) -> Option<u8> {
+        let releases = |m: &&Mapping| {
+            (m.direction, m.kind) == (EVENT, kind::INTERRUPT) && u16::from(m.task) == task
+        };
+        self.of(program).iter().find(releases).and_then(|m| u8::try_from(m.place).ok())
     }
 
     /// Reads the inputs of a job into its program's image.

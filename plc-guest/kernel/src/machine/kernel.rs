@@ -138,10 +138,11 @@ impl Kernel {
         self.clock = Clock::new(first.release_tsc, first.tsc_khz);
         self.enter_window(&first);
         loop {
-            self.look_for_window();
             let now = self.now();
-            let due = now.max(self.clock.instant(self.window.release_tsc)).after(ROUNDING);
+            // It opens the door to interrupts, and a tick that comes in by it is dropped: so before the look.
             self.events.poll(&mut self.scheduler, &self.programs, &mut self.ports, now);
+            self.look_for_window();
+            let due = now.max(self.clock.instant(self.window.release_tsc)).after(ROUNDING);
             self.scheduler.advance(due);
             self.see_to_the_late();
             match self.scheduler.pick() {

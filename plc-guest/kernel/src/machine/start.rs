@@ -10,6 +10,7 @@ use super::kernel::{Kernel, Place};
 use super::memory::{Pages, Ram};
 use super::program::{LoadError, Program};
 use super::{processor, space};
+use takt_abi::interrupt_controller::VECTORS;
 use takt_abi::memory::{PAGE, PROGRAM_TABLE};
 use takt_abi::program::ProgramTable;
 use takt_abi::{MAGIC, VERSION, start};
@@ -155,7 +156,7 @@ impl Kernel {
         let entry = CODE + u64::from(task.entry.0);
         let new = self.add(settings, Place { program: id.0, number: Some(task.id.0), entry })?;
         if let TaskKind::Event { source, .. } = task.kind {
-            let source = source_of(program, source)?;
+            let source = source_of(program, source, self.io.vector(id.0, task.id.0))?;
             if !self.events.add(new, id.0, source) {
                 return Err(LoadError::TooMany);
             }
@@ -172,8 +173,12 @@ impl Kernel {
     }
 }
 
-/// Where the kernel looks for an event.
-fn source_of(program: &Program, source: EventSource<'_>) -> Result<Source, LoadError> {
+/// Where the kernel looks for an event; `vector` is that of the interrupt by which the host's table releases the task.
+fn source_of(
+    program: &Program,
+    source: EventSource<'_>,
+    vector: Option<u8>,
+) -> Result<Source, LoadError> {
     let image = &program.image;
     match source {
         EventSource::Channel(name) => {
@@ -198,7 +203,10 @@ fn source_of(program: &Program, source: EventSource<'_>) -> Result<Source, LoadE
             Ok(Source::Rise { byte, mask, last: false })
         }
         EventSource::Doorbell(_) => Err(LoadError::Source("a doorbell")),
-        EventSource::Interrupt(_) => Err(LoadError::Source("a device's interrupt")),
+        EventSource::Interrupt(_) => vector
+            .filter(|vector| VECTORS.contains(vector) && *vector != TICK_VECTOR)
+            .map(|vector| Source::Interrupt { vector, armed: false })
+            .ok_or(LoadError::Source("an interrupt")),
     }
 }
 

@@ -45,7 +45,8 @@ pub fn list(out: &mut String, file: &PartitionFile) {
                 InterruptSource::Pci(function) => function.name(),
                 InterruptSource::Uio(device) => device,
             };
-            line(out, &format!("    interrupt {}: of {source}", interrupt.vector));
+            let name = interrupt.name.as_ref().map_or(String::new(), |name| format!(" {name}"));
+            line(out, &format!("    interrupt {}{name}: of {source}", interrupt.vector));
         }
         for safe in &it.safe_values {
             let place = match &safe.place {

@@ -28,6 +28,7 @@ pub fn tasks(out: &mut String, partition: &Partition, schedule: ScheduleId) {
             percent(load.permille())
         );
         line(out, &text);
+        tables::keep(out, met);
     } else {
         line(out, &format!("\ntasks of {}", partition.name()));
     }

@@ -48,9 +48,7 @@ pub fn tasks(out: &mut String, file: &PartitionFile, schedule: ScheduleId) {
             percent(load.permille())
         );
         line(out, &text);
-        for (time, what) in kept(met) {
-            line(out, &format!("  {time} of each window are kept for {what}"));
-        }
+        keep(out, met);
         let rows = partition.tasks().iter().zip(&met.responses);
         let rows = rows.map(|(task, response)| fate(met, task, *response)).collect();
         let header = ["task", "period", "budget", "priority", "worst response", "verdict"];
@@ -58,15 +56,22 @@ pub fn tasks(out: &mut String, file: &PartitionFile, schedule: ScheduleId) {
     }
 }
 
-/// What the analysis takes from each window, and for what.
+/// Says what the analysis takes from each window, and for what.
+pub fn keep(out: &mut String, met: &Met) {
+    for (time, what) in kept(met) {
+        line(out, &format!("  {time} of each window are kept for {what}"));
+    }
+}
+
 fn kept(met: &Met) -> impl Iterator<Item = (Nanos, String)> {
-    let Allowance { tick, linux } = met.interrupts;
+    let Allowance { tick, linux, devices } = met.interrupts;
     let interrupts = |count: u64, what: &str| {
         (Nanos(count * INTERRUPT.0), format!("{what} ({count} x {INTERRUPT})"))
     };
     let terms = [
         interrupts(tick, "the host's tick"),
         interrupts(linux, "timers of a Linux that Takt cannot place"),
+        interrupts(devices, "interrupts that release tasks, and letting them in"),
         (met.wake_up, "a wake-up that the guard has no room for".to_owned()),
     ];
     terms.into_iter().filter(|(time, _)| *time > Nanos::ZERO)

@@ -274,9 +274,12 @@ fn is_bool(point: &Point) -> bool {
     point.ty == Some(Elementary::Bool)
 }
 
-/// The table that the guest finds.
-pub fn table(connections: &[Connection]) -> IoTable {
-    let mut table = IoTable { count: connections.len() as u32, ..IoTable::EMPTY };
-    table.mappings.iter_mut().zip(connections).for_each(|(entry, c)| *entry = c.mapping);
+/// The table that the guest finds, with the interrupts that release tasks.
+pub fn table(connections: &[Connection], events: &[Mapping]) -> IoTable {
+    let mut all: Vec<Mapping> = connections.iter().map(|c| c.mapping).collect();
+    all.extend(events);
+    all.sort_by_key(order);
+    let mut table = IoTable { count: all.len() as u32, ..IoTable::EMPTY };
+    table.mappings.iter_mut().zip(all).for_each(|(entry, mapping)| *entry = mapping);
     table
 }

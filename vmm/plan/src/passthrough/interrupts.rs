@@ -4,6 +4,7 @@ use takt_abi::interrupt_controller::VECTORS;
 use toml::Spanned;
 
 use super::super::diagnostic::{Diagnostic, Span, quote};
+use super::super::names::check_word;
 use super::super::raw::{self, Keys};
 use super::source::{PciFunction, check_function};
 use super::{DeviceMemory, MemorySource, PortIo, Taken};
@@ -11,6 +12,8 @@ use super::{DeviceMemory, MemorySource, PortIo, Taken};
 /// An interrupt of a device, and how a partition sees it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Interrupt {
+    /// What programs call it; unique in the partition. Without one, no program can wait for it.
+    pub name: Option<String>,
     /// Unique in the partition, one of [`VECTORS`].
     pub vector: u8,
     /// Whose it is.
@@ -46,8 +49,16 @@ pub fn check(
     for table in tables {
         let Keys(raw) = table.get_ref();
         let vector = check_vector(&raw.vector)?;
+        let name = raw.name.as_ref().map(|name| check_word(name.get_ref(), name.span()));
+        let name = name.transpose()?.map(str::to_owned);
         let (source, place) = check_source(raw, table, partition, taken)?;
         for (other, [other_vector, other_source]) in &entries {
+            if let Some(name) = raw.name.as_ref().filter(|_| other.name == name) {
+                let found = format!("two interrupts are named {}", quote(name.get_ref()));
+                let allowed = "a name of its own for each in a partition";
+                return Err(Diagnostic::new(name.span(), found, allowed)
+                    .and(other_vector.clone(), "the other one"));
+            }
             if other.vector == vector {
                 let found = format!("the vector {vector} is given to two interrupts");
                 let allowed = "a vector of its own for each in a partition";
@@ -77,7 +88,7 @@ pub fn check(
                 return Err(Diagnostic::new(place, found, allowed));
             }
         }
-        entries.push((Interrupt { vector, source }, [raw.vector.span(), place]));
+        entries.push((Interrupt { name, vector, source }, [raw.vector.span(), place]));
     }
     Ok(entries.into_iter().map(|(interrupt, _)| interrupt).collect())
 }

@@ -1,7 +1,7 @@
 //! Outputs and channels have one writer.
 
-use takt_program::build::{Builder, Event, Port, Task, Variable, When};
-use takt_program::{Area, CodeOffset, Direction, Elementary, Nanoseconds, TaskId};
+use takt_program::build::{Port, Variable};
+use takt_program::{Area, Direction, Elementary, TaskId};
 
 use super::Case;
 use super::images::{builder, task};
@@ -89,18 +89,4 @@ fn a_port_belongs_to_one_program() {
     let case = Case::new("shared").file("a.plc", &image).program("a.plc", "");
     let case = case.program("a.plc", "name = \"b\"").ending(CHANNEL);
     case.refused(&["\"a\" and \"b\" both use the port \"level\"", "the other one"]);
-}
-
-#[test]
-fn events_are_those_that_the_guest_has() {
-    let waiting = |source: Event| {
-        let mut program = Builder::new("a");
-        program.code = vec![0xc3];
-        let when = When::Event { source, minimum: Nanoseconds(1_000_000) };
-        program.task(Task::new("t", when, CodeOffset(0)));
-        Case::new("events").file("a.plc", &program.build().unwrap()).program("a.plc", "")
-    };
-    let doorbell = waiting(Event::Doorbell("x".to_owned()));
-    doorbell.refused(&["waits for a doorbell", "this version has no other events"]);
-    waiting(Event::Interrupt("x".to_owned())).refused(&["waits for an interrupt"]);
 }
