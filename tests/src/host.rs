@@ -34,6 +34,13 @@ impl Host {
         self
     }
 
+    /// Given up after this much real time, in seconds, if not after a quarter of an hour.
+    #[must_use]
+    pub fn given_up_after(mut self, timeout_s: &str) -> Self {
+        self.0.env("TAKT_TIMEOUT", timeout_s);
+        self
+    }
+
     /// With a file at the path that it has here.
     #[must_use]
     pub fn with_file(mut self, path: &Path) -> Self {

@@ -9,6 +9,7 @@ mod control;
 mod device_memory;
 mod devices;
 mod disk;
+mod distribution;
 mod doctor;
 mod evidence;
 mod functional;

@@ -143,7 +143,7 @@ fn the_images_beside_the_fixtures_are_those_of_the_tests() {
 }
 
 /// An example, with dummies where it expects the images that `scripts/guest-image` makes, and those of the PLC guests,
-/// programs with the points of the examples', and a disk of one sector for that of `scripts/load-image`.
+/// programs with the points of the examples', and disks of one sector for that of `scripts/load-image` and a Debian's.
 /// The folder's name is short, as a control socket's path has to be.
 fn example(name: &str) -> (tempfile::TempDir, PartitionFile) {
     let temporary = tempfile::tempdir().unwrap();
@@ -156,6 +156,11 @@ fn example(name: &str) -> (tempfile::TempDir, PartitionFile) {
     fs::write(images.join("vmlinuz"), guest_images::kernel()).unwrap();
     fs::write(images.join("initrd.img"), "").unwrap();
     fs::write(images.join("load.img"), [0; 512]).unwrap();
+    let debian = folder.join("target/debian");
+    fs::create_dir_all(&debian).unwrap();
+    fs::write(debian.join("vmlinuz"), guest_images::kernel()).unwrap();
+    fs::write(debian.join("initrd.img"), "").unwrap();
+    fs::write(debian.join("disk.img"), [0; 512]).unwrap();
     fs::write(plc_images.join("can"), guest_images::plc()).unwrap();
     fs::write(plc_images.join("outputs"), guest_images::plc()).unwrap();
     let examples = folder.join("target/examples");
