@@ -79,8 +79,8 @@ check_debian_arguments() {
         debian_usage "say who may log in as root: --ssh-key FILE, --password FILE, or --no-password"
     [[ -z $password || -z $no_password ]] || debian_usage "either --password or --no-password"
     [[ -z $ssh_key || -s $ssh_key || $debian_what == tests ]] || debian_usage "$ssh_key is not there, or empty"
-    if [[ -s $ssh_key ]] && grep -q 'PRIVATE KEY' "$ssh_key"; then
-        debian_usage "$ssh_key is a private key; the disk gets the public one, which ends in .pub"
+    if [[ -s $ssh_key ]] && ! grep -Eq '^(ssh|ecdsa|sk)-' "$ssh_key"; then
+        debian_usage "$ssh_key holds no public key; the file with it ends in .pub"
     fi
     [[ -z $password || -s $password ]] || debian_usage "$password is not there, or empty"
     [[ $debian_size =~ ^[0-9]+[MG]$ ]] || debian_usage "\"$debian_size\" is no size such as 1G or 800M"
