@@ -105,7 +105,8 @@ make_debian() {
     need_packages debian-archive-keyring e2fsprogs mmdebstrap
     mkdir -p "$debian_folder" "$cache"
     work=$(mktemp -d "$cache/debian.XXXXXX")
-    trap 'as_root rm -rf "$work"' EXIT
+    # Broken off, the installation may leave parts of this machine mounted there.
+    trap 'as_root rm -rf --one-file-system "$work"' EXIT
     # Who unpacks the packages may not be who owns this folder.
     chmod 755 "$work"
     echo "guest-image: making a disk with Debian ($debian_release), which takes some minutes" >&2
