@@ -12,6 +12,7 @@ fn peer_and_linux(name: &str, exec: &str, more: &str, done: &str) -> Outcome {
         env!("CARGO_BIN_EXE_exchange"),
         env!("CARGO_BIN_EXE_hostile"),
         env!("CARGO_BIN_EXE_compare"),
+        env!("CARGO_BIN_EXE_port-cost"),
     ];
     let initrd = initrd_with(name, &programs.map(Path::new));
     File::new("1ms")
@@ -72,6 +73,39 @@ fn a_plc_and_a_linux_exchange_records_and_the_shell_goes_on_where_the_program_st
     for what in ["wrong", "hostile"] {
         assert_eq!(plc_counts(&outcome, what), 0, "{what}\n{}", outcome.output);
     }
+}
+
+/// What it costs by the caches' way and by memory's. The lab has no caches: the two are as long there, and that
+/// they are is all that it can show.
+#[test]
+fn a_message_takes_linux_as_many_instructions_cached_as_uncached() {
+    let exec = format!(
+        "{SHOW_TYPES}port-cost cached; mv /dev/mem /dev/hidden; {SHOW_TYPES}port-cost uncached; \
+         sleep 1; echo status $?"
+    );
+    let outcome = peer_and_linux("linux-port-cost", &exec, "", "\nstatus ");
+    for what in ["to read: ", "to write: "] {
+        let types = outcome.output.lines().filter(|line| line.starts_with(what));
+        let types: Vec<&str> = types.filter_map(|line| line.split(' ').next_back()).collect();
+        assert_eq!(types, ["write-back", "uncached-minus"], "{what}\n{}", outcome.output);
+    }
+    let figures = |way: &str| -> [u64; 2] {
+        let line =
+            outcome.output.lines().find(|line| line.starts_with(&format!("port-cost {way}: ")));
+        let line = line.unwrap_or_else(|| panic!("nothing of {way}\n{}", outcome.output));
+        println!("{line}");
+        let after = |what: &str| -> Option<u64> {
+            line.split(' ').skip_while(|word| *word != what).nth(1)?.parse().ok()
+        };
+        ["write", "read"].map(|what| after(what).unwrap_or_else(|| panic!("{line}")))
+    };
+    let (cached, uncached) = (figures("cached"), figures("uncached"));
+    for (cached, uncached) in cached.iter().zip(uncached) {
+        assert!(cached.abs_diff(uncached) <= 4, "{cached} and {uncached}");
+        // 64 words are loaded and stored one by one, and the protocol comes to it.
+        assert!((128..=600).contains(cached), "{cached}");
+    }
+    outcome.assert_kept_its_time("plc", outcome.cycles(1_000) - 10);
 }
 
 #[test]
