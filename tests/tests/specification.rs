@@ -1,4 +1,5 @@
-//! The specification names a test for each promise. A promise whose test is gone would be held by nothing.
+//! The specification names a test for each promise, and the page about real hosts one for each guard. A promise whose test
+//! is gone would be held by nothing.
 
 use std::fs;
 use std::path::Path;
@@ -12,12 +13,12 @@ fn named(page: &str) -> Vec<(&str, &str)> {
         .collect()
 }
 
-#[test]
-fn each_test_that_the_specification_names_exists() {
+/// Fails unless the page names so many tests of whole machines, and all of them exist.
+fn check(page: &str, at_least: usize) {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("tests/ is in the project");
-    let page = fs::read_to_string(root.join("docs/specification.md")).expect("the page is there");
-    let named = named(&page);
-    assert!(named.len() > 20, "only {} tests are named", named.len());
+    let text = fs::read_to_string(root.join("docs").join(page)).expect("the page is there");
+    let named = named(&text);
+    assert!(named.len() > at_least, "{page} names only {} tests", named.len());
     let missing: Vec<String> = named
         .into_iter()
         .filter(|(module, test)| {
@@ -27,5 +28,15 @@ fn each_test_that_the_specification_names_exists() {
         })
         .map(|(module, test)| format!("{module}::{test}"))
         .collect();
-    assert!(missing.is_empty(), "docs/specification.md names tests that do not exist: {missing:?}");
+    assert!(missing.is_empty(), "docs/{page} names tests that do not exist: {missing:?}");
+}
+
+#[test]
+fn each_test_that_the_specification_names_exists() {
+    check("specification.md", 20);
+}
+
+#[test]
+fn each_test_that_the_page_about_real_hosts_names_exists() {
+    check("real-host.md", 15);
 }
