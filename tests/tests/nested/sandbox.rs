@@ -160,6 +160,9 @@ fn the_doors_are_shut_and_trying_them_ends_the_process_with_safe_values() {
     for line in ["CapPrm:\t0000000000020000", "CapEff:\t0000000000020000", "Seccomp:\t2"] {
         assert!(guardian.contains(line), "{guardian}");
     }
+    // For want of memory the kernel ends all others first, then takt, then who writes its safe values.
+    assert!(guardian.contains("\noom_score_adj: -1000\n"), "{guardian}");
+    assert_eq!(looked.read("oom"), "-999\n");
     let all = ["main", "drive", "demo", "kicker-0", "plc-loader", "plc-loader", "console"];
     check_process(&looked.read("process"), &all);
     let calls = looked.calls();
