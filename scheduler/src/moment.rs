@@ -43,6 +43,22 @@ impl Moment {
         self.clock.plus(frequency.nanos(instant.since(self.tsc)))
     }
 
+    /// The same of a clock that goes on as it did when it went so many ns ahead of the counter in such a time; of
+    /// one that would stand still or go backwards so, as if it kept its rate.
+    #[must_use]
+    pub fn clock_at_rate(
+        self,
+        (ahead, Nanos(passed)): (i64, Nanos),
+        instant: Tsc,
+        frequency: TscFrequency,
+    ) -> Nanos {
+        let Nanos(wait) = self.clock_at(instant, frequency).less(self.clock);
+        let wait = i128::from(wait);
+        let astray = wait.saturating_mul(i128::from(ahead)) / i128::from(passed.max(1));
+        let there = if astray.abs() < wait { wait + astray } else { wait };
+        self.clock.plus(Nanos(u64::try_from(there).unwrap_or(u64::MAX)))
+    }
+
     /// How many ns the clock has gone ahead of the counter since an earlier moment, and how long that is
     /// ago by the counter; nothing if the counter has gone back.
     #[must_use]
@@ -103,6 +119,25 @@ mod tests {
         }
         // A counter that has gone back has not gone on.
         assert!(!at(0, second).agrees_with(at(second, 0), FREQUENCY));
+    }
+
+    #[test]
+    fn an_instant_is_farther_on_a_clock_that_is_fast() {
+        let frequency = FREQUENCY;
+        let of = |ahead, passed| {
+            at(1_000, 70).clock_at_rate((ahead, Nanos(passed)), Tsc(1_500), frequency)
+        };
+        assert_eq!(of(0, 20_000), Nanos(570));
+        assert_eq!(of(2_000, 20_000), Nanos(620));
+        assert_eq!(of(-2_000, 20_000), Nanos(520));
+        // No clock goes like that.
+        for (ahead, passed) in [(i64::MIN, 1), (i64::MAX, 1), (1, 0), (-20_000, 20_000)] {
+            assert_eq!(of(ahead, passed), Nanos(570), "{ahead} {passed}");
+        }
+        assert_eq!(
+            at(1_000, 70).clock_at_rate((2_000, Nanos(20_000)), Tsc(900), frequency),
+            Nanos(70)
+        );
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! A host whose clock is not the time-stamp counter: releases lie on the counter, and the kernel sleeps by
 //! a clock that NTP steers, by 10 % if it is told to (`ADJ_TICK` of adjtimex(2)).
 
+use std::fs;
 use std::path::PathBuf;
 
 use takt_tests::{BUSY, File, Host, Outcome, Value, long, plc_image, target};
@@ -23,6 +24,9 @@ const STEERINGS: [&[u32]; 7] = [
 /// How late a kick may be: what it takes in the lab without steering, 16 us, and the last piece of a
 /// sleep under a clock that is slower by 10 %.
 const KICK_NS: u64 = 40_000;
+
+/// What the host's tick may cost a release: what `takt check` allows for an interrupt.
+const ONE_INTERRUPT_NS: u64 = 6_000;
 
 /// A machine with what a Linux needs.
 fn machine() -> Host {
@@ -107,6 +111,121 @@ fn windows_and_releases_are_where_they_were_under_any_steering_of_the_clock() {
     let host = machine().with_file(&plc_image("never-done"));
     for (run, outcome) in runs.iter().zip(host.run_lines("clocks", &lines, &files)) {
         run.assert_kept_time(&outcome);
+    }
+}
+
+/// What has interrupted the processor in a run: places in the frame, in ns.
+#[derive(Default)]
+struct Interrupts {
+    all: usize,
+    /// The host's tick.
+    ticks: Vec<u64>,
+    /// Timers of the supervisor thread.
+    own: Vec<u64>,
+    /// Those whose function came long after the interrupt. PREEMPT_RT leaves it to a thread, which waits while a window
+    /// is open: so this one may have been in a window.
+    astray: usize,
+}
+
+impl Interrupts {
+    /// What `traced-timers` has left of a run, but for its first frame, in which threads still fall asleep.
+    fn of(name: &str, outcome: &Outcome, frame_ns: u64) -> Self {
+        let path = target(&format!("tests/traced-timers.out/{name}.timers"));
+        let text = fs::read_to_string(path).unwrap_or_default();
+        let of = |value: &Value| value.as_u64().unwrap_or_else(|| panic!("{}", outcome.output));
+        let epoch = of(&outcome.report["epoch_tsc"]);
+        let khz = of(&outcome.report["host"]["tsc_khz"]);
+        let run = frame_ns..of(&outcome.report["duration_ns"]);
+        let (mut this, mut last) = (Self::default(), 0);
+        for (kind, tsc) in text.lines().filter_map(|line| line.split_once(' ')) {
+            let tsc = tsc.trim_end_matches(':').parse::<u64>().ok();
+            let since = tsc.and_then(|tsc| tsc.checked_sub(epoch)).map_or(0, u128::from);
+            let ns = (since * 1_000_000 / u128::from(khz)) as u64;
+            if !run.contains(&ns) {
+                continue;
+            }
+            match kind {
+                "interrupt" => {
+                    last = ns;
+                    this.all += 1;
+                }
+                "timerfd_tmrproc" if ns - last > 20_000 => this.astray += 1,
+                "timerfd_tmrproc" => this.own.push(last % frame_ns),
+                kind if kind.starts_with("tick_") => this.ticks.push(last % frame_ns),
+                _ => {}
+            }
+        }
+        this
+    }
+}
+
+/// Takt's own timers are kept out of windows at any rate of the clock, the host's tick as long as the clock is not
+/// steered. Where it is, the tick goes through the windows, and moves a release by one interrupt.
+#[test]
+fn timers_that_takt_can_place_stay_out_of_windows_under_steering_and_the_tick_without() {
+    const FRAME_NS: u64 = 1_000_000;
+    // Of the runaway from when all threads that are woken for it are awake until the window enforcer wakes for its end; of the good
+    // one until it is done.
+    const QUIET: [(u64, u64); 3] = [(995_000, FRAME_NS), (0, 150_000), (495_000, 510_000)];
+    let all: [(&str, &[u32]); 4] = [
+        ("timers-nominal", &[10_000]),
+        ("timers-changing", &[9_995, 11_000, 9_000]),
+        ("timers-slower", &[9_995]),
+        ("timers-faster", &[11_000]),
+    ];
+    let (runs, seconds) = if long() { (&all[..], 8) } else { (&all[..2], 3) };
+    let file = |name: &str| {
+        File::new("1ms")
+            .plc("runaway", Some(plc_image("never-done")), "")
+            .plc("good", None, "")
+            .linux(BUSY)
+            .schedule("normal")
+            .window("runaway", 0, 300)
+            .window("good", 500, 100)
+            .save(name)
+    };
+    let files: Vec<PathBuf> = runs.iter().map(|(name, _)| file(name)).collect();
+    let lines = files.iter().zip(runs).map(|(file, (_, ticks))| {
+        let ticks: Vec<String> = ticks.iter().map(u32::to_string).collect();
+        format!("{} {seconds}s {}", file.display(), ticks.join(" "))
+    });
+    let lines: Vec<String> = lines.collect();
+    let host = machine().with_file(&plc_image("never-done"));
+    for ((name, rates), outcome) in runs.iter().zip(host.run_lines("traced-timers", &lines, &files))
+    {
+        assert_eq!(outcome.status, 0, "{name}: {}", outcome.output);
+        let interrupts = Interrupts::of(name, &outcome, FRAME_NS);
+        let in_windows = |places: &[u64]| {
+            let is_in = |place: &&u64| QUIET.iter().any(|(from, to)| (*from..*to).contains(place));
+            places.iter().filter(is_in).count()
+        };
+        let own = in_windows(&interrupts.own) + interrupts.astray;
+        let ticks = in_windows(&interrupts.ticks);
+        let latest = outcome.number("good", "release_latency_ns.max");
+        println!(
+            "{name}: {} interrupts; {own} of {} timers of takt's and {ticks} of {} ticks in windows; \
+             the latest release {latest} ns after its instant; {}",
+            interrupts.all,
+            interrupts.own.len() + interrupts.astray,
+            interrupts.ticks.len(),
+            outcome.report["tick"]
+        );
+        // The supervisor thread has 50 a second, the kernel 250.
+        assert!(interrupts.own.len() as u64 >= 40 * seconds, "{name}\n{}", outcome.output);
+        assert!(interrupts.ticks.len() as u64 >= 200 * seconds, "{name}\n{}", outcome.output);
+        for key in ["lost", "late_releases", "unrecorded"] {
+            assert_eq!(outcome.number("good", key), 0, "{name}: {key}\n{}", outcome.output);
+        }
+        // What is set before the rate changes goes by the rate before.
+        assert!(own <= 2 * (rates.len() - 1), "{name}: {own} timers of takt's in windows");
+        if **rates == [10_000] {
+            assert_eq!(ticks, 0, "{name}\n{}", outcome.output);
+            assert_eq!(outcome.report["tick"]["clear"], "windows");
+            assert!(latest <= 10, "{name}: {latest} ns");
+        } else {
+            // That it goes through them is what the bound is worth.
+            assert!(ticks > 0 && latest <= ONE_INTERRUPT_NS, "{name}: {latest} ns, {ticks} ticks");
+        }
     }
 }
 
