@@ -24,7 +24,7 @@ use takt_scheduler::time::{Nanos, TscFrequency};
 use crate::health::{ClockFault, Text};
 
 /// The clock source that the kernel uses now.
-const SOURCE: &str = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
+pub(crate) const SOURCE: &str = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
 /// How often it is looked at.
 const INTERVAL: Nanos = Nanos::from_millis(250);
 /// Clock sources that are the counter itself. The early one makes way for the other once the kernel

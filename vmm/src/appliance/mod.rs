@@ -41,6 +41,7 @@ use result_port::ResultPort;
 
 pub use role::Role;
 
+use crate::host_clock;
 use crate::sandbox::{self, Allowed};
 use crate::steering;
 
@@ -209,23 +210,35 @@ fn prepare() -> Result<(), Error> {
     // A machine on which it cannot be given up is one whose clock may be steered.
     let _ = steering::give_up();
     load_modules(Path::new(MODULE_LIST))?;
-    await_fine_timers();
+    await_the_clock();
     Ok(())
 }
 
-/// Waits until the kernel's timers go off when they are due, and not with the next tick, up to 4 ms later.
+/// Waits until the kernel's timers go off when they are due, and not with the next tick, up to 4 ms later; and until its
+/// clock has the rate that it is going to keep.
 ///
 /// The kernel changes over when it trusts a clock, which for the TSC takes a second from the
 /// kernel's start where it has to measure its rate (`tsc_refine_calibration_work`, kernel
 /// arch/x86/kernel/tsc.c). A kernel with little to do has started this program before, and releases would
-/// be lost. One that never changes over is not for this program to judge: the run tells.
-fn await_fine_timers() {
+/// be lost; and a run that has begun by a rate that is corrected later has frames of another length than its file says, by as
+/// much, and the host's tick creeps through its windows. One that never changes over is not for this
+/// program to judge: the run tells.
+fn await_the_clock() {
+    let is_measured = || {
+        let read = |path| fs::read_to_string(path).unwrap_or_default();
+        !is_measuring(&read(host_clock::SOURCE), &read("/proc/cmdline"))
+    };
     for _ in 0..300 {
-        if has_fine_timers() {
+        if has_fine_timers() && is_measured() {
             return;
         }
         thread::sleep(Duration::from_millis(10));
     }
+}
+
+/// Whether the kernel still measures the TSC, by its clock source; unless it was told the rate, which it then finds again.
+fn is_measuring(source: &str, command_line: &str) -> bool {
+    source.trim() == "tsc-early" && !command_line.contains("tsc_early_khz=")
 }
 
 /// Whether a timer's resolution is below that of the tick (`hrtimer_get_res`, kernel
@@ -413,6 +426,15 @@ mod tests {
         let error = load_one_of(Path::new("/no/such/folder"), "one.ko two.ko").unwrap_err();
         let text = error.to_string();
         assert!(text.contains("one.ko: ") && text.contains("nor two.ko: "), "{text}");
+    }
+
+    #[test]
+    fn a_kernel_that_measures_its_counter_is_waited_for_unless_it_was_told_the_rate() {
+        assert!(is_measuring("tsc-early\n", "console=ttyS0 -- takt run"));
+        assert!(!is_measuring("tsc-early\n", "tsc_early_khz=1000000 -- takt run"));
+        for source in ["tsc\n", "hpet\n", ""] {
+            assert!(!is_measuring(source, ""), "{source}");
+        }
     }
 
     #[test]
