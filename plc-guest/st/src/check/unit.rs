@@ -93,15 +93,19 @@ pub(super) enum Storage {
 impl<'a> Checker<'a> {
     /// Checks all units of the project, and of libraries what those need.
     pub(super) fn all_units(&mut self) {
-        for index in 0..self.units.len() {
-            let unit = &self.units[index];
-            if !unit.library && !self.sources.is_of_library(unit.ast.name.span.file) {
-                self.want(index);
+        // Tests come behind the program: what it is, they are checked against.
+        for tests in [false, true] {
+            for index in 0..self.units.len() {
+                let unit = &self.units[index];
+                let own = !unit.library && !self.sources.is_of_library(unit.ast.name.span.file);
+                if own && (unit.ast.kind == UnitKind::Test) == tests {
+                    self.want(index);
+                }
             }
-        }
-        while let Some(index) = self.waiting.pop() {
-            let library = self.units[index].library;
-            self.seen_from(library, |checker| checker.unit_body(index));
+            while let Some(index) = self.waiting.pop() {
+                let library = self.units[index].library;
+                self.seen_from(library, |checker| checker.unit_body(index));
+            }
         }
     }
 
@@ -223,10 +227,18 @@ impl<'a> Checker<'a> {
         body.unit = Some(index);
         (body.variables, body.by_key, body.locals) = (variables, by_key, locals);
         body.resolve_externals();
+        let declared: Vec<Storage> =
+            body.variables.iter().map(|variable| variable.storage.clone()).collect();
         let mut block = body.edges(ast.span);
         block.extend(body.block(&ast.body));
         body.warn_of_variables(ast);
-        let checked = std::mem::take(&mut body.variables);
+        let mut checked = std::mem::take(&mut body.variables);
+        // Within the body an input with an edge is the edge. Callers go on assigning the input.
+        for (variable, storage) in checked.iter_mut().zip(declared) {
+            if variable.edge.is_some() {
+                variable.storage = storage;
+            }
+        }
         body.checker.units[index].variables = checked;
         let locals = std::mem::take(&mut body.locals);
         let routine = &mut self.program.routines[routine.0 as usize];
