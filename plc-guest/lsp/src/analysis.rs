@@ -6,6 +6,7 @@ use std::io::Read;
 use lsp_types::{Location, Position, Range, Uri};
 use takt_st::diagnostic::Diagnostic;
 use takt_st::limits;
+use takt_st::manifest::Mistakes;
 use takt_st::project;
 use takt_st::query::Index;
 use takt_st::source::{FileId, Sources, Span};
@@ -47,6 +48,8 @@ pub struct Analysis {
     pub left_out: Vec<(Uri, String)>,
     /// Why texts may be missing.
     pub problem: Option<String>,
+    /// What is wrong with the project file, if anything is.
+    pub mistakes: Option<(Uri, Box<Mistakes>)>,
 }
 
 impl Analysis {
@@ -60,7 +63,7 @@ impl Analysis {
         documents: &Documents,
         project: &Project,
     ) -> std::io::Result<Self> {
-        let Texts { names, mut problem } = workspace.texts(project, documents);
+        let Texts { names, mut problem, mistakes } = workspace.texts(project, documents);
         let (mut sources, mut files, mut left_out) = (Sources::new(), Vec::new(), Vec::new());
         let mut room = PROJECT_BYTES;
         for (name, library) in names {
@@ -93,7 +96,9 @@ impl Analysis {
         }
         let checked = project::check_all("check", &mut sources)?;
         let index = Index::new(&sources, files.len())?;
-        Ok(Self { sources, files, index, diagnostics: checked.diagnostics, left_out, problem })
+        let mistakes = mistakes.zip(project.file()).map(|(mistakes, uri)| (uri, mistakes));
+        let diagnostics = checked.diagnostics;
+        Ok(Self { sources, files, index, diagnostics, left_out, problem, mistakes })
     }
 
     /// The text of this name.

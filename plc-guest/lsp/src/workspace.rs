@@ -7,8 +7,9 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use lsp_types::Uri;
 use takt_st::files::{self, FilesError};
-use takt_st::manifest;
+use takt_st::manifest::{self, Mistakes, ProjectError};
 
 use crate::documents::Documents;
 use crate::uri::Name;
@@ -26,6 +27,16 @@ pub enum Project {
     Text(String),
 }
 
+impl Project {
+    /// The project file, if it has one.
+    pub fn file(&self) -> Option<Uri> {
+        match self {
+            Self::Described(folder) => Name::File(folder.join(manifest::FILE)).uri(),
+            _ => None,
+        }
+    }
+}
+
 /// The texts of a project.
 #[derive(Debug, Default)]
 pub struct Texts {
@@ -33,6 +44,8 @@ pub struct Texts {
     pub names: Vec<(Name, bool)>,
     /// Why others may be missing.
     pub problem: Option<String>,
+    /// What is wrong with the project file.
+    pub mistakes: Option<Box<Mistakes>>,
 }
 
 /// The folders that the editor has opened.
@@ -86,8 +99,9 @@ impl Workspace {
         let ours = |name: &Name| self.project_of(name) == *project;
         let open = documents.names().filter(|name| ours(name)).cloned();
         let mut texts: BTreeMap<Name, bool> = open.map(|name| (name, false)).collect();
+        let mut mistakes = None;
         let listed = match project {
-            Project::Described(folder) => described(folder),
+            Project::Described(folder) => described(folder, &mut mistakes),
             Project::Tree(folder) => {
                 let all = files::list(std::slice::from_ref(folder));
                 all.map(without_libraries).map_err(|error| match error {
@@ -110,13 +124,22 @@ impl Workspace {
         };
         let mut names: Vec<(Name, bool)> = texts.into_iter().collect();
         names.sort_by_key(|(_, library)| *library);
-        Texts { names, problem }
+        Texts { names, problem, mistakes }
     }
 }
 
-/// The files that a project file names.
-fn described(folder: &Path) -> Result<Vec<(PathBuf, bool)>, String> {
-    let project = manifest::Project::read(folder).map_err(|error| error.to_string())?;
+/// The files that a project file names. What is wrong with it is told at its places too.
+fn described(
+    folder: &Path,
+    mistakes: &mut Option<Box<Mistakes>>,
+) -> Result<Vec<(PathBuf, bool)>, String> {
+    let project = manifest::Project::read(folder).map_err(|error| {
+        let text = error.to_string();
+        if let ProjectError::Manifest(found) = error {
+            *mistakes = Some(found);
+        }
+        text
+    })?;
     let files = project.files().map_err(|error| error.to_string())?;
     Ok(files.into_iter().map(|(path, library)| (crate::uri::normal(&path), library)).collect())
 }

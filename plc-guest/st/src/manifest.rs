@@ -1,34 +1,19 @@
 //! The project file, `takt-plc.toml`: what belongs to a project, so that commands need no arguments in its folder.
 
+mod reader;
+
 use std::collections::HashSet;
-use std::ops::Range;
+use std::fmt;
 use std::path::{Component, Path, PathBuf};
 
-use serde::Deserialize;
 use takt_program::Version;
-use toml::Spanned;
 
-use crate::diagnostic::{Code, Diagnostic, text};
+use crate::diagnostic::{Diagnostic, text};
 use crate::files::{self, FilesError};
-use crate::source::{FileId, Sources, Span};
+use crate::source::Sources;
 
 /// Its name in the project's folder.
 pub const FILE: &str = "takt-plc.toml";
-
-const KEYS: &str = "name, version, category, sources, libraries, tests, previous";
-
-/// As it is written.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Raw {
-    name: Spanned<String>,
-    version: Option<Spanned<String>>,
-    category: Option<Spanned<i64>>,
-    sources: Option<Vec<Spanned<String>>>,
-    libraries: Option<Vec<Spanned<String>>>,
-    tests: Option<Vec<Spanned<String>>>,
-    previous: Option<Spanned<String>>,
-}
 
 /// A project whose file is good. All paths begin with that of the project's folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -51,18 +36,32 @@ pub struct Project {
 /// Why a project cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ProjectError {
-    /// The project file has a mistake; this is the message about it.
+    /// The project file has mistakes.
     #[error("{0}")]
-    Manifest(String),
+    Manifest(Box<Mistakes>),
     /// A file of the project cannot be read.
     #[error(transparent)]
     Files(#[from] FilesError),
 }
 
-/// The file while it is read.
-struct Reader<'a> {
-    file: FileId,
-    folder: &'a Path,
+/// The messages about a project file, with its text.
+#[derive(Debug)]
+pub struct Mistakes {
+    /// The file, alone.
+    pub sources: Sources,
+    /// What is wrong with it, by place.
+    pub diagnostics: Vec<Diagnostic>,
+}
+
+impl fmt::Display for Mistakes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (at, one) in self.diagnostics.iter().enumerate() {
+            let text = text::to_string(&self.sources, one);
+            let between = if at > 0 { "\n\n" } else { "" };
+            write!(f, "{between}{}", text.trim_end())?;
+        }
+        Ok(())
+    }
 }
 
 impl Project {
@@ -76,7 +75,7 @@ impl Project {
     ///
     /// # Errors
     ///
-    /// If it cannot be read, or at its first mistake.
+    /// If it cannot be read, or has mistakes: all of them.
     pub fn read(folder: &Path) -> Result<Self, ProjectError> {
         // `.` would be in front of all names that are shown.
         let folder: PathBuf =
@@ -84,10 +83,12 @@ impl Project {
         let mut sources = Sources::new();
         files::add(&mut sources, &folder.join(FILE))?;
         let Some((file, source)) = sources.iter().next() else { unreachable!("a file was added") };
-        let reader = Reader { file, folder: &folder };
-        reader.project(source.text()).map_err(|one| {
-            ProjectError::Manifest(text::to_string(&sources, &one).trim_end().to_owned())
-        })
+        match reader::project(file, source.text(), &folder) {
+            Ok(project) => Ok(project),
+            Err(diagnostics) => {
+                Err(ProjectError::Manifest(Box::new(Mistakes { sources, diagnostics })))
+            }
+        }
     }
 
     /// All sources: those of the program and of its tests, then those of its libraries.
@@ -163,103 +164,11 @@ fn distinct(paths: Vec<PathBuf>, seen: &mut HashSet<PathBuf>) -> Vec<PathBuf> {
     paths.into_iter().filter(|path| seen.insert(real(path))).collect()
 }
 
-impl Reader<'_> {
-    fn project(&self, text: &str) -> Result<Project, Diagnostic> {
-        let raw: Raw = toml::from_str(text).map_err(|error| {
-            let one = self.wrong(error.span().unwrap_or(0..0), plain(error.message()));
-            one.allowed(format!("TOML with the keys {KEYS}"))
-        })?;
-        let paths = |list: Option<Vec<Spanned<String>>>| -> Result<Vec<PathBuf>, Diagnostic> {
-            list.unwrap_or_default().iter().map(|path| self.path(path)).collect()
-        };
-        let everything = || vec![self.folder.to_owned()];
-        let tests = self.folder.join("tests");
-        Ok(Project {
-            folder: self.folder.to_owned(),
-            name: self.name(&raw.name)?,
-            version: raw.version.as_ref().map_or(Ok(Version::default()), |it| self.version(it))?,
-            category: raw.category.as_ref().map_or(Ok(0), |it| self.category(it))?,
-            previous: raw.previous.as_ref().map(|it| self.path(it)).transpose()?,
-            sources: if raw.sources.is_some() { paths(raw.sources)? } else { everything() },
-            libraries: paths(raw.libraries)?,
-            tests: match raw.tests {
-                Some(tests) => paths(Some(tests))?,
-                None if tests.is_dir() => vec![tests],
-                None => Vec::new(),
-            },
-        })
-    }
-
-    fn wrong(&self, at: Range<usize>, found: impl Into<String>) -> Diagnostic {
-        let span = Span { file: self.file, start: at.start as u32, end: at.end as u32 };
-        Diagnostic::new(Code::ProjectFile, span, found)
-    }
-
-    fn name(&self, name: &Spanned<String>) -> Result<String, Diagnostic> {
-        let text = name.get_ref();
-        if is_program_name(text) {
-            return Ok(text.clone());
-        }
-        let one = self.wrong(name.span(), format!("the name `{}`", text.escape_debug()));
-        Err(one.allowed("letters A to Z, digits, _ - and ."))
-    }
-
-    fn version(&self, version: &Spanned<String>) -> Result<Version, Diagnostic> {
-        let numbers: Option<Vec<u16>> =
-            version.get_ref().split('.').map(|number| number.parse().ok()).collect();
-        match numbers.as_deref() {
-            Some(&[major, minor, patch]) => Ok(Version { major, minor, patch }),
-            _ => {
-                let found = format!("the version `{}`", version.get_ref().escape_debug());
-                let one = self.wrong(version.span(), found);
-                Err(one.allowed("three numbers up to 65535, such as `\"1.2.0\"`"))
-            }
-        }
-    }
-
-    fn category(&self, category: &Spanned<i64>) -> Result<u32, Diagnostic> {
-        u32::try_from(*category.get_ref()).map_err(|_| {
-            let one = self.wrong(category.span(), format!("the category {}", category.get_ref()));
-            one.allowed("0 to 4294967295")
-        })
-    }
-
-    /// A path from the project's folder to something that is there.
-    fn path(&self, path: &Spanned<String>) -> Result<PathBuf, Diagnostic> {
-        let text = path.get_ref();
-        let shown = text.escape_debug();
-        if Path::new(text).is_absolute() || text.is_empty() {
-            let one = self.wrong(path.span(), format!("the path `{shown}`"));
-            return Err(one.allowed("a path from the folder of this file"));
-        }
-        let whole: PathBuf = self.folder.join(text);
-        let whole: PathBuf = whole.components().filter(|part| *part != Component::CurDir).collect();
-        // The project's own folder is the current one if nothing is left.
-        let there = if whole.as_os_str().is_empty() { Path::new(".") } else { &whole };
-        if !there.exists() {
-            let one = self.wrong(path.span(), format!("there is no `{shown}` in this folder"));
-            return Err(one.allowed("a file or a folder that is there"));
-        }
-        Ok(whole)
-    }
-}
-
 /// Whether a program can have this name.
 #[must_use]
 pub fn is_program_name(name: &str) -> bool {
     let good = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
     !name.is_empty() && name.len() <= 64 && name.chars().all(good)
-}
-
-/// What the parser of TOML says, in the words of the file's author.
-fn plain(message: &str) -> String {
-    let message = message.lines().next().unwrap_or(message);
-    message
-        .replace("unknown field", "unknown key")
-        .replace("missing field", "missing key")
-        .replace("invalid type: ", "")
-        .replace("a sequence", "a list in square brackets")
-        .replace(" i64", " a whole number")
 }
 
 #[cfg(test)]

@@ -56,17 +56,45 @@ fn each_mistake_is_told_with_its_place() {
     for (text, says) in [
         ("", "takt-plc.toml:1:1: missing key `name`"),
         ("name = \"two words\"\n", "takt-plc.toml:1:8: the name `two words`"),
-        ("name = 7\n", "takt-plc.toml:1:8: integer `7`, expected a string"),
+        ("name = 7\n", "takt-plc.toml:1:8: the number 7"),
         ("name = \"a\"\nversion = \"1\"\n", "takt-plc.toml:2:11: the version `1`"),
         ("name = \"a\"\ncategory = -1\n", "takt-plc.toml:2:12: the category -1"),
         ("name = \"a\"\nsource = [\".\"]\n", "takt-plc.toml:2:1: unknown key `source`"),
         ("name = \"a\"\nsources = [\"src\"]\n", "takt-plc.toml:2:12: there is no `src`"),
         ("name = \"a\"\nlibraries = [\"/lib\"]\n", "takt-plc.toml:2:14: the path `/lib`"),
-        ("name = \"a\"\ntests = \"t\"\n", "takt-plc.toml:2:9: string \"t\", expected a list"),
+        ("name = \"a\"\ntests = \"t\"\n", "takt-plc.toml:2:9: the string `t`"),
         ("name = \"a\n", "takt-plc.toml:1:"),
     ] {
         let message = refused(text);
         assert!(message.contains(says), "{text}: {message}");
         assert!(message.contains("allowed: "), "{text}: {message}");
     }
+}
+
+#[test]
+fn all_mistakes_are_told_at_once_by_place_with_hints() {
+    let message = refused(
+        "name = \"two words\"\nsorces = [\".\"]\nversion = 1.5\ncategory = \"7\"\nlibraries = [\"none\", 3]\n\
+         previous = true\ntests = { a = 1 }\n",
+    );
+    let told: Vec<&str> = message.lines().filter(|line| line.starts_with("error[")).collect();
+    let expected = [
+        "1:8: the name `two words`",
+        "2:1: unknown key `sorces`",
+        "3:11: the number 1.5",
+        "4:12: the string `7`",
+        "5:14: there is no `none` in this folder",
+        "5:22: the number 3",
+        "6:12: `true`",
+        "7:9: a table",
+    ];
+    assert_eq!(told, expected.map(|text| format!("error[project-file]: takt-plc.toml:{text}")));
+    assert!(message.contains("  hint: did you mean `sources`?"), "{message}");
+    assert_eq!(message.matches("  allowed: ").count(), 8, "{message}");
+    // No TOML, and what else is wrong as far as it can be read.
+    let message = refused("name = \"a\ncategory = -1\nversion = \"1\"\n");
+    assert!(message.contains("takt-plc.toml:1:"), "{message}");
+    assert!(message.contains("takt-plc.toml:2:12: the category -1"), "{message}");
+    assert!(message.contains("takt-plc.toml:3:11: the version `1`"), "{message}");
+    assert!(!message.contains("missing key"), "{message}");
 }

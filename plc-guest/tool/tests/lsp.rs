@@ -321,14 +321,24 @@ fn a_project_file_says_what_belongs_together() {
     std::fs::write(client.folder.path().join("plant/takt-plc.toml"), "name = \"plant\"\nx = 1\n")
         .unwrap();
     client.tell("workspace/didChangeWatchedFiles", json!({ "changes": [] }));
-    loop {
+    // At its place, and to the user.
+    let file = client.uri("plant/takt-plc.toml");
+    let (mut at_its_place, mut to_the_user) = (false, false);
+    while !(at_its_place && to_the_user) {
         let message = client.next();
+        if message["params"]["uri"] == json!(file) {
+            let one = &message["params"]["diagnostics"][0];
+            assert_eq!(one["code"], "project-file", "{message}");
+            assert_eq!(one["range"]["start"], json!({ "line": 1, "character": 0 }), "{message}");
+            assert_eq!(one["range"]["end"], json!({ "line": 1, "character": 1 }), "{message}");
+            at_its_place = true;
+        }
         if message["method"] == "window/showMessage" {
             assert!(
                 message["params"]["message"].as_str().unwrap().contains("unknown key"),
                 "{message}"
             );
-            break;
+            to_the_user = true;
         }
     }
 }

@@ -57,8 +57,12 @@ fn a_mistake_in_the_project_file_is_told_with_line_and_column() {
     folder.write("takt-plc.toml", "name = \"plant\"\nsorces = [\"src\"]\n");
     for command in ["build", "check", "test", "fmt"] {
         let ended = folder.takt_plc(&[command]);
-        ended.expect(2, "error[project-file]: takt-plc.toml:2:1: unknown key `sorces`");
+        let ended = ended.expect(2, "error[project-file]: takt-plc.toml:2:1: unknown key `sorces`");
+        ended.expect(2, "  hint: did you mean `sources`?");
     }
+    let ended = folder.takt_plc(&["check", "--message-format", "json"]);
+    let ended = ended.expect(2, "\"code\":\"project-file\",\"message\":\"unknown key `sorces`\"");
+    ended.expect(2, "\"place\":{\"file\":\"takt-plc.toml\",\"line\":2,\"column\":1,");
 }
 
 #[test]

@@ -68,7 +68,7 @@ impl Build {
     }
 
     fn compile(&self) -> Result<(), Failure> {
-        let origin = Origin::of(&self.inputs)?;
+        let origin = Origin::of(&self.inputs, &self.messages)?;
         if let Some(stage @ (Stage::Tokens | Stage::Ast)) = self.emit {
             return self.messages.syntax(&origin, matches!(stage, Stage::Ast));
         }

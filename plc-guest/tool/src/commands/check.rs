@@ -17,6 +17,6 @@ pub struct Check {
 
 impl Check {
     pub fn run(self) -> Result<(), Failure> {
-        self.messages.all(&Origin::of(&self.paths)?)
+        self.messages.all(&Origin::of(&self.paths, &self.messages)?)
     }
 }

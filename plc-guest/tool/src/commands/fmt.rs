@@ -9,7 +9,7 @@ use takt_st::diagnostic::text;
 use takt_st::files;
 use takt_st::format::{self, FormatError};
 
-use super::structured_text::Origin;
+use super::structured_text::{Messages, Origin};
 use super::write_as;
 use crate::{Failure, status};
 
@@ -27,7 +27,7 @@ pub struct Fmt {
 impl Fmt {
     pub fn run(self) -> Result<(), Failure> {
         let (mut changed, mut refused) = (0, 0);
-        for path in Origin::of(&self.paths)?.files()? {
+        for path in Origin::of(&self.paths, &Messages::default())?.files()? {
             match self.file(&path) {
                 Ok(false) => {}
                 Ok(true) => {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use takt_st::diagnostic::{Diagnostic, Diagnostics, json, text};
 use takt_st::hir::Program;
-use takt_st::manifest::{self, Project};
+use takt_st::manifest::{self, Project, ProjectError};
 use takt_st::source::Sources;
 use takt_st::syntax::lexer::Lexer;
 use takt_st::syntax::parser;
@@ -23,7 +23,7 @@ pub enum Origin {
 }
 
 /// How messages about sources are written.
-#[derive(clap::Args)]
+#[derive(Default, clap::Args)]
 pub struct Messages {
     /// How messages about Structured Text are written: text to the standard error, or one JSON
     /// object a line to the standard output.
@@ -31,8 +31,9 @@ pub struct Messages {
     message_format: Format,
 }
 
-#[derive(Clone, Copy, clap::ValueEnum)]
+#[derive(Clone, Copy, Default, clap::ValueEnum)]
 enum Format {
+    #[default]
     Text,
     Json,
 }
@@ -43,16 +44,24 @@ pub fn is_text(path: &Path) -> bool {
 }
 
 impl Origin {
-    /// What these arguments mean: none is the project in the current folder.
-    pub fn of(paths: &[PathBuf]) -> Result<Self, Failure> {
+    /// What these arguments mean: none is the project in the current folder. Mistakes in its project file are shown
+    /// like those in sources.
+    pub fn of(paths: &[PathBuf], messages: &Messages) -> Result<Self, Failure> {
         let folder = match paths {
             [] => Path::new(""),
             [one] if one.is_dir() => one,
             _ => return Ok(Self::Paths(paths.to_vec())),
         };
         if Project::is_in(folder) {
-            let project = Project::read(folder).map_err(Failure::input)?;
-            return Ok(Self::Project(Box::new(project)));
+            return match Project::read(folder) {
+                Ok(project) => Ok(Self::Project(Box::new(project))),
+                Err(ProjectError::Manifest(mistakes)) => {
+                    messages.show(&mistakes.sources, &mistakes.diagnostics);
+                    let errors = mistakes.diagnostics.len();
+                    Err(Failure::input(format!("{errors} errors in the project file")))
+                }
+                Err(error) => Err(Failure::input(error)),
+            };
         }
         match paths {
             [] => Err(Failure::input(format!(

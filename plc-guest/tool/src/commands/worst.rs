@@ -12,7 +12,7 @@ use crate::Failure;
 
 /// Compiles the sources and prints the bound of each task.
 pub fn show(inputs: &[PathBuf], messages: &Messages, as_json: bool) -> Result<(), Failure> {
-    let origin = Origin::of(inputs)?;
+    let origin = Origin::of(inputs, messages)?;
     let program = messages.program("inspect", &origin)?;
     let worst = stack::with_room(|| native::worst(&program)).map_err(no_thread)?;
     let worst = worst.map_err(Failure::input)?;

@@ -78,7 +78,7 @@ impl Test {
                 }
                 self.image(file, rest.first())
             }
-            inputs => self.project(&Origin::of(inputs)?),
+            inputs => self.project(&Origin::of(inputs, &self.messages)?),
         }
     }
 
