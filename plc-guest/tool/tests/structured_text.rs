@@ -236,3 +236,44 @@ fn durations_in_tables_are_written_as_in_the_source() {
         ended.expect(2, &format!("line 2, column 1: found `{wrong}`; a duration is"));
     }
 }
+
+/// Each instance of a block has its own inputs and outputs: VAR_CONFIG places them, or the compiler.
+#[test]
+fn instances_of_blocks_have_inputs_and_outputs_where_var_config_places_them() {
+    let folder = Folder::new();
+    folder.write(
+        "main.st",
+        "FUNCTION_BLOCK Doubler
+VAR source AT %I* : INT; target AT %Q* : INT := 7; END_VAR
+IF source <> 0 THEN target := 2 * source; END_IF;
+END_FUNCTION_BLOCK
+PROGRAM Main
+VAR one : Doubler; more : ARRAY[1..2] OF Doubler; total AT %Q* : INT; END_VAR
+one(); more[1](); more[2]();
+total := total + 1;
+END_PROGRAM
+CONFIGURATION Plant
+VAR_CONFIG
+    Main1.one.source AT %IW1 : INT;
+    Main1.one.target AT %QW2 : INT;
+    Main1.more[2].target AT %QW3 : INT;
+    Main1.total AT %QW0 : INT;
+END_VAR
+TASK t (INTERVAL := T#1ms, PRIORITY := 1);
+PROGRAM Main1 WITH t : Main;
+END_CONFIGURATION
+",
+    );
+    folder.takt_plc(&["fmt", "main.st"]).expect(0, "main.st");
+    folder.takt_plc(&["build", "main.st"]).expect(0, "");
+    let shown = folder.takt_plc(&["inspect", "main.plc"]);
+    let shown = shown.expect(0, "Main1.one.source     %IB2").expect(0, "Main1.one.target     %QB4");
+    let shown = shown.expect(0, "Main1.more[2].target %QB6").expect(0, "Main.total           %QB0");
+    shown.expect(0, "Main1.more[1].source %IB4").expect(0, "Main1.more[1].target %QB8");
+    folder.write(
+        "t.csv",
+        "Main1.one.source,Main1.more[1].source,Main1.one.target,Main1.more[1].target,Main1.more[2].target,Main.total\n\
+         0,0,7,7,7,1\n3,0,6,7,7,2\n0,5,6,10,7,3\n",
+    );
+    folder.takt_plc(&["test", "main.plc", "t.csv"]).expect(0, "as expected");
+}

@@ -205,3 +205,88 @@ fn ten_programs_as_engineers_write_them_pass_their_tests() {
     folder.takt_plc(&["test", project]).expect(0, "10 tests, all as expected");
     folder.takt_plc(&["build", project, "-o", "engineers.plc"]).expect(0, "2 tasks");
 }
+
+/// A test is the other partition: it gives messages, and takes what the program writes.
+#[test]
+fn a_test_exchanges_messages_with_the_program_at_its_ports() {
+    let folder = Folder::new();
+    folder.write(
+        "main.st",
+        "TYPE Order : STRUCT number : DINT; urgent : BOOL; END_STRUCT; END_TYPE
+VAR_GLOBAL jobs : DINT; last : LINT; END_VAR
+PROGRAM Main
+VAR order : Order; text : STRING[15]; i : DINT; END_VAR
+jobs := jobs + 1;
+last := CHANNEL_READ('orders', order);
+IF last > 0 THEN
+    order.number := order.number * 2;
+    IF order.urgent = TRUE THEN order.number := order.number + 1; END_IF;
+    last := CHANNEL_WRITE('done', order);
+    text := 'done';
+    CHANNEL_WRITE('log', text, LENGTH := LEN(text));
+END_IF;
+(* In a register, but for the message. *)
+FOR i := 1 TO 3 DO CHANNEL_WRITE('count', i); END_FOR;
+END_PROGRAM
+CONFIGURATION Plant
+TASK on_order (CHANNEL := 'orders', INTERVAL := T#2ms, PRIORITY := 1);
+PROGRAM one WITH on_order : Main;
+END_CONFIGURATION
+",
+    );
+    folder.write(
+        "t.st",
+        "TYPE Raw : STRUCT number : DINT; urgent : BYTE; END_STRUCT; END_TYPE
+TEST 'orders'
+VAR raw : Raw; done : Order; text : ARRAY[0..15] OF BYTE; i, n : DINT; END_VAR
+RUN(T#10ms);
+ASSERT(jobs = 0, 'no message, no job');
+ASSERT(CHANNEL_READ('done', done) = -6, 'empty');
+FOR i := 1 TO 3 DO
+    raw.number := i;
+    raw.urgent := 16#80; // no value of BOOL
+    ASSERT(CHANNEL_WRITE('orders', raw) = 0);
+END_FOR;
+RUN(T#3ms);
+ASSERT(jobs = 2, 'one each 2 ms');
+RUN(T#10ms);
+ASSERT(jobs = 3);
+FOR i := 1 TO 3 DO
+    ASSERT(CHANNEL_READ('done', done) = 8);
+    ASSERT(done.number = 2 * i + 1);
+    ASSERT(done.urgent);
+END_FOR;
+ASSERT(CHANNEL_READ('log', text) = 4);
+ASSERT(text[0] = 16#64);
+FOR i := 1 TO 3 DO
+    ASSERT(CHANNEL_READ('count', n) = 4);
+    ASSERT(n = i);
+END_FOR;
+END_TEST
+TEST 'a length that the message does not have'
+VAR text : STRING[15]; i : INT := 17; END_VAR
+CHANNEL_WRITE('orders2', text, LENGTH := i);
+END_TEST
+",
+    );
+    let refused = folder.takt_plc(&["test", "main.st", "t.st"]);
+    refused.expect(2, "the program has no port `orders2`");
+    let text = String::from_utf8(folder.read("t.st")).unwrap();
+    folder.write(
+        "t.st",
+        &text
+            .replace("CHANNEL_WRITE('orders2', text", "CHANNEL_WRITE('orders', order")
+            .replace("VAR text : STRING[15]; i : INT := 17", "VAR order : Order; i : INT := 9"),
+    );
+    let ended = folder.takt_plc(&["test", "main.st", "t.st"]);
+    let ended = ended.expect(1, "ok     t.st:2: orders");
+    ended.expect(1, "t.st:30: value out of its subrange");
+    folder.takt_plc(&["build", "main.st"]).expect(0, "");
+    let shown = folder.takt_plc(&["inspect", "main.plc"]);
+    let shown =
+        shown.expect(0, "port 0: orders in, 8 bytes").expect(0, "port 1: done out, 8 bytes");
+    shown.expect(0, "on_order").expect(0, "channel orders");
+    // A program under a table has no other partition.
+    folder.write("t.csv", "jobs\n0\n0\n");
+    folder.takt_plc(&["test", "main.plc", "t.csv", "--step", "1000"]).expect(0, "as expected");
+}

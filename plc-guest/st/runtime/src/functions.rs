@@ -20,8 +20,10 @@ pub enum Function {
     FindBytes,
     /// The same of UTF-16 units.
     FindUnits,
-    /// `(number, first argument, second argument) -> result`: a call of the kernel.
+    /// `(number, three arguments) -> result`: a call of the kernel.
     System,
+    /// `(at, count)`: makes each byte that is not 0 a 1.
+    Booleans,
     /// `(f64) -> f64`, and so on to [`Function::Power`].
     Ln,
     /// Base 10.

@@ -64,6 +64,7 @@ static TABLE: [Address; FUNCTIONS] = table! {
         FindBytes = text::find_bytes,
         FindUnits = text::find_units,
         System = system::call,
+        Booleans = memory::booleans,
     }
     of_reals {
         Ln, LnReal(x) = libm::log, libm::logf;

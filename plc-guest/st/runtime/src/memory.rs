@@ -51,6 +51,20 @@ pub unsafe extern "C" fn copy(to: *mut u8, from: *const u8, bytes: usize) {
     }
 }
 
+/// Makes each byte that is not 0 a 1: what came from outside becomes values of BOOL.
+///
+/// # Safety
+/// `at` is readable and writable for `count` bytes.
+pub unsafe extern "C" fn booleans(at: *mut u8, count: usize) {
+    for index in 0..count {
+        // SAFETY: within the bytes that the caller promises.
+        unsafe {
+            let byte = at.add(index);
+            byte.write(u8::from(byte.read() != 0));
+        }
+    }
+}
+
 /// Sets `bytes` bytes to zero.
 ///
 /// # Safety

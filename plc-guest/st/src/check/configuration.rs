@@ -5,13 +5,14 @@ use std::collections::HashMap;
 use super::body::Body;
 use super::declare::retention;
 use super::expression::Operand;
+use super::placement::Placements;
 use super::types::Resolved;
 use super::unit::Storage;
 use super::{Checker, Entry};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
-    Constant, Elementary, ExprKind, GlobalId, Place, Routine, Statement, StatementKind, Task,
-    TaskKind, TypeId,
+    Constant, Elementary, Event, ExprKind, GlobalId, Place, Routine, Statement, StatementKind,
+    Task, TaskKind, TypeId,
 };
 use crate::source::Span;
 use crate::syntax::ast::{
@@ -33,7 +34,7 @@ struct Instance<'a> {
 #[derive(Default)]
 struct Properties {
     interval: Option<(u64, Span)>,
-    single: Option<String>,
+    single: Option<Event>,
     priority: u8,
     offset: u64,
     budget: u64,
@@ -48,6 +49,7 @@ impl<'a> Checker<'a> {
                 Diagnostic::new(Code::NotSupported, second.span.before(), "a second RESOURCE");
             self.tell(one.allowed("one RESOURCE: a program image runs on one processor"));
         }
+        let mut placements = self.placements(configuration);
         let mut names: HashMap<&str, Span> = HashMap::new();
         for resource in &configuration.resources {
             for (name, span) in
@@ -59,9 +61,10 @@ impl<'a> Checker<'a> {
                     self.duplicate(name, other);
                 }
             }
-            self.resource(resource);
+            self.resource(resource, &mut placements);
             self.warn_of_shared_outputs(resource);
         }
+        self.refuse_unplaced(&placements);
         if self.program.tasks.len() > TASKS {
             let span = configuration.name.span;
             let found = format!("{} tasks", self.program.tasks.len());
@@ -96,7 +99,7 @@ impl<'a> Checker<'a> {
         }
     }
 
-    fn resource(&mut self, resource: &'a Resource) {
+    fn resource(&mut self, resource: &'a Resource, placements: &mut Placements<'a>) {
         let mut by_task: HashMap<&str, Vec<Instance<'a>>> = HashMap::new();
         let mut free = Vec::new();
         for program in &resource.programs {
@@ -128,13 +131,13 @@ impl<'a> Checker<'a> {
                 self.tell(one.allowed("at least one `PROGRAM name WITH task : Program;`"));
             }
             let Some((kind, properties)) = self.task_kind(task) else { continue };
-            self.task(&task.name.text, task.name.span, kind, &properties, instances);
+            self.task(&task.name.text, task.name.span, kind, &properties, instances, placements);
         }
         if let Some(first) = free.first() {
             // What has no task runs whenever nothing else does.
             let span = first.ast.name.span;
             let properties = Properties { priority: u8::MAX, ..Properties::default() };
-            self.task("free", span, TaskKind::Freewheeling, &properties, free);
+            self.task("free", span, TaskKind::Freewheeling, &properties, free, placements);
         }
     }
 
@@ -180,7 +183,19 @@ impl<'a> Checker<'a> {
                 "OFFSET" => self.duration(value).map(|offset| properties.offset = offset),
                 "BUDGET" => self.duration(value).map(|budget| properties.budget = budget),
                 "DEADLINE" => self.duration(value).map(|deadline| properties.deadline = deadline),
-                "SINGLE" => self.event(value).map(|source| properties.single = Some(source)),
+                "SINGLE" | "CHANNEL" if properties.single.is_some() => {
+                    let found = format!("a second event of the task `{}`", task.name.text);
+                    let one = Diagnostic::new(Code::InvalidTask, name.span, found);
+                    self.tell(one.allowed("either SINGLE or CHANNEL, once"));
+                    None
+                }
+                "SINGLE" => {
+                    self.event(value).map(|source| properties.single = Some(Event::Rise(source)))
+                }
+                "CHANNEL" => {
+                    let port = self.port_of_task(value);
+                    port.map(|port| properties.single = Some(Event::Channel(port)))
+                }
                 "PRIORITY" => {
                     priority_given = true;
                     let number = Body::of_constants(self).constant_integer(value);
@@ -201,7 +216,7 @@ impl<'a> Checker<'a> {
                     let found = format!("a task has no `{}`", name.text);
                     let one = Diagnostic::new(Code::InvalidTask, name.span, found);
                     self.tell(one.allowed(
-                        "INTERVAL, SINGLE, PRIORITY; of Takt's own OFFSET, BUDGET, DEADLINE",
+                        "INTERVAL, SINGLE, PRIORITY; of Takt's own CHANNEL, OFFSET, BUDGET, DEADLINE",
                     ));
                     None
                 }
@@ -223,7 +238,8 @@ impl<'a> Checker<'a> {
                 let span = interval.map_or(task.name.span, |(_, span)| span);
                 let found = format!("no least time between two releases of `{}`", task.name.text);
                 let one = Diagnostic::new(Code::InvalidTask, span, found);
-                self.tell(one.allowed("with SINGLE also INTERVAL, such as `INTERVAL := T#10ms`"));
+                let allowed = "with SINGLE or CHANNEL also INTERVAL, such as `INTERVAL := T#10ms`";
+                self.tell(one.allowed(allowed));
                 return None;
             }
             (None, Some((0, span))) => {
@@ -237,7 +253,7 @@ impl<'a> Checker<'a> {
             (None, None) if complete => {
                 let found = format!("the task `{}` is never released", task.name.text);
                 let one = Diagnostic::new(Code::InvalidTask, task.name.span, found);
-                self.tell(one.allowed("INTERVAL (its period) or SINGLE (its event)"));
+                self.tell(one.allowed("INTERVAL (its period), SINGLE or CHANNEL (its event)"));
                 return None;
             }
             (None, None) => return None,
@@ -291,16 +307,21 @@ impl<'a> Checker<'a> {
         kind: TaskKind,
         properties: &Properties,
         instances: Vec<Instance<'a>>,
+        placements: &mut Placements<'a>,
     ) {
         let mut block = Vec::new();
         for instance in instances {
             let (before, behind) = self.connections(&instance);
+            let Instance { ast, unit, global, ty } = &instance;
+            let (inputs, outputs) = self.place_instance(&ast.name, *unit, *global, *ty, placements);
+            block.extend(inputs);
             block.extend(before);
             let place = Place::global(instance.global, instance.ty);
             let Some(routine) = self.units[instance.unit].routine else { continue };
             let location = self.location(instance.ast.name.span);
             block.push(Statement { kind: StatementKind::Invoke(place, routine), location });
             block.extend(behind);
+            block.extend(outputs);
         }
         let location = self.location(span);
         let entry = self.program.add_routine(Routine {

@@ -166,11 +166,19 @@ impl<'a> Body<'_, 'a> {
             initialised: variables.initial.is_some(),
             initial: Constant::Default,
             edge: variables.edge.map(|(edge, _)| edge),
+            address: variables.address.as_ref(),
             read: false,
             written: false,
         };
         if let Some(resolved) = resolved {
             variable.initial = resolved.initial.clone();
+            // Told here, and not once more for each instance.
+            if let Some(address) = &variables.address
+                && self.is_placed_by_instance(section, address)
+                && !self.fits_place(variables, address, name, resolved.ty)
+            {
+                variable.address = None;
+            }
             variable.storage = self.storage(section, variables, name, resolved, structure);
         }
         self.declare(variable);
@@ -195,7 +203,9 @@ impl<'a> Body<'_, 'a> {
                 return Storage::Constant(ty, value);
             }
         }
-        if let Some(address) = &variables.address {
+        if let Some(address) = &variables.address
+            && !self.is_placed_by_instance(section, address)
+        {
             return self.located(section, address, name, Resolved { ty, initial });
         }
         let kind = match section.kind {
@@ -235,6 +245,30 @@ impl<'a> Body<'_, 'a> {
         self.tell(one.allowed("`name : TYPE := value;`"));
     }
 
+    /// Whether each instance has a place of its own for the variable: at `%I*` and `%Q*` of a function block.
+    fn is_placed_by_instance(&self, section: &ast::Section, address: &ast::Address) -> bool {
+        let unit = self.unit.map(|unit| self.checker.units[unit].ast.kind);
+        unit == Some(UnitKind::FunctionBlock)
+            && section.kind == SectionKind::Local
+            && address.place.is_none()
+            && address.area != ast::Area::Marker
+    }
+
+    fn fits_place(
+        &mut self,
+        variables: &ast::Variables,
+        address: &ast::Address,
+        name: &Name,
+        ty: TypeId,
+    ) -> bool {
+        if address.area == ast::Area::Input && variables.initial.is_some() {
+            let found = "an initial value of an input, which comes from outside";
+            self.error(Code::InvalidDeclaration, name.span, found);
+            return false;
+        }
+        self.checker.check_width(address, ty).is_some()
+    }
+
     /// A variable at an address: one for all instances, as the address is one.
     fn located(
         &mut self,
@@ -248,7 +282,7 @@ impl<'a> Body<'_, 'a> {
         let (Some(program), SectionKind::Local) = (program, section.kind) else {
             self.tell(
                 Diagnostic::new(Code::InvalidDeclaration, address.span, "an address here")
-                    .allowed("AT in VAR of a PROGRAM, and in VAR_GLOBAL")
+                    .allowed("AT in VAR of a PROGRAM, and in VAR_GLOBAL; `%I*` and `%Q*` in a FUNCTION_BLOCK")
                     .hint("give it to a function block as an input or output"),
             );
             return Storage::Nowhere;
@@ -290,6 +324,7 @@ impl<'a> Body<'_, 'a> {
             initialised: true,
             initial: Constant::Default,
             edge: None,
+            address: None,
             read: false,
             written: false,
         });

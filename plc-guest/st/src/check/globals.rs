@@ -171,19 +171,12 @@ impl<'a> Checker<'a> {
         retention: hir::Retention,
     ) -> Option<GlobalId> {
         let ty = resolved.ty;
-        self.check_width(address, ty)?;
+        let storage = self.storage_at(address, ty)?;
         let location = self.location(span);
         if address.area == ast::Area::Input && resolved.initial != Constant::Default {
             let found = "an initial value of an input, which comes from outside";
             self.error(Code::InvalidDeclaration, span, found);
         }
-        let storage = match address.place {
-            Some(place) => {
-                let bit = (place.width == Width::Bit).then_some(place.bit);
-                Storage { area: area(address.area), offset: place.byte, bit }
-            }
-            None => Storage { area: area(address.area), offset: 0, bit: None },
-        };
         let id = self.program.add_global(hir::Global {
             name: name.to_owned(),
             ty,
@@ -201,8 +194,20 @@ impl<'a> Checker<'a> {
         Some(id)
     }
 
+    /// Where a variable of this type lies at an address; at the beginning if its place is chosen later.
+    pub(super) fn storage_at(&mut self, address: &ast::Address, ty: TypeId) -> Option<Storage> {
+        self.check_width(address, ty)?;
+        Some(match address.place {
+            Some(place) => {
+                let bit = (place.width == Width::Bit).then_some(place.bit);
+                Storage { area: area(address.area), offset: place.byte, bit }
+            }
+            None => Storage { area: area(address.area), offset: 0, bit: None },
+        })
+    }
+
     /// The type has the width of its address; of an array, the elements have.
-    fn check_width(&mut self, address: &ast::Address, ty: TypeId) -> Option<()> {
+    pub(super) fn check_width(&mut self, address: &ast::Address, ty: TypeId) -> Option<()> {
         let mut element = ty;
         while let Type::Array { element: inner, .. } = self.program.types.get(element) {
             element = *inner;

@@ -21,6 +21,7 @@ mod loops;
 mod names;
 mod operator;
 mod place;
+mod placement;
 mod recursion;
 mod standard;
 mod statement;
@@ -63,8 +64,10 @@ pub fn check(
     checker.all_types();
     checker.all_globals();
     checker.all_units();
+    checker.refuse_global_leaves();
     checker.configurations();
     checker.tests();
+    checker.refuse_unused_ports();
     checker.place_floating();
     checker.refuse_shared_outputs();
     checker.refuse_recursion();
@@ -104,6 +107,14 @@ enum Entry {
     Global(usize),
 }
 
+/// A port of the program.
+struct PortEntry {
+    /// Where it is used first.
+    span: Span,
+    /// Whether the program uses it, and not tests alone.
+    used: bool,
+}
+
 /// All that is known while a project is checked.
 struct Checker<'a> {
     sources: &'a Sources,
@@ -124,12 +135,16 @@ struct Checker<'a> {
     state_end: u32,
     /// Variables at `%I*` and the like, which get their place last.
     floating: Vec<(crate::hir::GlobalId, Span)>,
+    /// The type of the indices that the compiler writes itself: LINT.
+    index_type: TypeId,
     /// Variables declared at outputs.
     outputs: Vec<(crate::hir::GlobalId, Span)>,
     /// Units whose bodies are still to be checked.
     waiting: Vec<usize>,
     /// Which unit calls which, by their indices, with one place of a call.
     calls: Vec<(usize, usize, Span)>,
+    /// The ports of the program, with what its own table does not say.
+    ports: Vec<PortEntry>,
     /// The variables that keep the two sides of a test's comparisons, by their types.
     kept: HashMap<(&'static str, TypeId), crate::hir::GlobalId>,
     /// How many resolutions on demand are within each other.
@@ -139,6 +154,7 @@ struct Checker<'a> {
 impl<'a> Checker<'a> {
     fn new(name: &str, sources: &'a Sources, diagnostics: &'a mut Diagnostics) -> Self {
         let mut program = Program::new(name);
+        let index_type = program.types.elementary(Elementary::Lint);
         program.files = sources.iter().map(|(_, source)| source.name().to_owned()).collect();
         Self {
             sources,
@@ -154,9 +170,11 @@ impl<'a> Checker<'a> {
             blocks: HashMap::new(),
             state_end: 0,
             floating: Vec::new(),
+            index_type,
             outputs: Vec::new(),
             waiting: Vec::new(),
             calls: Vec::new(),
+            ports: Vec::new(),
             kept: HashMap::new(),
             depth: 0,
         }

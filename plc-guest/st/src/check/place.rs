@@ -11,7 +11,7 @@ use crate::hir::{
     Area, Constant, Elementary, ExprKind, Place, Root, Section, Step, StructureKind, Type, TypeId,
 };
 use crate::source::Span;
-use crate::syntax::ast::{Expression, ExpressionKind, Name, SectionKind, UnitKind, Width};
+use crate::syntax::ast::{self, Expression, ExpressionKind, Name, SectionKind, UnitKind, Width};
 
 /// What a place is needed for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -158,6 +158,11 @@ impl<'a> Body<'_, 'a> {
             let wrong = match variable.kind {
                 _ if variable.constant => Some("a constant"),
                 SectionKind::Input if !instance => Some("an input of this unit"),
+                _ if variable.address.is_some_and(|address| address.area == ast::Area::Input)
+                    && matches!(variable.storage, Storage::Field(_)) =>
+                {
+                    Some("an input, which comes from outside")
+                }
                 _ if self.counting.contains(&Some(index)) => {
                     self.counted(name);
                     return None;

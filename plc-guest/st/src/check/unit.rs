@@ -67,6 +67,8 @@ pub(super) struct Variable<'a> {
     /// What it begins with; for parameters that a call leaves out.
     pub(super) initial: Constant,
     pub(super) edge: Option<Edge>,
+    /// Its address, as declared.
+    pub(super) address: Option<&'a ast::Address>,
     pub(super) read: bool,
     pub(super) written: bool,
 }

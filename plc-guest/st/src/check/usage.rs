@@ -55,6 +55,7 @@ impl Body<'_, '_> {
         let located = match variable.storage {
             Storage::Global(id) => self.checker.program.global(id).storage.area != Area::State,
             Storage::Constant(..) | Storage::Nowhere => true,
+            Storage::Field(_) => variable.address.is_some(),
             _ => false,
         };
         let instance = variable

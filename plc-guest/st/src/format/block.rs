@@ -34,9 +34,8 @@ impl Block {
             Program | Function | FunctionBlock | Test => Self::Unit,
             Configuration => Self::Configuration,
             Resource => Self::Resource,
-            Var | VarInput | VarOutput | VarInOut | VarTemp | VarExternal | VarGlobal => {
-                Self::Section
-            }
+            Var | VarInput | VarOutput | VarInOut | VarTemp | VarExternal | VarGlobal
+            | VarConfig => Self::Section,
             Type => Self::Types,
             Case => Self::Case,
             If | For | While | Repeat => Self::Statements,

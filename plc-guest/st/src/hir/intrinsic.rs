@@ -1,5 +1,7 @@
 //! Functions that the compiler knows, because ST cannot express them or because they are one machine instruction.
 
+use takt_program::call::Call;
+
 /// A function of the compiler. "Same type" means the type of the expression.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Intrinsic {
@@ -71,9 +73,36 @@ pub enum Intrinsic {
     /// `LOG_LINE(string)`: a line for the log of the partition; what is longer than a line is cut. Its value, a LINT,
     /// is 0 or the kernel's error.
     LogLine,
+    /// `CHANNEL_READ(port, message)`: reads a message into the variable of which the argument is a reference. LINT:
+    /// the message's length, or the kernel's error. A BOOL in it is 0 or 1 behind it, whatever came.
+    ChannelRead(Channel),
+    /// `CHANNEL_WRITE(port, message, length)`: writes the first bytes of the variable of which the first argument is a
+    /// reference. LINT: 0 or the kernel's error.
+    ChannelWrite(Channel),
     /// A test asks its runner for something: which is a constant of [`Simulation`], and a LINT that goes with it. Its
     /// value means nothing. Whatever has an address may have changed behind it.
     Simulate(Simulation),
+}
+
+/// An end of a channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Channel {
+    /// The index in [`super::Program::ports`].
+    pub port: u32,
+    /// The other end of it, which a test has: it reads what the program writes.
+    pub peer: bool,
+}
+
+impl Channel {
+    /// The number of the call that reads here.
+    pub fn read(self) -> u32 {
+        if self.peer { Simulation::Take as u32 } else { Call::ChannelRead.code() }
+    }
+
+    /// The number of the call that writes here.
+    pub fn write(self) -> u32 {
+        if self.peer { Simulation::Give as u32 } else { Call::ChannelWrite.code() }
+    }
 }
 
 /// What a test asks its runner for.
@@ -86,12 +115,16 @@ pub enum Simulation {
     Advance = 0x7400_0001,
     /// The tasks of the project run for so many nanoseconds.
     Run = 0x7400_0002,
+    /// A message that the program wrote: as the kernel's call to read one, from the other end.
+    Take = 0x7400_0003,
+    /// A message for the program: as the kernel's call to write one, at the other end.
+    Give = 0x7400_0004,
 }
 
 impl Simulation {
     /// The request of this number, which is that of a call no kernel has.
     pub fn of(number: u64) -> Option<Simulation> {
         use Simulation::*;
-        [Fail, Advance, Run].into_iter().find(|request| *request as u64 == number)
+        [Fail, Advance, Run, Take, Give].into_iter().find(|request| *request as u64 == number)
     }
 }

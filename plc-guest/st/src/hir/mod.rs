@@ -27,15 +27,16 @@ mod types;
 pub use constant::Constant;
 pub use elementary::{Class, Elementary};
 pub use expr::{Argument, Arithmetic, Comparison, Conversion, Expr, ExprKind, UnaryOperator};
-pub use intrinsic::{Intrinsic, Simulation};
+pub use intrinsic::{Channel, Intrinsic, Simulation};
 pub use place::{Place, Root, Step};
 pub use print::print;
 pub use program::{
-    Area, DEFAULT_LOOP_BUDGET, Global, GlobalId, Local, LocalId, LocalKind, Location, Object,
-    ObjectKind, Program, Retention, Routine, RoutineId, Storage, Task, TaskKind,
+    Area, DEFAULT_LOOP_BUDGET, Event, Global, GlobalId, Local, LocalId, LocalKind, Location,
+    Object, ObjectKind, Port, Program, Retention, Routine, RoutineId, Storage, Task, TaskKind,
 };
 pub use statement::{Block, CaseArm, Statement, StatementKind};
 pub use structure::{Field, Section, Structure, StructureKind};
+pub use takt_program::Direction;
 pub use test::{Assertion, Compared, Test, Tests};
 pub use trap::{Trap, TrapKind};
 pub use types::{Type, TypeId, Types};

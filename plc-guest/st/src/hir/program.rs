@@ -1,5 +1,7 @@
 //! Programs: variables with their storage, routines and tasks.
 
+use takt_program::Direction;
+
 use super::{Block, Constant, TypeId, Types};
 
 /// A place in a source.
@@ -46,6 +48,8 @@ pub struct Program {
     pub tasks: Vec<Task>,
     /// The kernel's objects.
     pub objects: Vec<Object>,
+    /// The ends of channels that it reads and writes.
+    pub ports: Vec<Port>,
     /// The tests, if any were asked for.
     pub tests: super::Tests,
     /// Rounds that one execution of a loop may make; the next one traps.
@@ -257,15 +261,35 @@ pub enum TaskKind {
         /// In nanoseconds.
         offset_ns: u64,
     },
-    /// `SINGLE`: at a rising edge of what is named, at most once in `minimum_ns`.
+    /// When something happens, at most once in `minimum_ns`.
     Event {
-        /// The name of a point, a port or a doorbell.
-        source: String,
+        /// What.
+        source: Event,
         /// In nanoseconds.
         minimum_ns: u64,
     },
     /// Whenever nothing else is ready.
     Freewheeling,
+}
+
+/// What releases a task.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// `SINGLE`: the rising edge of the variable of this name.
+    Rise(String),
+    /// `CHANNEL`: a message at the port of this name, which the program reads.
+    Channel(String),
+}
+
+/// An end of a channel. The partition file connects it by its name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Port {
+    /// The name.
+    pub name: String,
+    /// Whether the program reads or writes it.
+    pub direction: Direction,
+    /// The size of the longest message in bytes.
+    pub bytes: u32,
 }
 
 /// An object of the kernel that the program uses.

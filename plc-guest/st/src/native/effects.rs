@@ -316,9 +316,18 @@ impl<'p> Collector<'p> {
             ExprKind::Call(routine, arguments) => self.call(*routine, arguments),
             ExprKind::Intrinsic(intrinsic, arguments) => {
                 arguments.iter().for_each(|argument| self.expr(argument));
-                if let Intrinsic::Simulate(_) = intrinsic {
+                match (intrinsic, arguments.first().map(|first| &first.kind)) {
                     // Other tasks run meanwhile, and the runner reads what is kept for it.
-                    self.effects.add(Target::Indirect(None), true);
+                    (Intrinsic::Simulate(_), _) => {
+                        self.effects.add(Target::Indirect(None), true);
+                    }
+                    (Intrinsic::ChannelRead(_), Some(ExprKind::Reference(message))) => {
+                        self.handed_on(message, true);
+                    }
+                    (Intrinsic::ChannelWrite(_), Some(ExprKind::Reference(message))) => {
+                        self.handed_on(message, false);
+                    }
+                    _ => {}
                 }
             }
             ExprKind::Reference(place) | ExprKind::Bound { place, .. } => self.indices(place),
@@ -331,22 +340,27 @@ impl<'p> Collector<'p> {
                 Argument::Value(value) => self.expr(value),
                 Argument::Reference(place) => {
                     self.indices(place);
-                    let touched = match target(self.program, self.routine, place) {
-                        Target::Cell(cell) => Target::Range {
-                            base: cell.base,
-                            start: cell.offset,
-                            end: cell.offset + cell.ty.size(),
-                            ty: None,
-                        },
-                        other => other,
-                    };
-                    self.effects.add(touched, true);
+                    self.handed_on(place, true);
                 }
                 Argument::Output(Some(place)) => self.place(place, true),
                 Argument::Output(None) => {}
             }
         }
         self.callee(routine);
+    }
+
+    /// Its address is given to something that reads it, or writes it too.
+    fn handed_on(&mut self, place: &Place, write: bool) {
+        let touched = match target(self.program, self.routine, place) {
+            Target::Cell(cell) => Target::Range {
+                base: cell.base,
+                start: cell.offset,
+                end: cell.offset + cell.ty.size(),
+                ty: None,
+            },
+            other => other,
+        };
+        self.effects.add(touched, write);
     }
 
     fn callee(&mut self, routine: RoutineId) {

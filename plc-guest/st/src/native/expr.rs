@@ -218,6 +218,8 @@ impl Lower<'_> {
                 self.unit_at(start, units, position, wide)
             }
             LogLine => self.log(&arguments[0]),
+            ChannelRead(channel) => self.channel_read(channel, &arguments[0]),
+            ChannelWrite(channel) => self.channel_write(channel, &arguments[0], &arguments[1]),
             Simulate(simulation) => {
                 let value = self.expr(&arguments[0]);
                 self.system(simulation as u32, &[value])

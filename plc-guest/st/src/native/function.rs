@@ -39,7 +39,7 @@ impl Lower<'_> {
     pub(super) fn system(&mut self, number: u32, arguments: &[Value]) -> Value {
         let mut values = vec![self.builder.ins().iconst(types::I64, i64::from(number))];
         values.extend_from_slice(arguments);
-        while values.len() < 3 {
+        while values.len() < 4 {
             values.push(self.builder.ins().iconst(types::I64, 0));
         }
         match self.runtime(runtime::Function::System, &values, Some(types::I64)) {

@@ -55,6 +55,13 @@ pub fn image(program: &Program, native: &Native) -> Result<Vec<u8>, takt_program
     for object in &program.objects {
         builder.object(build::Object { name: name(&object.name), kind: object_kind(object.kind) });
     }
+    for port in &program.ports {
+        builder.port(build::Port {
+            name: port.name.clone(),
+            direction: port.direction,
+            message_bytes: port.bytes,
+        });
+    }
     for site in &native.traps {
         let kind = match site.trap.kind {
             hir::TrapKind::Bounds => TrapKind::Bounds,
@@ -118,7 +125,10 @@ fn when(kind: &TaskKind) -> build::When {
             build::When::Cyclic { period: Nanoseconds(*period_ns), offset: Nanoseconds(*offset_ns) }
         }
         TaskKind::Event { source, minimum_ns } => build::When::Event {
-            source: build::Event::Rise(name(source)),
+            source: match source {
+                hir::Event::Rise(variable) => build::Event::Rise(name(variable)),
+                hir::Event::Channel(port) => build::Event::Channel(port.clone()),
+            },
             minimum: Nanoseconds(*minimum_ns),
         },
         TaskKind::Freewheeling => build::When::Freewheeling,

@@ -8,6 +8,7 @@ mod alias;
 mod arithmetic;
 mod call;
 mod case;
+mod channel;
 mod convert;
 mod count;
 mod effects;

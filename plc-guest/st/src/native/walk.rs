@@ -1,6 +1,8 @@
 //! Walks over the tree.
 
-use crate::hir::{Argument, Block, Expr, ExprKind, Place, Root, Statement, StatementKind, Step};
+use crate::hir::{
+    Argument, Block, Expr, ExprKind, Intrinsic, Place, Root, Statement, StatementKind, Step,
+};
 
 /// Calls `visit` for each statement, outer ones first.
 pub fn statements(block: &Block, visit: &mut dyn FnMut(&Statement)) {
@@ -35,25 +37,22 @@ pub fn places(block: &Block, place: &mut dyn FnMut(&Place, bool)) {
     places_and_expressions(block, &mut |_| {}, place);
 }
 
+/// Whether an expression calls what may change variables: a routine, or the kernel for a message.
+fn is_call(expr: &Expr) -> bool {
+    matches!(expr.kind, ExprKind::Call(..) | ExprKind::Intrinsic(Intrinsic::ChannelRead(_), _))
+}
+
 /// Whether an expression calls a routine.
 pub fn calls(expr: &Expr) -> bool {
     let mut found = false;
-    Walk {
-        expr: &mut |expr| found |= matches!(expr.kind, ExprKind::Call(..)),
-        place: &mut |_, _| {},
-    }
-    .expr(expr);
+    Walk { expr: &mut |expr| found |= is_call(expr), place: &mut |_, _| {} }.expr(expr);
     found
 }
 
 /// Whether the path of a place calls a routine.
 pub fn path_calls(place: &Place) -> bool {
     let mut found = false;
-    Walk {
-        expr: &mut |expr| found |= matches!(expr.kind, ExprKind::Call(..)),
-        place: &mut |_, _| {},
-    }
-    .place(place, false);
+    Walk { expr: &mut |expr| found |= is_call(expr), place: &mut |_, _| {} }.place(place, false);
     found
 }
 

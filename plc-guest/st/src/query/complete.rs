@@ -111,6 +111,7 @@ fn region(words: &[Token]) -> Region {
         let TokenKind::Keyword(keyword) = word.kind else { continue };
         match keyword {
             Keyword::Var
+            | Keyword::VarConfig
             | Keyword::VarExternal
             | Keyword::VarGlobal
             | Keyword::VarInOut

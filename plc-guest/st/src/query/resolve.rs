@@ -39,6 +39,7 @@ pub(super) fn uses(index: &mut Index, tree: &File, library: bool) {
                 for variables in globals.flat_map(|section| &section.variables) {
                     resolve.variables(variables);
                 }
+                configuration.placements.iter().for_each(|one| resolve.spec(&one.spec));
                 configuration.resources.iter().for_each(|resource| resolve.resource(resource));
             }
         }

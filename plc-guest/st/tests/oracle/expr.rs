@@ -207,7 +207,9 @@ impl Machine<'_> {
         match intrinsic {
             Now => Value::Integer(i128::from(self.job.now_ns)),
             Elapsed => Value::Integer(i128::from(self.job.elapsed_ns)),
-            LogLine | Simulate(_) => unreachable!("no generated program calls the kernel"),
+            LogLine | ChannelRead(_) | ChannelWrite(_) | Simulate(_) => {
+                unreachable!("no generated program calls the kernel")
+            }
             Cycle => Value::Integer(i128::from(self.job.cycle)),
             Abs => match next() {
                 Value::Real(value) => Value::Real(value.abs()),

@@ -29,7 +29,12 @@ enum Object {
 struct Port {
     direction: Direction,
     bytes: u64,
+    /// Written by one side and not read by the other.
+    messages: VecDeque<Vec<u8>>,
 }
+
+/// Messages that wait at a port. Of what the program writes the oldest are dropped then: most tests read none.
+const MESSAGES: usize = 1024;
 
 /// The objects of a program and its log.
 pub struct Kernel {
@@ -69,6 +74,7 @@ impl Kernel {
         let port = |port: takt_program::Port<'_>| Port {
             direction: port.direction,
             bytes: port.message_bytes.into(),
+            messages: VecDeque::new(),
         };
         Self {
             objects: image.objects().map(|found| object(found.kind)).collect(),
@@ -118,27 +124,85 @@ impl Kernel {
         Ok(0)
     }
 
-    /// There is no other partition: nothing comes, and what goes out is taken.
+    /// A call of the program. The other partition is the test: what it has given is read, each message once.
     fn channel(
-        &self,
+        &mut self,
         memory: &Memory,
         call: Option<Call>,
+        arguments: [u64; 4],
+    ) -> Result<i64, Error> {
+        match call {
+            Some(Call::ChannelWrite) => {
+                let port = self.write(memory, Direction::Out, arguments)?;
+                if port.messages.len() > MESSAGES {
+                    port.messages.pop_front();
+                }
+                Ok(0)
+            }
+            _ => self.read(memory, Direction::In, arguments),
+        }
+    }
+
+    /// A message that the program has written, for the test: as its call to read one.
+    pub fn take(&mut self, memory: &Memory, arguments: [u64; 4]) -> i64 {
+        self.read(memory, Direction::Out, arguments).unwrap_or_else(Error::result)
+    }
+
+    /// A message of the test for the program: as its call to write one.
+    pub fn give(&mut self, memory: &Memory, arguments: [u64; 4]) -> i64 {
+        let full = self.waiting(arguments[0] as usize) >= MESSAGES;
+        let given = match full {
+            true => Err(Error::Full),
+            false => self.write(memory, Direction::In, arguments).map(|_| 0),
+        };
+        given.unwrap_or_else(Error::result)
+    }
+
+    /// How many messages wait at a port.
+    pub fn waiting(&self, port: usize) -> usize {
+        self.ports.get(port).map_or(0, |port| port.messages.len())
+    }
+
+    fn port(&mut self, id: u64, direction: Direction) -> Result<&mut Port, Error> {
+        let port = usize::try_from(id).ok().and_then(|id| self.ports.get_mut(id));
+        port.filter(|port| port.direction == direction).ok_or(Error::BadId)
+    }
+
+    fn read(
+        &mut self,
+        memory: &Memory,
+        direction: Direction,
         [id, at, bytes, _]: [u64; 4],
     ) -> Result<i64, Error> {
-        let port =
-            usize::try_from(id).ok().and_then(|id| self.ports.get(id)).ok_or(Error::BadId)?;
-        let writes = call == Some(Call::ChannelWrite);
-        if writes != (port.direction == Direction::Out) {
-            return Err(Error::BadId);
-        }
-        if !memory.allows(at, bytes, !writes) {
+        let port = self.port(id, direction)?;
+        if !memory.allows(at, bytes, true) {
             return Err(Error::BadPointer);
         }
-        match (writes, bytes > port.bytes) {
-            (true, true) => Err(Error::TooLong),
-            (true, false) => Ok(0),
-            (false, _) => Err(Error::Empty),
+        let message = port.messages.front().ok_or(Error::Empty)?;
+        if message.len() as u64 > bytes {
+            return Err(Error::TooLong);
         }
+        memory.put(at, message);
+        let length = message.len() as i64;
+        port.messages.pop_front();
+        Ok(length)
+    }
+
+    fn write(
+        &mut self,
+        memory: &Memory,
+        direction: Direction,
+        [id, at, bytes, _]: [u64; 4],
+    ) -> Result<&mut Port, Error> {
+        let port = self.port(id, direction)?;
+        if !memory.allows(at, bytes, false) {
+            return Err(Error::BadPointer);
+        }
+        if bytes > port.bytes {
+            return Err(Error::TooLong);
+        }
+        port.messages.push_back(memory.get(at, bytes).ok_or(Error::BadPointer)?);
+        Ok(port)
     }
 
     fn object(

@@ -221,6 +221,24 @@ impl<'a> Machine<'a> {
         }
     }
 
+    /// A message between a test, which stands for the other partition, and the program. Gives the registers with
+    /// which the test goes on.
+    pub(super) fn exchange(&mut self, request: Simulation, mut at: Registers) -> Registers {
+        let arguments = [at.rdi, at.rsi, at.rdx, at.r10];
+        let result = match request {
+            Simulation::Take => self.kernel.take(&self.memory, arguments),
+            _ => self.kernel.give(&self.memory, arguments),
+        };
+        at.rax = result.cast_unsigned();
+        at
+    }
+
+    /// How many messages wait at the port of this name.
+    pub fn waiting(&self, port: &str) -> usize {
+        let at = self.image.ports().position(|known| known.name == port);
+        at.map_or(0, |at| self.kernel.waiting(at))
+    }
+
     /// What was logged and not taken yet.
     pub(super) fn take_log(&mut self) -> Vec<String> {
         std::mem::take(&mut self.kernel.log)

@@ -86,8 +86,8 @@ impl<'a> Schedule<'a> {
     }
 
     /// Runs all jobs that are released in the next `step` nanoseconds: by release time, then by priority. A task
-    /// that waits for an edge is released by a value that has become true since the last step; freewheeling tasks
-    /// run once, last.
+    /// that waits for an edge is released by a value that has become true since the last step, one that waits for
+    /// messages by each that was there at its begin; freewheeling tasks run once, last.
     pub fn step(&mut self, machine: &mut Machine<'_>, step: u64) -> Result<Vec<Logged>, Failed> {
         let mut logged = Vec::new();
         let end = self.now.saturating_add(step);
@@ -104,6 +104,14 @@ impl<'a> Schedule<'a> {
                         scheduled.next = scheduled.next.saturating_add(period.0);
                     }
                 }
+                TaskKind::Event { source: EventSource::Channel(port), minimum } => {
+                    // One job for each message; what a job reads more of them, others find gone.
+                    let first = scheduled.next.max(self.now);
+                    let releases = (0..machine.waiting(port) as u64)
+                        .map(|job| first.saturating_add(job.saturating_mul(minimum.0)));
+                    let releases = releases.take_while(|release| *release < end);
+                    due.extend(releases.map(|release| (release, priority, index)));
+                }
                 TaskKind::Event { minimum, .. } => {
                     if scheduled.pending && scheduled.next < end {
                         scheduled.pending = false;
@@ -117,6 +125,15 @@ impl<'a> Schedule<'a> {
         }
         due.sort_unstable();
         for (now, _, index) in due {
+            let scheduled = &mut self.tasks[index];
+            if let TaskKind::Event { source: EventSource::Channel(port), minimum } =
+                scheduled.task.kind
+            {
+                if machine.waiting(port) == 0 {
+                    continue;
+                }
+                scheduled.next = now.saturating_add(minimum.0);
+            }
             logged.extend(self.run(machine, index, now)?);
         }
         self.now = end;

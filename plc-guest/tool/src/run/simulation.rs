@@ -60,6 +60,9 @@ impl<'m, 'a> TestRun<'m, 'a> {
                 Paused::Asks(Simulation::Fail, number, _) => {
                     return Ok((Verdict::Failed(number as usize), logged));
                 }
+                Paused::Asks(request @ (Simulation::Take | Simulation::Give), _, at) => {
+                    registers = self.machine.exchange(request, *at);
+                }
                 Paused::Asks(request, nanoseconds, at) => {
                     let lines = self.machine.take_log();
                     self.take(lines, &mut logged);

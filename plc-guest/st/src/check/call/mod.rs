@@ -13,6 +13,7 @@ use enable::Enable;
 
 use super::body::Body;
 use super::expression::Operand;
+use super::standard::is_channel;
 use super::{Entry, test};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{ExprKind, Statement, StatementKind, TypeId};
@@ -135,9 +136,9 @@ impl<'a> Body<'_, 'a> {
         if !declared && self.in_test() && test::form(&name.key).is_some() {
             return self.test_statement(name, arguments, span);
         }
-        if !declared && &*name.key == "LOG_LINE" {
-            let line = self.operand(expression, None)?;
-            return Some(vec![self.evaluated(line.expr.kind, span)]);
+        if !declared && (&*name.key == "LOG_LINE" || is_channel(&name.key)) {
+            let call = self.operand(expression, None)?;
+            return Some(vec![self.evaluated(call.expr.kind, span)]);
         }
         let unit = match self.checker.names.get(&name.key) {
             Some(Entry::Units(units)) if units.len() == 1 => Some(units[0]),

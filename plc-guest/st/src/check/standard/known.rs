@@ -1,6 +1,6 @@
 //! The names that mean something without a declaration, for editors.
 
-use super::{conversion, table};
+use super::{channel, conversion, table};
 use crate::check::{names, test};
 use crate::hir::Elementary;
 
@@ -23,6 +23,8 @@ pub fn functions() -> impl Iterator<Item = (&'static str, String)> {
         own("REF", "REF(variable)"),
         own("LOWER_BOUND", "LOWER_BOUND(ARR, DIM)"),
         own("UPPER_BOUND", "UPPER_BOUND(ARR, DIM)"),
+        own(channel::FORMS[0].0, channel::FORMS[0].1),
+        own(channel::FORMS[1].0, channel::FORMS[1].1),
     ])
 }
 

@@ -6,6 +6,7 @@
 
 mod arguments;
 mod bounds;
+mod channel;
 mod conversion;
 pub mod known;
 mod make;
@@ -13,6 +14,8 @@ mod repeated;
 mod table;
 mod text;
 mod unify;
+
+pub(super) use channel::is_channel;
 
 use super::body::Body;
 use super::expression::Operand;
@@ -37,6 +40,7 @@ impl<'a> Body<'_, 'a> {
         match &*name.key {
             "REF" => return self.reference(arguments, span),
             "LOWER_BOUND" | "UPPER_BOUND" => return self.bound(name, arguments, span, hint),
+            key if is_channel(key) => return self.channel(name, arguments, span),
             _ => {}
         }
         let Some(function) = table::function(&name.key) else {
@@ -60,6 +64,7 @@ impl<'a> Body<'_, 'a> {
             return self.tell(one);
         }
         let known = table::FUNCTIONS.iter().map(|function| function.name);
+        let known = known.chain(channel::FORMS.iter().map(|(name, _)| *name));
         let known = known.chain(self.checker.names.keys());
         let known = known.chain(self.variables.iter().map(|variable| &*variable.name.text));
         if let Some(similar) = similar(&name.key, known) {

@@ -113,6 +113,10 @@ fn has_call(expr: &Expr) -> bool {
         | ExprKind::Compare(_, left, right)
         | ExprKind::AndThen(left, right)
         | ExprKind::OrElse(left, right) => has_call(left) || has_call(right),
+        ExprKind::Intrinsic(
+            Intrinsic::LogLine | Intrinsic::ChannelRead(_) | Intrinsic::ChannelWrite(_),
+            _,
+        ) => true,
         ExprKind::Intrinsic(_, list) => list.iter().any(has_call),
     }
 }

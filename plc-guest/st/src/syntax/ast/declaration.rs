@@ -174,8 +174,25 @@ pub struct Configuration {
     pub name: Name,
     /// VAR_GLOBAL.
     pub globals: Vec<Section>,
+    /// VAR_CONFIG.
+    pub placements: Vec<Placement>,
     /// Its resources. Tasks and programs outside of any are in one without a name.
     pub resources: Vec<Resource>,
+    /// All of it.
+    pub span: Span,
+}
+
+/// `instance.block.variable AT %QX0.0 : BOOL;` of VAR_CONFIG.
+#[derive(Clone, Debug)]
+pub struct Placement {
+    /// The instance and its variable.
+    pub path: super::Expression,
+    /// Where it lies.
+    pub address: Option<Address>,
+    /// The type that it is declared with.
+    pub spec: TypeSpec,
+    /// Its initial value.
+    pub initial: Option<Initial>,
     /// All of it.
     pub span: Span,
 }

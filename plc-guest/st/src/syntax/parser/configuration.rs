@@ -2,7 +2,7 @@
 
 use super::{Parse, Parser, Told};
 use crate::source::Span;
-use crate::syntax::ast::{Configuration, ProgramInstance, Resource, Retention, Task};
+use crate::syntax::ast::{Configuration, Placement, ProgramInstance, Resource, Retention, Task};
 use crate::syntax::token::{Keyword, Sign, TokenKind};
 
 impl Parser<'_> {
@@ -10,6 +10,7 @@ impl Parser<'_> {
         let open = self.advance();
         let name = self.name("the name of the configuration")?;
         let mut globals = Vec::new();
+        let mut placements = Vec::new();
         let mut resources = Vec::new();
         // Tasks and programs outside of a resource are in one without a name.
         let mut bare = empty(None, open);
@@ -18,6 +19,8 @@ impl Parser<'_> {
                 resources.push(self.resource()?);
             } else if self.at_keyword(Keyword::VarGlobal) {
                 globals.extend(self.section()?);
+            } else if self.at_keyword(Keyword::VarConfig) {
+                self.placements(&mut placements);
             } else if !self.resource_element(&mut bare)? {
                 break;
             }
@@ -28,7 +31,58 @@ impl Parser<'_> {
         }
         self.close(Keyword::EndConfiguration, open)?;
         self.eat_sign(Sign::Semicolon);
-        Ok(Configuration { name, globals, resources, span: open.to(self.previous) })
+        Ok(Configuration { name, globals, placements, resources, span: open.to(self.previous) })
+    }
+
+    /// `VAR_CONFIG ... END_VAR`
+    fn placements(&mut self, into: &mut Vec<Placement>) {
+        let open = self.advance();
+        loop {
+            while self.eat_sign(Sign::Semicolon).is_some() {}
+            if self.current.kind != TokenKind::Identifier {
+                break;
+            }
+            match self.placement() {
+                Ok(placement) => into.push(placement),
+                Err(Told) => self.skip_to(|kind| {
+                    matches!(
+                        kind,
+                        TokenKind::Sign(Sign::Semicolon)
+                            | TokenKind::Keyword(
+                                Keyword::EndVar
+                                    | Keyword::EndConfiguration
+                                    | Keyword::Task
+                                    | Keyword::Program
+                                    | Keyword::Resource
+                            )
+                    )
+                }),
+            }
+        }
+        // Without it, what follows is read all the same.
+        let _ = self.close(Keyword::EndVar, open);
+        self.eat_sign(Sign::Semicolon);
+    }
+
+    fn placement(&mut self) -> Parse<Placement> {
+        let start = self.current.span;
+        let path = self.postfix()?;
+        let address = match self.eat_keyword(Keyword::At) {
+            Some(_) if self.current.kind != TokenKind::Address => {
+                return Err(self.unexpected("an address such as `%IX0.0`"));
+            }
+            Some(_) => Some(self.address()?),
+            None => None,
+        };
+        self.expect_sign(Sign::Colon)?;
+        let spec = self.type_spec()?;
+        let initial = match self.eat_sign(Sign::Assign) {
+            Some(_) => Some(self.initial()?),
+            None => None,
+        };
+        let span = start.to(self.previous);
+        self.end_of_declaration()?;
+        Ok(Placement { path, address, spec, initial, span })
     }
 
     fn resource(&mut self) -> Parse<Resource> {

@@ -26,7 +26,8 @@ impl Parser<'_> {
             Keyword::Step | Keyword::InitialStep => ("Sequential Function Chart", Keyword::EndStep),
             Keyword::Transition => ("Sequential Function Chart", Keyword::EndTransition),
             Keyword::VarAccess => ("VAR_ACCESS", Keyword::EndVar),
-            Keyword::VarConfig => ("VAR_CONFIG", Keyword::EndVar),
+            // It stands in a CONFIGURATION, where it is read before this.
+            Keyword::VarConfig => ("VAR_CONFIG outside of a CONFIGURATION", Keyword::EndVar),
             _ => return false,
         };
         self.refuse(what);

@@ -1,0 +1,71 @@
+//! Messages of channels.
+
+use cranelift_codegen::ir::{InstBuilder, Value, types};
+
+use super::lower::Lower;
+use super::runtime::Function;
+use crate::hir::{Channel, Elementary, Expr, ExprKind, Place, Type, TypeId, Types};
+
+impl Lower<'_> {
+    /// Reads a message into a variable. Its result is the kernel's.
+    pub(super) fn channel_read(&mut self, channel: Channel, message: &Expr) -> Value {
+        let place = variable(message);
+        let at = self.address(place);
+        let port = self.builder.ins().iconst(types::I64, i64::from(channel.port));
+        let bytes = self.program.types.size(place.ty);
+        let bytes = self.builder.ins().iconst(types::I64, i64::from(bytes));
+        let result = self.system(channel.read(), &[port, at, bytes]);
+        // Code relies on it that a BOOL is 0 or 1, and a stranger has written these.
+        let mut found = Vec::new();
+        booleans(&self.program.types, place.ty, 0, &mut found);
+        for (offset, count) in found {
+            let first = self.builder.ins().iadd_imm_s(at, i64::from(offset));
+            let count = self.builder.ins().iconst(types::I64, i64::from(count));
+            self.runtime(Function::Booleans, &[first, count], None);
+        }
+        result
+    }
+
+    /// Writes the first bytes of a variable. Its result is the kernel's.
+    pub(super) fn channel_write(
+        &mut self,
+        channel: Channel,
+        message: &Expr,
+        length: &Expr,
+    ) -> Value {
+        let bytes = self.expr(length);
+        let at = self.address(variable(message));
+        let port = self.builder.ins().iconst(types::I64, i64::from(channel.port));
+        self.system(channel.write(), &[port, at, bytes])
+    }
+}
+
+fn variable(message: &Expr) -> &Place {
+    match &message.kind {
+        ExprKind::Reference(place) => place,
+        other => unreachable!("{other:?} is no reference to a variable"),
+    }
+}
+
+/// Where the BOOLs of a type lie, in stretches of offset and number.
+fn booleans(types: &Types, ty: TypeId, at: u32, found: &mut Vec<(u32, u32)>) {
+    match types.get(ty) {
+        Type::Elementary(Elementary::Bool) => match found.last_mut() {
+            Some((first, count)) if *first + *count == at => *count += 1,
+            _ => found.push((at, 1)),
+        },
+        Type::Array { element, lower, upper } => {
+            let size = types.size(*element);
+            // At most one for each byte of a message.
+            for index in 0..=(upper - lower) as u32 {
+                booleans(types, *element, at + index * size, found);
+            }
+        }
+        Type::Structure(structure) => {
+            for field in &structure.fields {
+                booleans(types, field.ty, at + field.offset, found);
+            }
+        }
+        _ => {}
+    }
+}
