@@ -104,7 +104,7 @@ fn a_guest_that_is_started_anew_finds_its_programs_whole() {
         .window("plc", 0, 300)
         .health("plc", "application-error", "warm-start");
     let outcome = file.run("program-restart").lasting("3s").run();
-    let told = outcome.output.matches("task fault: division by zero").count();
+    let told = outcome.output.matches("task fault: tank.st:12: division by zero").count();
     assert_eq!(told, 4, "one start and three more\n{}", outcome.output);
     assert_eq!(outcome.number("plc", "restarts"), 3, "{}", outcome.output);
     assert_eq!(outcome.number("plc", "illegal_accesses"), 0, "{}", outcome.output);

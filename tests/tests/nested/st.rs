@@ -16,14 +16,19 @@ pub(super) fn image(name: &str, file: &str, text: &str) -> Vec<u8> {
     built.expect("the program has an image").image
 }
 
-/// A PLC with these programs in windows of 300 us each ms.
-fn plc(test: &str, programs: &[(&str, &str, &str)]) -> File {
+/// The lines of a PLC with the kernel and these programs.
+fn programs(test: &str, programs: &[(&str, &str, &str)]) -> String {
     let tables = programs.iter().map(|(name, file, text)| {
         let image = save_bytes(&format!("{test}-{name}.plc"), &image(name, file, text));
         format!("[[partition.program]]\nimage = {image:?}\nname = {name:?}\n")
     });
     let tables: String = tables.collect();
-    let lines = format!("image = {:?}\nmemory = \"32MiB\"\n{tables}", plc_image("kernel"));
+    format!("image = {:?}\nmemory = \"32MiB\"\n{tables}", plc_image("kernel"))
+}
+
+/// A PLC with these programs in windows of 300 us each ms.
+fn plc(test: &str, list: &[(&str, &str, &str)]) -> File {
+    let lines = programs(test, list);
     File::new("1ms").plc_with("plc", &lines).schedule("normal").window("plc", 0, 300)
 }
 
@@ -53,11 +58,48 @@ fn a_trap_is_told_with_file_and_line_and_the_other_programs_go_on() {
     let faulty = ("faulty", "main.st", include_str!("st/faulty.st"));
     let outcome = plc("st-trap", &[PLANT, faulty]).run("st-trap").lasting("2500ms").run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
-    outcome.assert_shows("program faulty, task often: division by zero at 0x4000");
-    outcome.assert_shows("(main.st:14:");
+    outcome.assert_shows("program faulty, task often: main.st:14: division by zero (column ");
     let stopped = outcome.output.lines().filter(|line| line.contains("the program stops")).count();
     assert_eq!(stopped, 1, "{}", outcome.output);
     Row::of(&outcome, "plant.fast").assert_in_time(1_500);
     assert_on_time(&outcome, "plant.fast");
     outcome.assert_shows("20 pulses in time");
+}
+
+/// Orders go through a queue and release a task; their number is in a sampling channel too.
+#[test]
+fn two_plcs_talk_through_channels_and_a_message_releases_a_task() {
+    let left = programs("st-left", &[("orders", "orders.st", include_str!("st/orders.st"))]);
+    let right = programs("st-right", &[("answers", "answers.st", include_str!("st/answers.st"))]);
+    let channel = |name: &str, kind: &str, bytes: u32, ends: [&str; 2], more: &str| {
+        let [from, to] = ends;
+        format!(
+            "[[channel]]\nname = {name:?}\nkind = {kind:?}\nmessage_bytes = {bytes}\n\
+             source = {from:?}\ndestinations = [{to:?}]\n{more}\n"
+        )
+    };
+    let file = File::new("1ms")
+        .plc_with("left", &left)
+        .plc_with("right", &right)
+        .lines(&channel("order", "queuing", 16, ["left:orders", "right:orders"], "depth = 4"))
+        .lines(&channel("answer", "queuing", 4, ["right:answers", "left:answers"], "depth = 4"))
+        .lines(&channel(
+            "number",
+            "sampling",
+            4,
+            ["left:number", "right:number"],
+            "refresh_period = \"20ms\"",
+        ))
+        .schedule("normal")
+        .window("left", 0, 200)
+        .window("right", 400, 200);
+    let outcome = file.run("st-channels").lasting("1500ms").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("the answers are right");
+    outcome.assert_shows("the orders are right");
+    for wrong in ["wrong", "refused", "released without", "stops"] {
+        assert!(!outcome.output.contains(&format!(": {wrong}")), "{}", outcome.output);
+    }
+    Row::of(&outcome, "answers.on_order").assert_in_time(100);
+    outcome.assert_punctual("left");
 }

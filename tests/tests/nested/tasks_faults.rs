@@ -28,7 +28,7 @@ const FAULTS: &[(Entry, &str)] = &[
     (Entry::ModelRegister, "general protection fault"),
     (Entry::Gates, "general protection fault"),
     (Entry::Invalid, "invalid opcode"),
-    (Entry::Divide, "division by zero at 0x"),
+    (Entry::Divide, "tank.st:12: division by zero (column 7) at 0x"),
     (Entry::DivideInstruction, "divide error"),
     (Entry::Misaligned, "general protection fault"),
     (Entry::Step, "debug"),
@@ -119,8 +119,8 @@ fn a_fault_is_told_with_file_line_and_column() {
         .run("tasks-place")
         .lasting("1s")
         .run();
-    outcome.assert_shows("program p, task main: division by zero at 0x4000");
-    outcome.assert_shows("(tank.st:12:7): the program stops");
+    outcome.assert_shows("program p, task main: tank.st:12: division by zero (column 7) at 0x4000");
+    outcome.assert_shows(": the program stops");
 }
 
 #[test]
@@ -148,8 +148,8 @@ fn a_fault_of_a_job_that_has_used_up_its_budget_stops_its_program() {
     let programs = [("p", program, "on_overrun = \"skip\"")];
     let outcome =
         plc("tasks-late-fault", 1_000, 300, &programs).run("tasks-late-fault").lasting("1s").run();
-    outcome.assert_shows("program p, task main: division by zero at 0x4000");
-    outcome.assert_shows("(tank.st:12:7): the program stops");
+    outcome.assert_shows("program p, task main: tank.st:12: division by zero (column 7) at 0x4000");
+    outcome.assert_shows(": the program stops");
 }
 
 #[test]
@@ -165,7 +165,8 @@ fn a_program_that_always_fails_to_start_fills_neither_the_windows_nor_the_consol
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     Row::of(&outcome, "good.main").assert_in_time(900);
     assert_on_time(&outcome, "good.main");
-    let told = outcome.output.matches("program bad, task init: division by zero").count();
+    let told =
+        outcome.output.matches("program bad, task init: tank.st:12: division by zero").count();
     // 32 at once, and one each 20 ms.
     assert!((100..=32 + 126).contains(&told), "{told}\n{}", outcome.output);
     outcome.assert_shows("faults were not told");

@@ -12,7 +12,7 @@ use takt_abi::program::action;
 use takt_kernel::task::TaskId;
 use takt_plc_guest::console::print;
 use takt_program::address::CODE;
-use takt_program::{CodeOffset, Place};
+use takt_program::CodeOffset;
 
 /// Vectors that have more to say than their name.
 const INVALID_OPCODE: u64 = 6;
@@ -59,12 +59,13 @@ impl Kernel {
             print(format_args!("program {}: {untold} faults were not told", program.name()));
         }
         print(format_args!(
-            "program {}, task {}: {} at {:#x}{}: {}",
+            "program {}, task {}: {}{}{} at {:#x}: {}",
             program.name(),
             program.task_name(place.number),
+            Line(fault.frame.rip, program),
             What(fault, program),
+            Column(fault.frame.rip, program),
             fault.frame.rip,
-            Where(fault.frame.rip, program),
             consequence(on_trial, program.entry.on_fault),
         ));
     }
@@ -110,24 +111,31 @@ impl fmt::Display for What<'_> {
     }
 }
 
-/// The place in the source, if the image knows it.
-struct Where<'a>(u64, &'a Program);
+/// File and line, if the image knows them: in front of what happened, as compilers tell it.
+struct Line<'a>(u64, &'a Program);
 
-impl fmt::Display for Where<'_> {
+impl fmt::Display for Line<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(at) = offset(self.0) else { return Ok(()) };
         let image = &self.1.image;
-        if let Some(trap) = image.trap(at) {
-            return place(f, trap.place);
+        let line = || image.line(at).map(|line| (line.file, line.line));
+        match image.trap(at).map_or_else(line, |trap| trap.place.map(|p| (p.file, p.line))) {
+            Some((file, line)) => write!(f, "{file}:{line}: "),
+            None => Ok(()),
         }
-        image.line(at).map_or(Ok(()), |line| write!(f, " ({}:{})", line.file, line.line))
     }
 }
 
-fn place(f: &mut fmt::Formatter<'_>, place: Option<Place<'_>>) -> fmt::Result {
-    match place {
-        Some(Place { file, line, column }) => write!(f, " ({file}:{line}:{column})"),
-        None => Ok(()),
+/// The column, which traps have.
+struct Column<'a>(u64, &'a Program);
+
+impl fmt::Display for Column<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let trap = offset(self.0).and_then(|at| self.1.image.trap(at));
+        match trap.and_then(|trap| trap.place) {
+            Some(place) => write!(f, " (column {})", place.column),
+            None => Ok(()),
+        }
     }
 }
 
