@@ -7,7 +7,7 @@ mod generate;
 mod machine;
 mod oracle;
 
-use takt_st::hir::{Area, Class, Program, Type, TypeId};
+use takt_st::hir::{Area, Class, Program, TrapKind, Type, TypeId};
 use takt_st::native;
 
 const INPUT_BYTES: usize = 16;
@@ -18,6 +18,10 @@ struct Tally {
     ended: u32,
     trapped: u32,
     given_up: u32,
+    /// Of those that trapped, by an index.
+    by_index: u32,
+    /// Indices that the interpreter has looked up.
+    indices: u64,
 }
 
 /// Whether two values in memory are the same: NaNs are alike, and strings end at their first zero.
@@ -68,6 +72,7 @@ fn compare(seed: u64, tally: &mut Tally) -> Result<(), String> {
         let job =
             oracle::Job { now_ns: cycle * 1_000_000 + 17, elapsed_ns: cycle * 1_000_000, cycle };
         let expected = oracle.run(entry, job);
+        tally.indices += std::mem::take(&mut oracle.indices);
         if expected == Err(oracle::Stop::OutOfFuel) {
             tally.given_up += 1;
             return Ok(());
@@ -77,6 +82,7 @@ fn compare(seed: u64, tally: &mut Tally) -> Result<(), String> {
             (Ok(()), Ok(())) => {}
             (Err(oracle::Stop::Trap(expected)), Err(found)) if expected == found => {
                 tally.trapped += 1;
+                tally.by_index += u32::from(expected.kind == TrapKind::Bounds);
                 return Ok(());
             }
             (expected, found) => {
@@ -123,12 +129,19 @@ fn compiled_programs_do_what_the_interpreter_does() {
             panic!("seed {seed}: {message}");
         }
     }
-    let Tally { ended, trapped, given_up } = tally;
+    let Tally { ended, trapped, given_up, by_index, indices } = tally;
     println!(
-        "seeds 0 to {seeds}: {ended} ended, {trapped} trapped, {given_up} took too long for the interpreter"
+        "seeds 0 to {}: {ended} ended, {trapped} trapped, {by_index} of them by an index out of bounds, {given_up} took \
+         too long for the interpreter; {indices} indices that are no constants",
+        seeds - 1
     );
     assert!(
         ended > seeds as u32 / 4 && trapped > seeds as u32 / 50,
         "{ended} ended, {trapped} trapped"
+    );
+    // Else indices are not tried enough.
+    assert!(
+        by_index > seeds as u32 / 10 && indices > 8 * seeds,
+        "{by_index} by an index, {indices} indices"
     );
 }

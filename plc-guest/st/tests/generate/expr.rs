@@ -71,8 +71,31 @@ impl Generator {
         }
     }
 
-    /// A place of exactly this type among `places`, with random indices.
+    /// A place of exactly this type among `places`, with random indices. In half of the cases one that has indices, of
+    /// which there are few among all variables.
     pub fn place_of(&mut self, places: &[Place], ty: TypeId) -> Option<Place> {
+        if self.random.one_in(2) {
+            let arrays: Vec<Place> =
+                places.iter().filter(|place| self.has_indices(place.ty)).cloned().collect();
+            if let Some(found) = self.place_among(&arrays, ty) {
+                return Some(found);
+            }
+        }
+        self.place_among(places, ty)
+    }
+
+    /// Whether a variable of this type is an array or has one in it.
+    fn has_indices(&self, ty: TypeId) -> bool {
+        match self.program.types.get(ty) {
+            Type::Array { .. } => true,
+            Type::Structure(structure) => {
+                structure.fields.iter().any(|field| self.has_indices(field.ty))
+            }
+            _ => false,
+        }
+    }
+
+    fn place_among(&mut self, places: &[Place], ty: TypeId) -> Option<Place> {
         let start = self.random.below(places.len().max(1));
         for at in 0..places.len() {
             let place = places[(start + at) % places.len()].clone();
@@ -161,17 +184,25 @@ impl Generator {
             return index;
         }
         let lint = self.elementary(Elementary::Lint);
-        match self.random.below(12) {
+        match self.random.below(24) {
             0 => {
                 let ty = NUMBERS[self.random.below(8)];
                 let ty = self.elementary(ty);
                 self.expr(ty, 1)
             }
-            1..=4 => {
+            // One of the two places beside the array now and then.
+            1 | 2 => {
+                let ty = NUMBERS[self.random.below(8)];
+                let ty = self.elementary(ty);
+                let any = self.expr(ty, 1);
+                self.modulo(any, lower - 1, upper + 1)
+            }
+            3..=8 => self.small_index(lower, upper),
+            9..=12 => {
                 let at = lower + self.random.below((upper - lower + 1) as usize) as i64;
                 self.node(lint, ExprKind::Constant(Constant::Integer(at.into())))
             }
-            5 => {
+            13 | 14 => {
                 // A loop's variable, which may be anything.
                 let dint = self.elementary(Elementary::Dint);
                 let places: Vec<Place> =
@@ -191,6 +222,55 @@ impl Generator {
                 self.modulo(any, lower, upper)
             }
         }
+    }
+
+    /// An index in a small type of its own, of which more or less is known before the program runs: `x MOD n`, `x AND
+    /// mask`, and a number added to it. It mostly is within the bounds, and its type may hold none of them.
+    fn small_index(&mut self, lower: i64, upper: i64) -> Expr {
+        let small = [
+            Elementary::Usint,
+            Elementary::Sint,
+            Elementary::Uint,
+            Elementary::Int,
+            Elementary::Byte,
+            Elementary::Udint,
+            Elementary::Dint,
+        ];
+        let own = *self.random.pick(&small);
+        let ty = self.elementary(own);
+        let count = (upper - lower + 1) as i128;
+        let number = |generator: &mut Self, value: i128| {
+            generator.node(ty, ExprKind::Constant(Constant::Integer(own.wrap(value))))
+        };
+        let any = self.expr(ty, 1);
+        // A power of two below, so that a mask stays within; one above is beside the array now and then.
+        let mask = (1 << (127 - count.leading_zeros())) - 1;
+        let (operator, right) = match self.random.below(8) {
+            0 => (Arithmetic::And, mask * 2 + 1),
+            1..=3 => (Arithmetic::And, mask),
+            _ => (Arithmetic::Modulo, count + i128::from(self.random.one_in(12))),
+        };
+        let right = number(self, right.max(1));
+        let part = self.node(ty, ExprKind::Arithmetic(operator, Box::new(any), Box::new(right)));
+        if lower == 0 && self.random.one_in(2) {
+            return part;
+        }
+        // What lies in front of the array, where a remainder is negative, is left out mostly.
+        let part = if own.class() == Class::Signed && !self.random.one_in(12) {
+            self.node(ty, ExprKind::Intrinsic(Intrinsic::Abs, vec![part]))
+        } else {
+            part
+        };
+        let wide = self.random.one_in(2) || own.range().is_none_or(|(low, _)| low > lower.into());
+        let (ty, part) = match wide {
+            true => {
+                let lint = self.elementary(Elementary::Lint);
+                (lint, self.node(lint, ExprKind::Convert(Conversion::Value, Box::new(part))))
+            }
+            false => (ty, part),
+        };
+        let first = self.node(ty, ExprKind::Constant(Constant::Integer(lower.into())));
+        self.node(ty, ExprKind::Arithmetic(Arithmetic::Add, Box::new(part), Box::new(first)))
     }
 
     fn modulo(&mut self, any: Expr, lower: i64, upper: i64) -> Expr {

@@ -91,13 +91,14 @@ impl Generator {
     fn variables(&mut self) {
         let scalars: Vec<TypeId> =
             Elementary::ALL.into_iter().map(|ty| self.elementary(ty)).collect();
-        let [bool, dint, real, lreal, dword, int] = [
+        let [bool, dint, real, lreal, dword, int, byte] = [
             Elementary::Bool,
             Elementary::Dint,
             Elementary::Real,
             Elementary::Lreal,
             Elementary::Dword,
             Elementary::Int,
+            Elementary::Byte,
         ]
         .map(|ty| self.elementary(ty));
         let types = &mut self.program.types;
@@ -109,6 +110,10 @@ impl Generator {
         let rows = types.array(lreal, 0, 2);
         let matrix = types.array(rows, 1, 3);
         let texts = types.array(string, 0, 2);
+        let line = types.array(dint, 0, 4);
+        let table = types.array(line, -1, 2);
+        let bytes = types.array(byte, 1, 16);
+        let shorts = types.array(int, 0, 7);
         let record = self.structure(
             "record",
             StructureKind::Struct,
@@ -120,7 +125,7 @@ impl Generator {
         }
         let more = [
             bool, dint, dint, real, lreal, dword, int, string, string, wstring, percent, reference,
-            numbers, reals, matrix, texts, record, records,
+            numbers, reals, matrix, texts, record, records, table, bytes, shorts,
         ];
         for ty in more {
             self.global(ty, None);

@@ -44,6 +44,8 @@ pub struct Machine<'p> {
     job: Job,
     /// Statements that may still be executed: generated programs are bounded, but their product of loops may be large.
     pub fuel: u64,
+    /// Indices that are no constants and were looked up.
+    pub indices: u64,
 }
 
 /// Why an execution ended before its time.
@@ -74,7 +76,8 @@ impl<'p> Machine<'p> {
         for area in [Area::State, Area::Input, Area::Output, Area::Marker] {
             memory.map(area_address(area), program.area_size(area) as usize);
         }
-        let mut machine = Machine { program, memory, job: Job::default(), fuel: u64::MAX };
+        let mut machine =
+            Machine { program, memory, job: Job::default(), fuel: u64::MAX, indices: 0 };
         for global in &program.globals {
             if global.storage.area == Area::Input {
                 continue;

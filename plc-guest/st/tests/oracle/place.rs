@@ -1,6 +1,6 @@
 //! Places: from a path to an address.
 
-use takt_st::hir::{Expr, Place, Root, Step, TrapKind, Type, TypeId};
+use takt_st::hir::{Expr, ExprKind, Place, Root, Step, TrapKind, Type, TypeId};
 
 use super::{Frame, Machine, Outcome, trap};
 
@@ -85,6 +85,7 @@ impl Machine<'_> {
         upper: i64,
     ) -> Outcome<u64> {
         let at = self.expr(frame, index)?.integer();
+        self.indices += u64::from(!matches!(index.kind, ExprKind::Constant(_)));
         if at < i128::from(lower) || at > i128::from(upper) {
             return trap(TrapKind::Bounds, index.location);
         }
