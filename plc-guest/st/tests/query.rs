@@ -86,14 +86,17 @@ fn cases(folder: &Path, into: &mut Vec<PathBuf>) {
 
 /// Names without a declaration: types and functions of the standard, words of tasks and resources.
 fn is_standard(key: &str) -> bool {
-    let words =
-        ["EN", "ENO", "INTERVAL", "SINGLE", "PRIORITY", "OFFSET", "BUDGET", "DEADLINE", "ON"];
+    let words = [
+        "EN", "ENO", "INTERVAL", "SINGLE", "CHANNEL", "PRIORITY", "OFFSET", "BUDGET", "DEADLINE",
+        "ON",
+    ];
     known::is_type(key) || known::function(key).is_some() || words.contains(&key)
 }
 
 /// The formal names of functions that the compiler makes itself.
 fn is_formal(key: &str) -> bool {
-    ["G", "N", "K", "L", "P", "X", "Y", "MN", "MX"].contains(&key) || key.starts_with("IN")
+    ["G", "N", "K", "L", "P", "X", "Y", "MN", "MX", "PORT", "MESSAGE", "LENGTH"].contains(&key)
+        || key.starts_with("IN")
 }
 
 /// The names of a file that are not found in the index.

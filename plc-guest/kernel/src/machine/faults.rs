@@ -11,8 +11,8 @@ use takt_abi::exception_name;
 use takt_abi::program::action;
 use takt_kernel::task::TaskId;
 use takt_plc_guest::console::print;
-use takt_program::address::CODE;
 use takt_program::CodeOffset;
+use takt_program::address::CODE;
 
 /// Vectors that have more to say than their name.
 const INVALID_OPCODE: u64 = 6;

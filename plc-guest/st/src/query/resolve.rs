@@ -5,8 +5,9 @@ use super::{Index, Shape, SymbolId, SymbolKind, Use};
 use crate::check::known;
 use crate::source::Span;
 use crate::syntax::ast::{
-    Argument, ArrayElement, BinaryOperator, Declaration, Expression, ExpressionKind, File, Initial,
-    Label, Name, Resource, SectionKind, Statement, StatementKind, TypeKind, TypeSpec, Variables,
+    Argument, ArrayElement, BinaryOperator, Configuration, Declaration, Expression, ExpressionKind,
+    File, Initial, Label, Name, Resource, SectionKind, Statement, StatementKind, TypeKind,
+    TypeSpec, Variables,
 };
 
 /// The uses in one file. All declarations are known.
@@ -39,7 +40,10 @@ pub(super) fn uses(index: &mut Index, tree: &File, library: bool) {
                 for variables in globals.flat_map(|section| &section.variables) {
                     resolve.variables(variables);
                 }
-                configuration.placements.iter().for_each(|one| resolve.spec(&one.spec));
+                for one in &configuration.placements {
+                    resolve.placed(&one.path, configuration);
+                    resolve.spec(&one.spec);
+                }
                 configuration.resources.iter().for_each(|resource| resolve.resource(resource));
             }
         }
@@ -177,6 +181,50 @@ impl Resolve<'_> {
                     self.arguments(&[], &instance.arguments, None);
                 }
             }
+        }
+    }
+
+    /// A path of VAR_CONFIG, which begins with an instance or its resource.
+    fn placed(&mut self, path: &Expression, configuration: &Configuration) -> Shape {
+        let resource = |key: &str| {
+            let mut named = configuration.resources.iter().filter_map(|one| one.name.as_ref());
+            named.find(|(name, _)| &*name.key == key).map(|(name, _)| name.span)
+        };
+        match &path.kind {
+            ExpressionKind::Name(name) => {
+                let mut programs = configuration.resources.iter().flat_map(|one| &one.programs);
+                let Some(instance) = programs.find(|one| one.name.key == name.key) else {
+                    let id = resource(&name.key)
+                        .and_then(|span| self.index.declared.get(&span).copied());
+                    match id {
+                        Some(id) => self.note(name.span, id),
+                        None => self.unknown(name),
+                    }
+                    return Shape::Plain;
+                };
+                if let Some(id) = self.index.declared.get(&instance.name.span).copied() {
+                    self.note(name.span, id);
+                }
+                let program = self.index.top(&instance.program.key, self.library);
+                let program = program.and_then(<[_]>::first).copied();
+                program.map_or(Shape::Plain, Shape::Declared)
+            }
+            ExpressionKind::Field(base, name) => {
+                let of_resource = matches!(&base.kind, ExpressionKind::Name(first)
+                    if resource(&first.key).is_some());
+                let shape = self.placed(base, configuration);
+                if of_resource {
+                    let instance = Expression::new(ExpressionKind::Name(name.clone()), name.span);
+                    return self.placed(&instance, configuration);
+                }
+                self.part(&shape, name)
+            }
+            ExpressionKind::Index(base, indices) => {
+                let shape = self.placed(base, configuration);
+                indices.iter().for_each(|index| drop(self.value(index)));
+                self.index.element(&shape, indices.len())
+            }
+            _ => Shape::Plain,
         }
     }
 
