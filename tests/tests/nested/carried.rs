@@ -137,10 +137,10 @@ fn operate(file: &Path) {
     client("takt-plc", &["release", file, "p.main.setpoint"]);
 }
 
-/// Records around a trigger, as a table and as a picture.
+/// Records around a trigger, as a table, as counters and as a picture.
 fn record(file: &str) {
     let out = |kind: &str| target("tests").join(format!("carried-record.{kind}"));
-    for kind in ["csv", "json"] {
+    for kind in ["csv", "json", "svg"] {
         let (path, points) = (out(kind), "p.main.n,p.main.twice");
         let options = ["--trigger", "p.main.seen = 2.25", "--pre", "10ms", "--for", "100ms"];
         let record =
@@ -159,6 +159,10 @@ fn record(file: &str) {
         (count, last) = (count + 1, Some(cycle));
     }
     assert!((2..=101).contains(&count), "{count} rows");
+    let curves = std::fs::read_to_string(out("svg")).unwrap();
+    for part in ["<svg", "p.main.n", "p.main.twice", "cycles, ", "<polyline"] {
+        assert!(curves.contains(part), "no {part} in {curves}");
+    }
     let picture = parse(&std::fs::read_to_string(out("json")).unwrap());
     let of = |name: &str| {
         let events = picture.as_array().unwrap().iter();

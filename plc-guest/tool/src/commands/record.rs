@@ -1,17 +1,17 @@
 //! `takt plc record`: values of a PLC that runs, in each cycle around a trigger, in a file.
 
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::io::{self, BufWriter};
+use std::path::PathBuf;
 
-use serde_json::{Value as Json, json};
 use takt_plan::parse_duration;
 use takt_protocol::Request;
 use takt_scheduler::time::Nanos;
 
 use crate::Failure;
+use crate::live::output::{Form, Writer};
 use crate::live::points::Point;
-use crate::live::recording::{Line, Recording, Row};
+use crate::live::recording::{Line, Recording};
 use crate::live::trigger::{Operator, Written, Wrong};
 use crate::live::{Plc, Which, bytes, cut};
 use crate::status;
@@ -38,7 +38,7 @@ pub struct Record {
     /// End so long after the trigger.
     #[arg(long = "for", value_name = "DURATION", value_parser = parse_duration)]
     duration: Nanos,
-    /// The file to write: .csv for tables, .json for ui.perfetto.dev.
+    /// The file to write: .csv for tables, .json for ui.perfetto.dev, .svg for a picture.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
 }
@@ -52,13 +52,7 @@ impl Record {
         let plc = self.which.load()?;
         let points = plc.points(&self.points)?;
         let trigger = self.trigger.as_deref().map(|text| Trigger::find(&plc, text)).transpose()?;
-        if form == Form::Json
-            && let Some(text) = points.iter().find(|point| point.value(&[]).is_none())
-        {
-            let message =
-                format!("{} is a {} and no number: record it as .csv", text.name, text.type_name);
-            return Err(Failure::input(message));
-        }
+        form.takes(&points)?;
         // The value of the trigger comes last.
         let mut watched = points.clone();
         watched.extend(trigger.iter().map(|trigger| trigger.point.clone()));
@@ -67,7 +61,7 @@ impl Record {
             Failure::input(format!("cannot write {}: {error}", self.out.display()))
         };
         let out = BufWriter::new(File::create(&self.out).map_err(failed)?);
-        let mut out = Writer { form, out, points: &points };
+        let mut out = Writer::new(form, out, &points, [self.pre, self.duration]);
         out.begin(&connected.name()).map_err(failed)?;
         connected.ask(&Request::Watch {
             partition: connected.name(),
@@ -93,11 +87,11 @@ impl Record {
                 trigger.as_ref().is_none_or(|t| last.is_some_and(|bytes| t.holds(bytes)))
             };
             for row in recording.take(line, holds) {
-                out.row(&row).map_err(failed)?;
+                out.row(&row, recording.extent().triggered_ns).map_err(failed)?;
             }
         }
-        out.end().map_err(failed)?;
         let extent = recording.extent();
+        out.end(&extent).map_err(failed)?;
         eprintln!(
             "takt plc: {} cycles recorded, {} missing between them; triggered at {:.6} s",
             extent.rows,
@@ -139,137 +133,5 @@ impl Trigger {
 
     fn holds(&self, bytes: &[u8]) -> bool {
         self.point.value(bytes).is_some_and(|value| self.operator.holds(value, self.value))
-    }
-}
-
-/// What the file is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Form {
-    Csv,
-    Json,
-}
-
-impl Form {
-    fn of(path: &Path) -> Result<Self, Failure> {
-        match path.extension().and_then(|extension| extension.to_str()) {
-            Some("csv") => Ok(Form::Csv),
-            Some("json") => Ok(Form::Json),
-            _ => Err(Failure::input(format!("{} must end in .csv or .json", path.display()))),
-        }
-    }
-}
-
-/// The file.
-struct Writer<'p, W> {
-    form: Form,
-    out: W,
-    points: &'p [Point],
-}
-
-impl<W: Write> Writer<'_, W> {
-    fn begin(&mut self, partition: &str) -> io::Result<()> {
-        match self.form {
-            Form::Csv => {
-                let names = self.points.iter().map(|point| field(&point.name));
-                let head = ["cycle", "release_ns", "gap", "unsettled"].map(String::from);
-                let head: Vec<String> = head.into_iter().chain(names).collect();
-                writeln!(self.out, "{}", head.join(","))
-            }
-            Form::Json => {
-                let args = json!({"name": format!("values of {partition}")});
-                let name = json!({"name": "process_name", "ph": "M", "pid": PROCESS, "args": args});
-                write!(self.out, "[\n{name}")
-            }
-        }
-    }
-
-    fn row(&mut self, row: &Row) -> io::Result<()> {
-        let Line { cycle, release_ns, unsettled, bytes } = &row.line;
-        // The trigger's own value, behind those that are wanted, is not written.
-        let mut rest = &bytes[..];
-        let values: Vec<(&Point, &[u8])> = self
-            .points
-            .iter()
-            .filter_map(|point| {
-                let (value, more) = rest.split_at_checked(point.range.bytes.into())?;
-                rest = more;
-                Some((point, value))
-            })
-            .collect();
-        if self.form == Form::Csv {
-            write!(self.out, "{cycle},{release_ns},{},{unsettled}", row.gap)?;
-            for (point, value) in values {
-                write!(self.out, ",{}", field(&point.show(value)))?;
-            }
-            return writeln!(self.out);
-        }
-        let ts = *release_ns as f64 / 1_000.0;
-        if row.gap > 0 {
-            let args = json!({"cycles": row.gap});
-            let gap = json!({"name": "gap", "ph": "i", "s": "p", "ts": ts, "pid": PROCESS, "tid": 1, "args": args});
-            write!(self.out, ",\n{gap}")?;
-        }
-        for (point, value) in values {
-            let Some(number) = point.value(value).and_then(number) else { continue };
-            let counter = json!({"name": point.name, "ph": "C", "ts": ts, "pid": PROCESS, "args": {"value": number}});
-            write!(self.out, ",\n{counter}")?;
-        }
-        Ok(())
-    }
-
-    fn end(&mut self) -> io::Result<()> {
-        if self.form == Form::Json {
-            writeln!(self.out, "\n]")?;
-        }
-        self.out.flush()
-    }
-}
-
-/// The number of the process in the trace: the partitions of the windows' trace have lower ones.
-const PROCESS: u32 = 1_000;
-
-/// A value as a number; a REAL that is none has no place in a picture.
-fn number(value: Value) -> Option<Json> {
-    match value {
-        Value::Bool(on) => Some(u8::from(on).into()),
-        Value::Signed(number) | Value::Duration(number) => Some(number.into()),
-        Value::Unsigned(number) => Some(number.into()),
-        Value::Float(number) => serde_json::Number::from_f64(number).map(Json::Number),
-    }
-}
-
-/// A field of a table in CSV.
-fn field(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) {
-        return format!("\"{}\"", text.replace('"', "\"\""));
-    }
-    text.to_owned()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_field_of_a_table_is_one_field_whatever_is_in_it() {
-        assert_eq!(field("tank.level"), "tank.level");
-        assert_eq!(field("'a, \"b\"'"), "\"'a, \"\"b\"\"'\"");
-        assert_eq!(field("a\nb"), "\"a\nb\"");
-    }
-
-    #[test]
-    fn only_numbers_are_drawn() {
-        assert_eq!(number(Value::Bool(true)), Some(json!(1)));
-        assert_eq!(number(Value::Signed(-3)), Some(json!(-3)));
-        assert_eq!(number(Value::Float(f64::INFINITY)), None);
-        assert_eq!(number(Value::Float(0.5)), Some(json!(0.5)));
-    }
-
-    #[test]
-    fn the_name_of_the_file_says_what_it_becomes() {
-        assert_eq!(Form::of(Path::new("a.csv")).ok(), Some(Form::Csv));
-        assert_eq!(Form::of(Path::new("a.json")).ok(), Some(Form::Json));
-        let refused = Form::of(Path::new("a.svg")).err().map(|failure| failure.message);
-        assert_eq!(refused.as_deref(), Some("a.svg must end in .csv or .json"));
     }
 }

@@ -3,6 +3,8 @@
 //! Takt knows no names. They are those of the images that the partition file names; so before anything is asked, the
 //! hashes of these images are compared with those of the images that run.
 
+pub mod output;
+pub mod plot;
 pub mod points;
 pub mod recording;
 pub mod trigger;
