@@ -6,7 +6,7 @@ use crate::error::{Defect, DefectKind};
 /// The statements of the only body of a unit, ending with a line break.
 pub fn statements(pou: Element<'_>) -> Result<String, Defect> {
     let Some(body) = pou.child("body") else {
-        return Err(pou.defect(DefectKind::NoBody));
+        return Err(pou.defect(DefectKind::MissingBody));
     };
     let language = body.inner("ST")?;
     match language.tag() {

@@ -63,9 +63,9 @@ pub enum DefectKind {
         /// The format's name of the language.
         language: String,
     },
-    /// No body at all.
+    /// It has no body.
     #[error("it has no body")]
-    NoBody,
+    MissingBody,
     /// A child that only some tools know, or that has no counterpart.
     #[error("<{element}> is not supported")]
     NotSupported {
