@@ -4,6 +4,7 @@
 //! the size of the array. What is left of traps is meant to be there.
 
 mod expr;
+mod place;
 mod program;
 mod statement;
 
