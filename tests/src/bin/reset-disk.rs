@@ -13,6 +13,8 @@
 
 #[path = "hostile-virtio/memory.rs"]
 mod memory;
+#[path = "hostile-virtio/registers.rs"]
+mod registers;
 
 use std::fs;
 use std::io;
@@ -21,22 +23,16 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use memory::{PAGE, Page};
+use registers::{
+    ACCEPTED, ACCEPTED_SELECT, AVAILABLE, DESCRIPTORS, NOTIFY, QUEUE_READY, QUEUE_SELECT,
+    QUEUE_SIZE, STATUS, USED,
+};
 
-/// Registers of virtio 1.2, section 4.2.2.
+/// More registers of virtio 1.2, section 4.2.2.
 const OFFERED: u64 = 0x10;
 const OFFERED_SELECT: u64 = 0x14;
-const ACCEPTED: u64 = 0x20;
-const ACCEPTED_SELECT: u64 = 0x24;
-const QUEUE_SELECT: u64 = 0x30;
-const QUEUE_SIZE: u64 = 0x38;
-const QUEUE_READY: u64 = 0x44;
-const NOTIFY: u64 = 0x50;
 const INTERRUPTS: u64 = 0x60;
 const ACKNOWLEDGE: u64 = 0x64;
-const STATUS: u64 = 0x70;
-const DESCRIPTORS: u64 = 0x80;
-const AVAILABLE: u64 = 0x90;
-const USED: u64 = 0xa0;
 
 /// Of the lower features: `VIRTIO_BLK_F_FLUSH`. Of the upper ones: `VIRTIO_F_VERSION_1`.
 const FEATURES: [u32; 2] = [1 << 9, 1];

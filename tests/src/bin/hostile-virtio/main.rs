@@ -11,24 +11,17 @@
 //! Exit status 0: all steps are done. The device is reset then, for its driver.
 
 mod memory;
+mod registers;
 
 use std::io;
 use std::process::ExitCode;
 
 use memory::{PAGE, Page};
+use registers::{
+    ACCEPTED, ACCEPTED_SELECT, AVAILABLE, DESCRIPTORS, NOTIFY, QUEUE_READY, QUEUE_SELECT,
+    QUEUE_SIZE, STATUS, USED,
+};
 use takt_tests::random::Random;
-
-/// Registers of virtio 1.2, section 4.2.2.
-const ACCEPTED: u64 = 0x20;
-const ACCEPTED_SELECT: u64 = 0x24;
-const QUEUE_SELECT: u64 = 0x30;
-const QUEUE_SIZE: u64 = 0x38;
-const QUEUE_READY: u64 = 0x44;
-const NOTIFY: u64 = 0x50;
-const STATUS: u64 = 0x70;
-const DESCRIPTORS: u64 = 0x80;
-const AVAILABLE: u64 = 0x90;
-const USED: u64 = 0xa0;
 
 /// `ACKNOWLEDGE`, `DRIVER`, `FEATURES_OK`, `DRIVER_OK`.
 const STATUS_BITS: [u32; 4] = [1, 2, 8, 4];
