@@ -44,7 +44,7 @@ impl Arguments {
     }
 }
 
-/// The result of a call that is over, or none while its task waits.
+/// The result of a call that is over; none while its task waits, or if it makes the call again.
 type Answer = Result<Option<i64>, Error>;
 const DONE: Answer = Ok(Some(0));
 
@@ -202,27 +202,25 @@ impl Kernel {
         let Some(program) = &mut self.programs[program.index()] else {
             return Err(Error::NotAllowed);
         };
+        let Some(mut dropped) = program.lines.take(now) else { return Err(Error::Full) };
         let line =
             Line::new(format_args!("{}.{}: {text}", program.name(), program.task_name(number)));
-        if self.window.is_over() {
-            return self.repeat(task);
-        }
-        let Some(dropped) = program.lines.take(now) else { return Err(Error::Full) };
         if dropped > 0 {
-            print(format_args!("{}: {dropped} lines were too many", program.name()));
-            if self.window.is_over() {
-                return self.repeat(task);
+            let untold =
+                Line::new(format_args!("{}: {dropped} lines were too many", program.name()));
+            if !self.window.is_over() {
+                untold.print();
+                dropped = 0;
             }
+        }
+        // An exit for a line would come before the release of the window that has begun.
+        if self.window.is_over() {
+            program.lines.give_back(dropped);
+            self.contexts[task.index()].repeat_call();
+            return Ok(None);
         }
         line.print();
         DONE
-    }
-
-    /// Lets a task make its call again when it next has the processor. A call that costs an exit does so if another
-    /// window has begun meanwhile: the exit would come before the release.
-    fn repeat(&mut self, task: TaskId) -> Answer {
-        self.contexts[task.index()].repeat_call();
-        Ok(None)
     }
 
     /// The program stops itself.

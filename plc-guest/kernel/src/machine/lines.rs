@@ -40,4 +40,10 @@ impl Allowance {
             }
         }
     }
+
+    /// Takes back a line that was not printed, and so many before it whose loss was not told.
+    pub fn give_back(&mut self, dropped: u64) {
+        self.lines = self.lines.saturating_add(1);
+        self.dropped = self.dropped.saturating_add(dropped);
+    }
 }
