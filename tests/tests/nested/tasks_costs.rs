@@ -38,6 +38,10 @@ fn a_window_that_interrupts_a_task_leaves_8_us_to_wait_for_the_release() {
     let most = if ticked.is_on_kernel("6.1.") { 2_400 } else { 2_800 };
     assert!(more <= most, "{more}\n{}", ticked.output);
     let latest = of(&ticked, "max");
+    println!(
+        "{more} ns more; of a guard of {GUARD_NS} ns {} are left",
+        GUARD_NS.saturating_sub(latest)
+    );
     assert!(latest <= GUARD_NS - 8_000, "{latest}\n{}", ticked.output);
 }
 
@@ -48,7 +52,11 @@ fn a_window_that_begins_in_a_call_leaves_5_us_to_wait_for_the_release() {
     let called = unguarded("tasks-called", urgent().task(calls, 1_000_000_000));
     let unfinished = called.number("plc", "unfinished_windows");
     assert!(unfinished > 1_900, "{unfinished}\n{}", called.output);
-    let latest = called.number("plc", "release_latency_ns.max");
+    let [least, half, latest] =
+        ["min", "p50", "max"].map(|key| called.number("plc", &format!("release_latency_ns.{key}")));
+    println!("of a guard of {GUARD_NS} ns {} are left", GUARD_NS.saturating_sub(latest));
+    // The exit is in more than half of the windows.
+    assert!(half > least + 3_000, "{least} {half}\n{}", called.output);
     assert!(latest <= GUARD_NS - 5_000, "{latest}\n{}", called.output);
 }
 
