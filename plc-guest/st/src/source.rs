@@ -194,14 +194,13 @@ impl Sources {
             bytes.iter().enumerate().filter(|(_, b)| **b == b'\n').map(|(at, _)| at as u32 + 1),
         );
         let id = FileId(self.files.len() as u32);
-        let characters = bytes
-            .chunks(BLOCK)
-            .scan(0, |before, block| {
-                let first = *before;
-                *before += count_characters(block);
-                Some(first)
-            })
-            .collect();
+        let mut before = 0;
+        // A text that ends with a block has one place more than bytes, as all texts do.
+        let mut characters = vec![0];
+        characters.extend(bytes.chunks(BLOCK).map(|block| {
+            before += count_characters(block);
+            before
+        }));
         self.files.push(Source {
             name: name.into(),
             text: text.into(),
