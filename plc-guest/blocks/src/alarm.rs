@@ -68,8 +68,18 @@ pub struct Alarm {
 impl Alarm {
     /// An alarm without dead band and delays, in state Normal.
     #[must_use]
-    pub fn new(condition: Condition, limit: f64) -> Self {
-        Self { condition, limit, ..Self::default() }
+    pub const fn new(condition: Condition, limit: f64) -> Self {
+        Self {
+            condition,
+            limit,
+            dead_band: 0.0,
+            on_delay: 0,
+            off_delay: 0,
+            waited: 0,
+            state: AlarmState::Normal,
+            raw: false,
+            last_acknowledge: false,
+        }
     }
 
     /// The same with a dead band.
@@ -81,7 +91,7 @@ impl Alarm {
     /// The same with delays: how long the condition must hold to raise the alarm, and must be gone to
     /// end it.
     #[must_use]
-    pub fn with_delays(self, on_delay: Duration, off_delay: Duration) -> Self {
+    pub const fn with_delays(self, on_delay: Duration, off_delay: Duration) -> Self {
         let (on_delay, off_delay) = (nanoseconds(on_delay), nanoseconds(off_delay));
         Self { on_delay, off_delay, ..self }
     }

@@ -12,6 +12,12 @@ pub struct Sr {
 }
 
 impl Sr {
+    /// As after a cold start.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { q1: false }
+    }
+
     /// The new output.
     pub const fn update(&mut self, set: bool, reset: bool) -> bool {
         self.q1 = set || (!reset && self.q1);
@@ -33,6 +39,12 @@ pub struct Rs {
 }
 
 impl Rs {
+    /// As after a cold start.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { q1: false }
+    }
+
     /// The new output.
     pub const fn update(&mut self, set: bool, reset: bool) -> bool {
         self.q1 = !reset && (set || self.q1);

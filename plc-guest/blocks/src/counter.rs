@@ -9,6 +9,8 @@ use crate::edge::RTrig;
 
 /// An integer that a counter counts in.
 pub trait Count: Copy + Ord + Default {
+    /// Nothing counted.
+    const ZERO: Self;
     /// The next number, or the same at the end of the type.
     fn up(self) -> Self;
     /// The number before, or the same at the end of the type.
@@ -18,6 +20,7 @@ pub trait Count: Copy + Ord + Default {
 macro_rules! count {
     ($($integer:ty),*) => {
         $(impl Count for $integer {
+            const ZERO: Self = 0;
             fn up(self) -> Self {
                 self.saturating_add(1)
             }
@@ -40,11 +43,17 @@ pub struct Ctu<T> {
 }
 
 impl<T: Count> Ctu<T> {
+    /// As after a cold start.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { cv: T::ZERO, edge: RTrig::new(), q: false }
+    }
+
     /// Counts an edge of `cu`, or resets; returns whether the count has reached `pv`.
     pub fn update(&mut self, cu: bool, reset: bool, pv: T) -> bool {
         let up = self.edge.update(cu);
         if reset {
-            self.cv = T::default();
+            self.cv = T::ZERO;
         } else if up {
             self.cv = self.cv.up();
         }
@@ -75,6 +84,12 @@ pub struct Ctd<T> {
 }
 
 impl<T: Count> Ctd<T> {
+    /// As after a cold start.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { cv: T::ZERO, edge: RTrig::new(), q: false }
+    }
+
     /// Counts an edge of `cd`, or loads `pv`; returns whether the count has reached zero.
     pub fn update(&mut self, cd: bool, load: bool, pv: T) -> bool {
         let down = self.edge.update(cd);
@@ -83,7 +98,7 @@ impl<T: Count> Ctd<T> {
         } else if down {
             self.cv = self.cv.down();
         }
-        self.q = self.cv <= T::default();
+        self.q = self.cv <= T::ZERO;
         self.q
     }
 
@@ -112,11 +127,17 @@ pub struct Ctud<T> {
 }
 
 impl<T: Count> Ctud<T> {
+    /// As after a cold start.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { cv: T::ZERO, up_edge: RTrig::new(), down_edge: RTrig::new(), qu: false, qd: false }
+    }
+
     /// Counts edges, or resets, or loads `pv`, in falling order of precedence: reset, load, count.
     pub fn update(&mut self, cu: bool, cd: bool, reset: bool, load: bool, pv: T) {
         let (up, down) = (self.up_edge.update(cu), self.down_edge.update(cd));
         if reset {
-            self.cv = T::default();
+            self.cv = T::ZERO;
         } else if load {
             self.cv = pv;
         } else if up && !down {
@@ -125,7 +146,7 @@ impl<T: Count> Ctud<T> {
             self.cv = self.cv.down();
         }
         self.qu = self.cv >= pv;
-        self.qd = self.cv <= T::default();
+        self.qd = self.cv <= T::ZERO;
     }
 
     /// Whether the count had reached `pv` at the last update.

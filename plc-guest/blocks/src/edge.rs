@@ -14,6 +14,12 @@ pub struct RTrig {
 }
 
 impl RTrig {
+    /// As after a cold start.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { memory: false, q: false }
+    }
+
     /// Whether the input has risen.
     pub const fn update(&mut self, clk: bool) -> bool {
         self.q = clk && !self.memory;
@@ -37,6 +43,12 @@ pub struct FTrig {
 }
 
 impl FTrig {
+    /// As after a cold start.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { memory: false, q: false }
+    }
+
     /// Whether the input has fallen.
     pub const fn update(&mut self, clk: bool) -> bool {
         self.q = !clk && !self.memory;

@@ -12,6 +12,12 @@ pub struct Multiplexer {
 }
 
 impl Multiplexer {
+    /// As after a cold start.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { selected: 0, out_of_range: false }
+    }
+
     /// The input with number `select`, counted from 0. None if there are no inputs.
     pub fn update<T: Copy>(&mut self, select: u32, inputs: &[T]) -> Option<T> {
         let chosen = inputs.get(select as usize).copied();

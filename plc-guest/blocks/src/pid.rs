@@ -38,17 +38,21 @@ pub struct Tuning {
     pub high: f64,
 }
 
-impl Default for Tuning {
+impl Tuning {
     /// No gain, and an output from 0 to 1.
+    pub const DEFAULT: Self = Self {
+        proportional: 0.0,
+        integral: 0.0,
+        derivative: 0.0,
+        derivative_filter: 0.0,
+        low: 0.0,
+        high: 1.0,
+    };
+}
+
+impl Default for Tuning {
     fn default() -> Self {
-        Self {
-            proportional: 0.0,
-            integral: 0.0,
-            derivative: 0.0,
-            derivative_filter: 0.0,
-            low: 0.0,
-            high: 1.0,
-        }
+        Self::DEFAULT
     }
 }
 

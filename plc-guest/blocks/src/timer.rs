@@ -19,6 +19,12 @@ pub struct Ton {
 }
 
 impl Ton {
+    /// As after a cold start.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { et: 0, running: false, q: false }
+    }
+
     /// The new output.
     pub fn update(&mut self, input: bool, pt: Duration, elapsed: Duration) -> bool {
         let pt = nanoseconds(pt);
@@ -54,6 +60,12 @@ pub struct Tof {
 }
 
 impl Tof {
+    /// As after a cold start.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { et: 0, running: false, q: false }
+    }
+
     /// The new output.
     pub fn update(&mut self, input: bool, pt: Duration, elapsed: Duration) -> bool {
         let pt = nanoseconds(pt);
@@ -98,6 +110,12 @@ pub struct Tp {
 }
 
 impl Tp {
+    /// As after a cold start.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { et: 0, last_input: false, q: false }
+    }
+
     /// The new output.
     pub fn update(&mut self, input: bool, pt: Duration, elapsed: Duration) -> bool {
         let pt = nanoseconds(pt);
