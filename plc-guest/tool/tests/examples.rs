@@ -39,3 +39,9 @@ fn batches_are_dosed_by_a_program_in_c() {
     let source = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/dosing");
     Folder::new().run("make", &["-C", source, "test"]).expect(0, "all as expected");
 }
+
+#[test]
+fn a_press_is_controlled_by_a_program_in_rust() {
+    let source = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/press");
+    Folder::new().run("make", &["-C", source, "test"]).expect(0, "all as expected");
+}
