@@ -26,8 +26,9 @@ pub use initrd::{archive, initrd_and, initrd_of, initrd_with};
 pub use kernel::{Aim, aiming_kernel, erring_kernel, restarting_kernel, silent_kernel};
 pub use serde_json::Value;
 
-/// Real time after which a run is given up. It is never what a test waits for.
+/// Real time after which a run is given up, and one of the long form. It is never what a test waits for.
 const TIMEOUT_S: &str = "900";
+const LONG_TIMEOUT_S: &str = "3600";
 
 /// Longest time in ns that an interrupt of the host takes from a guest in the lab, and then some:
 /// 5 us have been seen.
@@ -233,7 +234,7 @@ impl<'a> Run<'a> {
             options: Vec::new(),
             dialogue: Vec::new(),
             traced: false,
-            timeout_s: TIMEOUT_S,
+            timeout_s: if long() { LONG_TIMEOUT_S } else { TIMEOUT_S },
         }
     }
 

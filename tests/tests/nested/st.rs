@@ -2,9 +2,9 @@
 
 use takt_st::source::Sources;
 use takt_st::{build, project, stack};
-use takt_tests::{BUSY, File, long, plc_image, save_bytes};
+use takt_tests::{File, long, plc_image, root, save_bytes};
 
-use super::tasks::{Row, assert_on_time};
+use super::tasks::{Row, assert_on_time, assert_on_time_in};
 
 /// The image of one file, in Structured Text.
 pub(super) fn image(name: &str, file: &str, text: &str) -> Vec<u8> {
@@ -34,20 +34,42 @@ fn plc(test: &str, list: &[(&str, &str, &str)]) -> File {
 
 const PLANT: (&str, &str, &str) = ("plant", "plant.st", include_str!("st/plant.st"));
 
+/// A program in Rust of the same tasks has a PLC of its own in the same run, so what differs is the language.
 #[test]
-fn a_plant_of_three_tasks_runs_beside_a_busy_linux_and_no_release_is_late() {
+fn a_plant_of_three_tasks_has_the_releases_of_a_program_in_rust_beside_a_compiling_linux() {
     let (duration, jobs) = if long() { ("60s", 59_000) } else { ("6s", 5_000) };
-    let outcome = plc("st-plant", &[PLANT]).linux(BUSY).run("st-plant").lasting(duration).run();
+    let rust = root().join("target/examples/press.plc");
+    let rust = format!("memory = \"32MiB\"\n[[partition.program]]\nimage = {rust:?}\n");
+    let outcome = plc("st-plant", &[PLANT])
+        .window("rust", 500, 300)
+        .plc_with("rust", &rust)
+        .compiling_linux("")
+        .run("st-plant")
+        .lasting(duration)
+        .run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
-    for (task, jobs) in
-        [("plant.fast", jobs), ("plant.middle", jobs / 10), ("plant.slow", jobs / 100)]
-    {
-        Row::of(&outcome, task).assert_in_time(jobs - 1);
+    assert!(outcome.compiled() > 0, "Linux did not compile\n{}", outcome.output);
+    for program in ["plant", "press"] {
+        for (task, jobs) in [("fast", jobs), ("middle", jobs / 10), ("slow", jobs / 100)] {
+            Row::of(&outcome, &format!("{program}.{task}")).assert_in_time(jobs - 1);
+        }
+        let slow = Row::of(&outcome, &format!("{program}.slow"));
+        assert!(slow.number("response") > 1_000_000, "it spans windows");
     }
-    assert!(Row::of(&outcome, "plant.slow").number("response") > 1_000_000, "it spans windows");
     assert_on_time(&outcome, "plant.fast");
-    // The program has checked its controllers, timers and counters by itself.
-    outcome.assert_shows("position settled");
+    assert_on_time_in(&outcome, "rust", "press.fast");
+    for key in
+        ["lost", "late_releases", "overruns", "release_latency_ns.min", "release_latency_ns.p50"]
+    {
+        let [st, rust] = ["plc", "rust"].map(|partition| outcome.number(partition, key));
+        assert_eq!(st, rust, "{key}\n{}", outcome.output);
+    }
+    // They need not begin in the same frame.
+    let [st, rust] = ["plc", "rust"].map(|partition| outcome.number(partition, "releases"));
+    assert!(st.abs_diff(rust) < 10, "{st} and {rust} releases\n{}", outcome.output);
+    // The programs have checked their controllers by themselves, and that in ST its timers and counters.
+    outcome.assert_shows("plant.fast: position settled");
+    outcome.assert_shows("press.fast: position settled");
     outcome.assert_shows("20 pulses in time");
     assert!(!outcome.output.contains("wrong"), "{}", outcome.output);
     assert!(!outcome.output.contains("stops"), "{}", outcome.output);

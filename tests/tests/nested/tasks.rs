@@ -64,9 +64,14 @@ impl<'a> Row<'a> {
 /// Fails unless each job of a task began within 10 ns of its release, but for what an interrupt of the
 /// host explains.
 pub fn assert_on_time(outcome: &Outcome, task: &str) {
-    outcome.assert_punctual("plc");
+    assert_on_time_in(outcome, "plc", task);
+}
+
+/// The same of a task of another partition than `plc`.
+pub fn assert_on_time_in(outcome: &Outcome, partition: &str, task: &str) {
+    outcome.assert_punctual(partition);
     let start = Row::of(outcome, task).number("start");
-    let allowed = outcome.number("plc", "release_latency_ns.max").max(10);
+    let allowed = outcome.number(partition, "release_latency_ns.max").max(10);
     assert!(start <= allowed, "{task} began {start} ns late\n{}", outcome.output);
 }
 
