@@ -3,7 +3,12 @@
 //! Its files are a part of the compiler and are checked with every project. A function of the library
 //! may have several forms with one name, of which a call takes the one that its arguments fit.
 
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::diagnostic::Diagnostics;
 use crate::source::Sources;
+use crate::syntax::ast::File;
+use crate::syntax::parser;
 
 macro_rules! file {
     ($name:literal) => {
@@ -36,6 +41,28 @@ pub fn add(sources: &mut Sources) {
         let added = sources.add(name, text.as_bytes());
         debug_assert!(added.is_ok(), "{name} is a source");
     }
+}
+
+/// The trees of the files that [`add`] has added last, of which the first has the number `own`.
+///
+/// To parse the library takes three quarters of a check of a small project, and an editor checks its project at each key:
+/// the trees are kept until the first has another number.
+#[must_use]
+pub fn trees(sources: &Sources, own: usize) -> Arc<[File]> {
+    static KEPT: Mutex<Option<(usize, Arc<[File]>)>> = Mutex::new(None);
+    let kept = || KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((first, trees)) = &*kept()
+        && *first == own
+    {
+        return Arc::clone(trees);
+    }
+    let mut none = Diagnostics::new();
+    let files = sources.iter().skip(own);
+    let trees: Arc<[File]> =
+        files.map(|(file, _)| parser::parse(file, sources, &mut none)).collect();
+    debug_assert!(!none.has_errors(), "the library is good");
+    *kept() = Some((own, Arc::clone(&trees)));
+    trees
 }
 
 #[cfg(test)]

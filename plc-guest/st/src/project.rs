@@ -74,19 +74,19 @@ fn check_here(name: &str, sources: &mut Sources, part: Part) -> Checked {
 
 fn check_with_library(name: &str, sources: &Sources, own: usize, part: Part) -> Checked {
     let mut diagnostics = Diagnostics::new();
+    let files = sources.iter().take(own);
     let trees: Vec<File> =
-        sources.iter().map(|(file, _)| parser::parse(file, sources, &mut diagnostics)).collect();
+        files.map(|(file, _)| parser::parse(file, sources, &mut diagnostics)).collect();
     let tests = trees.iter().any(has_tests);
     // Files keep their numbers.
     let empty = File::default();
-    let inputs: Vec<Input<'_>> = trees
-        .iter()
-        .enumerate()
-        .map(|(index, tree)| {
-            let left_out = part == Part::Program && has_tests(tree);
-            Input { tree: if left_out { &empty } else { tree }, library: index >= own }
-        })
-        .collect();
+    let own_inputs = trees.iter().map(|tree| {
+        let left_out = part == Part::Program && has_tests(tree);
+        Input { tree: if left_out { &empty } else { tree }, library: false }
+    });
+    let library = library::trees(sources, own);
+    let inputs: Vec<Input<'_>> =
+        own_inputs.chain(library.iter().map(|tree| Input { tree, library: true })).collect();
     let program = check::check(name, sources, &inputs, &mut diagnostics);
     let program = (!diagnostics.has_errors()).then_some(program);
     let mut diagnostics = diagnostics.sorted();

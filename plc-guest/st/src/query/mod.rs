@@ -20,6 +20,7 @@ mod symbol;
 use std::collections::HashMap;
 
 use crate::diagnostic::Diagnostics;
+use crate::library;
 use crate::source::{FileId, Sources, Span};
 use crate::stack;
 use crate::syntax::ast::{File, UnitKind};
@@ -68,17 +69,25 @@ impl Index {
         stack::with_room(|| {
             // What is wrong was already told when the project was checked.
             let mut unseen = Diagnostics::new();
+            let files = sources.iter().take(own);
             let trees: Vec<File> =
-                sources.iter().map(|(file, _)| parser::parse(file, sources, &mut unseen)).collect();
+                files.map(|(file, _)| parser::parse(file, sources, &mut unseen)).collect();
+            let library = library::trees(sources, own);
+            let trees = || {
+                trees
+                    .iter()
+                    .map(|tree| (tree, false))
+                    .chain(library.iter().map(|tree| (tree, true)))
+            };
             let mut index = Self::default();
-            for (at, tree) in trees.iter().enumerate() {
-                declare::names(&mut index, tree, at >= own);
+            for (tree, library) in trees() {
+                declare::names(&mut index, tree, library);
             }
-            for (at, tree) in trees.iter().enumerate() {
-                declare::parts(&mut index, tree, at >= own);
+            for (tree, library) in trees() {
+                declare::parts(&mut index, tree, library);
             }
-            for (at, tree) in trees.iter().enumerate() {
-                resolve::uses(&mut index, tree, at >= own);
+            for (tree, library) in trees() {
+                resolve::uses(&mut index, tree, library);
             }
             index.uses.sort_by_key(|one| one.span);
             index.unknown.sort();
