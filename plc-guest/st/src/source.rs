@@ -104,7 +104,7 @@ pub struct Source {
     /// The offset of each line's first byte.
     lines: Vec<u32>,
     /// The characters before each block of [`BLOCK`] bytes, so that a column in a line of megabytes
-    /// costs no more than one in a short line.
+    /// costs no more than one in a short line. Empty where each character is a byte.
     characters: Vec<u32>,
     library: bool,
 }
@@ -142,6 +142,9 @@ impl Source {
 
     /// The characters before a byte.
     fn characters_before(&self, at: usize) -> u32 {
+        if self.characters.is_empty() {
+            return at as u32;
+        }
         let block = at / BLOCK;
         let behind = self.text.as_bytes().get(block * BLOCK..at).unwrap_or(&[]);
         self.characters.get(block).copied().unwrap_or(0) + count_characters(behind)
@@ -194,13 +197,16 @@ impl Sources {
             bytes.iter().enumerate().filter(|(_, b)| **b == b'\n').map(|(at, _)| at as u32 + 1),
         );
         let id = FileId(self.files.len() as u32);
-        let mut before = 0;
-        // A text that ends with a block has one place more than bytes, as all texts do.
-        let mut characters = vec![0];
-        characters.extend(bytes.chunks(BLOCK).map(|block| {
-            before += count_characters(block);
-            before
-        }));
+        let mut characters = Vec::new();
+        if !text.is_ascii() {
+            let mut before = 0;
+            // The end of a text that ends with a block has a place too.
+            characters.push(0);
+            characters.extend(bytes.chunks(BLOCK).map(|block| {
+                before += count_characters(block);
+                before
+            }));
+        }
         self.files.push(Source {
             name: name.into(),
             text: text.into(),

@@ -49,10 +49,13 @@ fn a_column_of_a_long_line_is_exact_in_every_block() {
 /// What is missing at the end of a text is told there, also if the text fills its last block.
 #[test]
 fn the_end_of_a_text_of_any_length_has_its_column() {
-    for length in [0, 1, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK] {
+    for (character, length) in ["x", "ö"].into_iter().flat_map(|character| {
+        [0, 1, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK].map(|length| (character, length))
+    }) {
         let mut sources = Sources::new();
-        let file = sources.add("a.st", "x".repeat(length).as_bytes()).expect("it is text");
-        let expected = Position { line: 1, column: length as u32 + 1 };
-        assert_eq!(sources.get(file).position(length as u32), expected);
+        let text = character.repeat(length / character.len());
+        let file = sources.add("a.st", text.as_bytes()).expect("it is text");
+        let column = text.chars().count() as u32 + 1;
+        assert_eq!(sources.get(file).position(text.len() as u32), Position { line: 1, column });
     }
 }

@@ -7,7 +7,9 @@ use super::effects::Target;
 use super::lower::Lower;
 use super::runtime::Function;
 use super::target::register;
-use crate::hir::{Arithmetic, Class, Constant, Elementary, Expr, ExprKind, Intrinsic, TrapKind};
+use crate::hir::{
+    Arithmetic, Class, Constant, Elementary, Expr, ExprKind, Intrinsic, TrapKind, Type,
+};
 
 impl Lower<'_> {
     pub(super) fn arithmetic(
@@ -224,10 +226,31 @@ impl Lower<'_> {
                     _ => None,
                 }
             }
+            ExprKind::Intrinsic(intrinsic, arguments) => self.range_of(*intrinsic, arguments),
             _ => None,
         };
         // What leaves the type's range has wrapped.
         narrower.filter(|(low, high)| *low >= all.0 && *high <= all.1).unwrap_or(all)
+    }
+
+    fn range_of(&self, intrinsic: Intrinsic, arguments: &[Expr]) -> Option<(i128, i128)> {
+        match (intrinsic, arguments) {
+            (Intrinsic::Min, [a, b]) => {
+                let (a, b) = (self.range(a), self.range(b));
+                Some((a.0.min(b.0), a.1.min(b.1)))
+            }
+            (Intrinsic::Max, [a, b]) => {
+                let (a, b) = (self.range(a), self.range(b));
+                Some((a.0.max(b.0), a.1.max(b.1)))
+            }
+            (Intrinsic::Length, [text]) => match self.program.types.get(text.ty) {
+                Type::String { capacity } | Type::WString { capacity } => {
+                    Some((0, i128::from(*capacity)))
+                }
+                _ => None,
+            },
+            _ => None,
+        }
     }
 }
 

@@ -105,6 +105,69 @@ END_PROGRAM
     assert_eq!(lines(&source("%ID0 : DINT")), [3]);
 }
 
+/// What a job of a program takes that has these variables and statements.
+fn of_statements(variables: &str, statements: &str) -> Worst {
+    let source =
+        format!("PROGRAM Main\nVAR\n{variables}\nEND_VAR\n{statements}\nEND_PROGRAM\n{TASK}");
+    bound(&program(&source))
+}
+
+#[test]
+fn the_loops_of_the_library_have_bounds() {
+    for (ty, value) in [
+        ("BYTE", "16#12"),
+        ("LWORD", "16#12"),
+        ("LINT", "-5"),
+        ("ULINT", "5"),
+        ("LREAL", "0.1"),
+        ("TIME", "T#1h2ms"),
+        ("TOD", "TOD#12:34:56.789"),
+        ("DATE", "D#2026-11-22"),
+        ("DT", "DT#2026-11-22-12:34:56"),
+    ] {
+        let variables = format!("v : {ty} := {value}; text : STRING;");
+        for statement in
+            [format!("text := {ty}_TO_STRING(v);"), format!("v := STRING_TO_{ty}(text);")]
+        {
+            let Worst::Bounded(cost) = of_statements(&variables, &statement) else {
+                panic!("{statement} {:?}", of_statements(&variables, &statement))
+            };
+            assert!(
+                cost.instructions < 500_000 && cost.runtime_calls < 25_000,
+                "{statement} {cost:?}"
+            );
+        }
+    }
+    for statement in [
+        "b := UINT_TO_BCD_WORD(WORD_BCD_TO_UINT(b));",
+        "s(IN := 1.0, SIZE := 20);",
+        "x := IS_VALID_BCD(b);",
+    ] {
+        let worst = of_statements("b : WORD; s : STATISTICS; x : BOOL;", statement);
+        assert!(
+            matches!(worst, Worst::Bounded(cost) if cost.instructions < 50_000),
+            "{statement} {worst:?}"
+        );
+    }
+}
+
+#[test]
+fn the_length_of_a_text_and_a_limit_bound_a_loop() {
+    for end in ["LEN(text)", "LIMIT(0, n, 10)", "MIN(n, 10)", "MAX(MIN(n, 9), 10)"] {
+        let worst = of_statements(
+            "n, i, sum : LINT; text : STRING[10];",
+            &format!("FOR i := 1 TO {end} DO sum := sum + i; END_FOR;"),
+        );
+        assert!(
+            matches!(worst, Worst::Bounded(cost) if cost.instructions < 250),
+            "{end} {worst:?}"
+        );
+    }
+    let worst =
+        of_statements("n, i, sum : LINT;", "FOR i := 1 TO MAX(n, 10) DO sum := sum + i; END_FOR;");
+    assert!(matches!(worst, Worst::Unbounded(_)), "{worst:?}");
+}
+
 #[test]
 fn no_random_program_takes_more_than_its_bound() {
     let (mut compared, mut seed) = (0, 0);
