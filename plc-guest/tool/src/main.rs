@@ -86,6 +86,8 @@ enum Command {
     /// Change a program back, or give up the version that was loaded.
     #[command(alias = "roll-back")]
     Rollback(commands::versions::Order),
+    /// Make the version that runs the one that the next start begins with.
+    Keep(commands::keep::Keep),
 }
 
 /// What a command ends with, if not well: the message has been made for the user.
@@ -125,6 +127,7 @@ fn main() -> ExitCode {
         Command::Versions(command) => command.run(),
         Command::Commit(command) => command.commit(),
         Command::Rollback(command) => command.roll_back(),
+        Command::Keep(command) => command.run(),
     };
     match result {
         Ok(()) => ExitCode::from(status::GOOD),

@@ -1,4 +1,4 @@
-//! `takt plc load`, `versions`, `commit`, `rollback`, against a socket that answers as Takt does.
+//! `takt plc load`, `versions`, `commit`, `rollback`, `keep`, against a socket that answers as Takt does.
 
 mod common;
 
@@ -9,7 +9,7 @@ use std::thread;
 
 use common::{Ended, Folder};
 use takt_program::build::{Builder, Task};
-use takt_program::{CodeOffset, Nanoseconds};
+use takt_program::{CodeOffset, Image, Nanoseconds, signature};
 
 /// A folder with a partition file and the image of its program `tank`.
 fn plant() -> Folder {
@@ -40,7 +40,12 @@ fn versions(phase: &str) -> String {
 
 /// Runs the command with a Takt that gives these answers; what was asked of it, and what the command did.
 fn run(words: &[&str], answers: &[String]) -> (Vec<String>, Ended) {
-    let folder = plant();
+    run_in(&plant(), words, answers)
+}
+
+/// [`run()`] in such a folder.
+fn run_in(folder: &Folder, words: &[&str], answers: &[String]) -> (Vec<String>, Ended) {
+    let _ = fs::remove_file(folder.path().join("s"));
     let listener = UnixListener::bind(folder.path().join("s")).unwrap();
     let answers = answers.to_vec();
     let takt = thread::spawn(move || {
@@ -105,4 +110,68 @@ fn what_is_refused_or_not_there_ends_with_its_status() {
 fn versions_shows_each_program() {
     let (_, ended) = run(&["versions", "plant.toml"], &[versions("held")]);
     ended.expect(0, "other 1.3.0 (7a7a7a7a), held");
+}
+
+/// Versions of `tank` of which one with this hash runs.
+fn running(hash: &str, phase: &str) -> String {
+    versions(phase).replacen(&"7a".repeat(32), hash, 1)
+}
+
+/// The image of a `tank` with this code, and its hash.
+fn image(code: u8) -> (Vec<u8>, String) {
+    let mut image = Builder::new("tank");
+    image.code = vec![code, 0xc3];
+    let mut task = Task::cyclic("main", Nanoseconds(1_000_000), CodeOffset(0));
+    task.budget = Some(Nanoseconds(10_000));
+    image.task(task);
+    let bytes = image.build().unwrap();
+    let hash = Image::verify(&bytes).unwrap().hash();
+    let hash = hash.iter().map(|byte| format!("{byte:02x}")).collect();
+    (bytes, hash)
+}
+
+#[test]
+fn what_runs_is_kept_for_the_next_start_when_its_trial_is_over() {
+    let (new, hash) = image(0x90);
+    let old = fs::read(plant().path().join("tank.plc")).unwrap();
+    let answers = [running(&hash, "trial"), running(&hash, "held")];
+    let words = ["keep", "plant.toml", "tank", "new.plc"];
+    let folder = plant();
+    fs::write(folder.path().join("new.plc"), &new).unwrap();
+    let (_, ended) = run_in(&folder, &words, &answers);
+    ended.expect(0, "tank.plc is version 0.0.0 (").expect(0, "the one before it is ");
+    let read = |name| fs::read(folder.path().join(name)).unwrap();
+    assert!(read("tank.plc") == new && read("tank.plc.previous") == old);
+    let (_, ended) = run_in(&folder, &words, &answers[1..]);
+    ended.expect(0, "already");
+    assert!(read("tank.plc.previous") == old);
+}
+
+#[test]
+fn what_does_not_run_or_no_start_would_take_is_not_kept() {
+    let (new, _) = image(0x90);
+    let words = ["keep", "plant.toml", "tank", "new.plc"];
+    let folder = plant();
+    let old = fs::read(folder.path().join("tank.plc")).unwrap();
+    fs::write(folder.path().join("new.plc"), &new).unwrap();
+    let (_, ended) = run_in(&folder, &words, &[running(&"7a".repeat(32), "rolled-back")]);
+    ended.expect(2, "version 1.2.0 (7a7a7a7a) of tank runs");
+    let mut image = new.clone();
+    *image.last_mut().unwrap() ^= 1;
+    fs::write(folder.path().join("new.plc"), image).unwrap();
+    folder.takt_plc(&words).expect(2, "new.plc: ");
+    fs::write(folder.path().join("new.plc"), &new).unwrap();
+    let text = fs::read_to_string(folder.path().join("plant.toml")).unwrap();
+    // A partition file with keys is not read at all while its image is not signed.
+    let key = signature::public(&[3; 32]).iter().map(|b| format!("{b:02x}")).collect::<String>();
+    let mut signed = old.clone();
+    signature::sign(&mut signed, &[3; 32]).unwrap();
+    fs::write(folder.path().join("tank.plc"), &signed).unwrap();
+    folder.write(
+        "plant.toml",
+        &text.replace("[[schedule]]", &format!("keys = [\"{key}\"]\n[[schedule]]")),
+    );
+    folder.takt_plc(&words).expect(2, "new.plc is signed by none of the keys");
+    assert!(fs::read(folder.path().join("tank.plc")).unwrap() == signed);
+    assert!(!folder.path().join("tank.plc.previous").exists());
 }

@@ -6,6 +6,7 @@ pub mod diff;
 pub mod fmt;
 pub mod import;
 pub mod inspect;
+pub mod keep;
 pub mod keygen;
 pub mod live;
 pub mod lsp;

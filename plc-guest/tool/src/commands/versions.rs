@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use takt_client::versions::{load, shown};
+use takt_plan::Program;
 use takt_protocol::{Answer, Request, VersionStatus};
 
 use super::live::print;
@@ -109,16 +110,17 @@ impl Order {
 }
 
 /// That the partition has this program is known before anything is asked.
-fn find(plc: &Plc, program: &str) -> Result<(), Failure> {
+pub fn find<'a>(plc: &'a Plc, program: &str) -> Result<&'a Program, Failure> {
     let programs = plc.partition().programs();
-    if programs.iter().any(|known| known.name == program) {
-        return Ok(());
+    if let Some(found) = programs.iter().find(|known| known.name == program) {
+        return Ok(found);
     }
     let names: Vec<&str> = programs.iter().map(|program| program.name.as_str()).collect();
     Err(Failure::input(format!("no program is named `{program}`; there are {}", names.join(", "))))
 }
 
-fn versions(connected: &mut Connected<'_>) -> Result<Vec<VersionStatus>, Failure> {
+/// The versions of all programs of the partition.
+pub fn versions(connected: &mut Connected<'_>) -> Result<Vec<VersionStatus>, Failure> {
     match connected.ask(&Request::Versions(connected.name()))? {
         Answer::Versions { versions } => Ok(versions),
         _ => Ok(Vec::new()),

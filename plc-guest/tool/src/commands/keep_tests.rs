@@ -1,0 +1,82 @@
+//! The place of an image has a whole one at each instant.
+
+use std::env;
+use std::io::{BufRead, BufReader};
+use std::os::unix::fs::{PermissionsExt, symlink};
+use std::process::{Command, Stdio};
+
+use super::*;
+
+const CHILD: &str = "TAKT_TEST_KEEP";
+const BYTES: usize = 200_000;
+
+/// The content of a version: its number, so often that a write takes some time.
+fn content(version: u8) -> Vec<u8> {
+    vec![version; BYTES]
+}
+
+/// The version that a file is, if it is whole.
+fn whole(path: &Path) -> Option<u8> {
+    let bytes = fs::read(path).ok()?;
+    let first = *bytes.first()?;
+    (bytes.len() == BYTES && bytes.iter().all(|byte| *byte == first)).then_some(first)
+}
+
+#[test]
+fn the_old_content_stays_beside_the_new_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, link] = ["a.plc", "link.plc"].map(|name| folder.path().join(name));
+    fs::write(&path, content(1)).unwrap();
+    fs::set_permissions(&path, PermissionsExt::from_mode(0o600)).unwrap();
+    symlink(&path, &link).unwrap();
+    for version in 2..5 {
+        let previous = replace(&link, &content(version)).unwrap();
+        assert_eq!((whole(&path), whole(&previous)), (Some(version), Some(version - 1)));
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
+    }
+}
+
+/// Replaces the file that is named by the environment for ever. It is no test of its own.
+#[test]
+fn replace_until_killed() {
+    let Some(path) = env::var_os(CHILD).map(PathBuf::from) else { return };
+    for version in (1..=u8::MAX).cycle() {
+        println!("\nnext {version}");
+        replace(&path, &content(version)).unwrap();
+    }
+}
+
+#[test]
+fn at_each_of_200_instants_at_which_it_is_killed_the_old_or_the_new_content_is_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.plc");
+    fs::write(&path, content(0)).unwrap();
+    let mut between = 0;
+    for round in 0..200u32 {
+        let mut child = Command::new(env::current_exe().unwrap())
+            .args(["--exact", "commands::keep::tests::replace_until_killed", "--nocapture"])
+            .env(CHILD, &path)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // It is killed some instructions behind one of its lines.
+        let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let mut seen = lines.map_while(Result::ok).filter(|line| line.starts_with("next "));
+        assert!(seen.nth(round as usize % 5).is_some(), "it replaces the file");
+        for instruction in 0..round * 7_919 % 200_000 {
+            std::hint::black_box(instruction);
+        }
+        child.kill().unwrap();
+        child.wait().unwrap();
+        assert!(whole(&path).is_some(), "round {round}");
+        let previous = folder.path().join("a.plc.previous");
+        assert!(whole(&previous).is_some(), "round {round}");
+        between += u32::from(whole(&previous) == whole(&path));
+    }
+    // The instants are spread over the steps: some are between the two renames.
+    assert!(between > 0, "no kill came between the steps");
+    replace(&path, &content(7)).unwrap();
+    assert_eq!(whole(&path), Some(7));
+}
