@@ -7,6 +7,7 @@
 //!
 //! An error leaves a hole (`None`) that later steps pass on without a further message.
 
+mod apart;
 mod body;
 mod call;
 mod configuration;
@@ -73,13 +74,12 @@ pub fn check(
     checker.refuse_recursion();
     checker.warn_of_globals();
     let program = checker.program;
-    // A program with errors uses more than was understood, and a library is not the reader's.
-    let errors = diagnostics.has_errors();
+    // What has errors uses more than was understood, and a library is not the reader's.
+    let doubts = usage::Doubts::of(files, diagnostics);
     diagnostics.keep_warnings(|one| {
-        let unused = matches!(one.code, Code::Unused | Code::NeverAssigned | Code::MissingResult);
         let library = files.get(one.span.file.index()).is_some_and(|file| file.library)
             || sources.is_of_library(one.span.file);
-        !(library || errors && unused)
+        !library && !doubts.concern(one)
     });
     program
 }

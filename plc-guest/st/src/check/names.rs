@@ -9,7 +9,7 @@ use super::{Checker, Entry, Input};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::Elementary;
 use crate::source::Span;
-use crate::syntax::ast::{self, Declaration, Name, UnitKind};
+use crate::syntax::ast::{self, Declaration, Name, TypeKind, UnitKind};
 
 /// The names at the top: those of the project, and behind them those of the library.
 ///
@@ -58,7 +58,11 @@ impl<'a> Checker<'a> {
                 match declaration {
                     Declaration::Type(declaration) => {
                         let entry = Entry::Type(self.types.len());
-                        if self.declare_top(&declaration.name, entry, file.library) {
+                        let known = self.declare_top(&declaration.name, entry, file.library);
+                        // What is wrong in a second one is told too. The values of an enumeration have to
+                        // be of one type.
+                        let values = matches!(declaration.spec.kind, TypeKind::Enumeration { .. });
+                        if known || !values {
                             self.types.push(TypeEntry::new(declaration, file.library));
                         }
                     }
@@ -108,8 +112,9 @@ impl<'a> Checker<'a> {
             if let Some(Entry::Units(others)) = names.get_mut(&*unit.name.key) {
                 others.push(index);
             }
-        } else if !self.declare_top(&unit.name, Entry::Units(vec![index]), library) {
-            return;
+        } else {
+            // What is wrong in the body of one whose name is taken is told too.
+            self.declare_top(&unit.name, Entry::Units(vec![index]), library);
         }
         self.units.push(UnitEntry::new(unit, library));
     }

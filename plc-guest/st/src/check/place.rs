@@ -296,28 +296,35 @@ impl<'a> Body<'_, 'a> {
         indices: &'a [Expression],
         access: Access,
     ) -> Option<Place> {
-        let mut place = self.place(base, access)?;
+        let place = self.place(base, access);
+        // What is wrong in an index is told whatever is wrong before it.
+        let operands: Vec<Option<Operand>> = match &place {
+            Some(_) => indices.iter().map(|index| self.index(index)).collect(),
+            None => {
+                self.all_apart(indices);
+                Vec::new()
+            }
+        };
+        let mut place = place?;
         let whole = place.ty;
         if let Type::OpenArray { element, dimensions } = *self.checker.program.types.get(whole) {
             if indices.len() != usize::from(dimensions) {
                 self.wrong_indices(base.span, whole, indices.len());
                 return None;
             }
-            let mut list = Vec::new();
-            for index in indices {
-                list.push(self.index(index)?.expr);
-            }
-            place.path.push(Step::OpenIndex(list));
+            let list: Option<Vec<_>> =
+                operands.into_iter().map(|index| index.map(|index| index.expr)).collect();
+            place.path.push(Step::OpenIndex(list?));
             place.ty = element;
             return Some(place);
         }
-        for index in indices {
+        for (index, operand) in indices.iter().zip(operands) {
             let Type::Array { element, lower, upper } = *self.checker.program.types.get(place.ty)
             else {
                 self.wrong_indices(base.span, whole, indices.len());
                 return None;
             };
-            let operand = self.index(index)?;
+            let operand = operand?;
             if let Some(Constant::Integer(value)) = operand.constant()
                 && !(i128::from(lower)..=i128::from(upper)).contains(value)
             {

@@ -32,6 +32,7 @@ impl<'a> Body<'_, 'a> {
             StatementKind::Assign { target, value, attempt } => {
                 if *attempt {
                     self.attempt(span);
+                    self.all_apart([target, value]);
                 } else if let Some(assigned) = self.assign(target, value) {
                     block.extend(assigned);
                 }
@@ -133,7 +134,7 @@ impl<'a> Body<'_, 'a> {
         let place = self.write_place(target);
         let Some(place) = place else {
             // What is wrong in the value is told all the same.
-            self.operand(value, None);
+            self.apart(value);
             return None;
         };
         let ty = place.ty;
@@ -142,12 +143,14 @@ impl<'a> Body<'_, 'a> {
             let found = format!("an assignment of a whole instance of {}", self.type_name(ty));
             let one = Diagnostic::new(Code::NotAssignable, target.span, found);
             self.tell(one.hint("assign its inputs, or call it"));
+            self.apart(value);
             return None;
         }
         if matches!(self.checker.program.types.get(ty), Type::OpenArray { .. }) {
             let found = "an assignment of a whole ARRAY[*]";
             let one = Diagnostic::new(Code::NotAssignable, target.span, found);
             self.tell(one.hint("assign its elements one by one"));
+            self.apart(value);
             return None;
         }
         let value = self.value_of(value, ty)?;
@@ -162,6 +165,7 @@ impl<'a> Body<'_, 'a> {
         body: &'a [Statement],
     ) -> Option<Hir> {
         let Some(place) = self.control_variable(name) else {
+            self.all_apart([from, to].into_iter().chain(by));
             self.looped(body);
             return None;
         };

@@ -1,11 +1,81 @@
 //! Warnings of variables that nothing uses.
 
-use super::Checker;
+use std::collections::{BTreeSet, HashMap};
+
 use super::body::Body;
 use super::unit::Storage;
-use crate::diagnostic::{Code, Diagnostic};
+use super::{Checker, Input};
+use crate::diagnostic::{Code, Diagnostic, Diagnostics};
 use crate::hir::{Area, StructureKind};
-use crate::syntax::ast::{self, SectionKind};
+use crate::source::Span;
+use crate::syntax::ast::{self, Declaration, SectionKind};
+
+/// Which warnings of unused variables may be wrong, since something that has errors may use the variable.
+///
+/// A variable of a unit is in doubt if its unit has an error, and all of a file are if its text could not be read as
+/// units. A global variable is in doubt with any error.
+pub(super) struct Doubts {
+    /// The units of each file that has any, and whether they have errors.
+    units: HashMap<usize, Vec<(Span, bool)>>,
+    /// Files with units that may not be whole.
+    files: Vec<usize>,
+    errors: bool,
+}
+
+impl Doubts {
+    pub(super) fn of(files: &[Input<'_>], diagnostics: &Diagnostics) -> Self {
+        let mut units: HashMap<usize, Vec<(Span, bool)>> = HashMap::new();
+        for declaration in files.iter().flat_map(|file| &file.tree.declarations) {
+            if let Declaration::Unit(unit) = declaration {
+                units.entry(unit.span.file.index()).or_default().push((unit.span, false));
+            }
+        }
+        let mut doubts = Self { units, files: Vec::new(), errors: diagnostics.has_errors() };
+        let mut told = BTreeSet::new();
+        for one in diagnostics.iter().filter(|one| one.is_error()) {
+            let file = one.span.file.index();
+            match doubts.units.get_mut(&file).and_then(|units| around(units, one.span)) {
+                Some((_, errors)) => *errors = true,
+                None if is_of_text(one.code) => doubts.files.push(file),
+                None => {}
+            }
+            told.insert(one.span.file);
+        }
+        // Errors that were not kept may be anywhere in their file.
+        let full = told.into_iter().filter(|file| diagnostics.left_out(*file) > 0);
+        doubts.files.extend(full.map(|file| file.index()));
+        doubts.files.sort_unstable();
+        doubts.files.dedup();
+        doubts
+    }
+
+    /// Whether a message is such a warning.
+    pub(super) fn concern(&self, one: &Diagnostic) -> bool {
+        if !matches!(one.code, Code::Unused | Code::NeverAssigned | Code::MissingResult) {
+            return false;
+        }
+        let file = one.span.file.index();
+        let units = self.units.get(&file).map_or(&[][..], |units| units);
+        match units.iter().find(|(unit, _)| contains(*unit, one.span)) {
+            Some((_, errors)) => *errors || self.files.binary_search(&file).is_ok(),
+            None => self.errors,
+        }
+    }
+}
+
+fn around(units: &mut [(Span, bool)], span: Span) -> Option<&mut (Span, bool)> {
+    units.iter_mut().find(|(unit, _)| contains(*unit, span))
+}
+
+fn contains(unit: Span, span: Span) -> bool {
+    (unit.start..=unit.end).contains(&span.start)
+}
+
+/// Whether an error may hide which unit a word belongs to.
+fn is_of_text(code: Code) -> bool {
+    use Code::*;
+    matches!(code, InvalidCharacter | Unterminated | Syntax | TooDeep | NotSupported | ReservedName)
+}
 
 impl Body<'_, '_> {
     pub(super) fn warn_of_variables(&mut self, ast: &ast::Unit) {

@@ -20,14 +20,22 @@ impl<'a> Body<'_, 'a> {
         self.note_call(unit, span);
         let parameters = self.parameters(unit);
         let name = self.checker.units[unit].ast.name.clone();
-        let bound = self.bind(&parameters, &name, arguments, span)?;
+        let Some(bound) = self.bind(&parameters, &name, arguments, span) else {
+            self.arguments_apart(arguments);
+            return None;
+        };
         let mut block = Vec::new();
         let mut behind = Vec::new();
         let mut complete = true;
         for (parameter, given) in parameters.iter().zip(&bound.given) {
             let (Some(ty), Some((value, binding))) = (parameter.ty, given) else {
-                if parameter.kind == SectionKind::InOut {
+                if parameter.kind == SectionKind::InOut && given.is_none() {
                     self.missing(&parameter.name, &name, span);
+                    complete = false;
+                }
+                // Its parameter has an error.
+                if let Some((value, _)) = given {
+                    self.apart(value);
                     complete = false;
                 }
                 continue;

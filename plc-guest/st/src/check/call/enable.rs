@@ -37,15 +37,17 @@ impl<'a> Body<'_, 'a> {
             let found = format!("EN or ENO in a call of `{}`", name.text);
             let one = Diagnostic::new(Code::NotSupported, span, found);
             self.tell(one.allowed("EN and ENO of declared functions and function blocks"));
+            self.arguments_apart(arguments);
             return None;
         };
         let unit = units[0];
         let mut enable = Enable::default();
-        let list = self.function_arguments(unit, name, arguments, span, Some(&mut enable))?;
+        let list = self.function_arguments(unit, name, arguments, span, Some(&mut enable));
+        let place = self.write_place(target);
+        let (list, place) = (list?, place?);
         let (_, ty) = self.checker.units[unit].result?;
         let routine = self.checker.units[unit].routine?;
         let call = Operand::typed(self.expr(ty, ExprKind::Call(routine, list), span));
-        let place = self.write_place(target)?;
         let value = self.converted(call, place.ty, span)?;
         let assign = self.statement(StatementKind::Assign(place, value), span);
         self.enabled(vec![assign], enable, span)

@@ -20,7 +20,10 @@ impl<'a> Body<'_, 'a> {
     ) -> Option<Vec<hir::Argument>> {
         self.note_call(unit, span);
         let parameters = self.parameters(unit);
-        let bound = self.bind(&parameters, name, arguments, span)?;
+        let Some(bound) = self.bind(&parameters, name, arguments, span) else {
+            self.arguments_apart(arguments);
+            return None;
+        };
         match enable {
             Some(enable) => *enable = bound.enable,
             None if bound.enable.is_used() => {
@@ -35,7 +38,12 @@ impl<'a> Body<'_, 'a> {
         let mut list = Vec::new();
         let mut complete = true;
         for (parameter, given) in parameters.iter().zip(&bound.given) {
-            let ty = parameter.ty?;
+            let Some(ty) = parameter.ty else {
+                // Its declaration has an error.
+                complete = false;
+                self.all_apart(given.map(|(value, _)| value));
+                continue;
+            };
             let argument = match (parameter.kind, given) {
                 (SectionKind::Input, Some((value, _))) => {
                     self.value_of(value, ty).map(hir::Argument::Value)

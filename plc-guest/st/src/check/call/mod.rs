@@ -31,24 +31,28 @@ impl<'a> Body<'_, 'a> {
     ) -> Option<Operand> {
         let ExpressionKind::Name(name) = &callee.kind else {
             self.instance_as_value(callee);
+            self.arguments_apart(arguments);
             return None;
         };
         if self.variable(name).is_some()
             || matches!(self.checker.names.get(&name.key), Some(Entry::Global(_)))
         {
             self.instance_as_value(callee);
+            self.arguments_apart(arguments);
             return None;
         }
         let units = match self.checker.names.get(&name.key).cloned() {
             Some(Entry::Units(units)) => units,
             Some(entry) => {
                 self.not_callable(name, &entry);
+                self.arguments_apart(arguments);
                 return None;
             }
             None => return self.standard_call(name, arguments, span, hint),
         };
         if self.checker.units[units[0]].ast.kind != UnitKind::Function {
             self.not_callable(name, &Entry::Units(units));
+            self.arguments_apart(arguments);
             return None;
         }
         let (unit, list) = match units[..] {
@@ -106,15 +110,18 @@ impl<'a> Body<'_, 'a> {
         {
             return self.function_statement(name, expression, arguments, span);
         }
-        let place = self.write_place(callee)?;
         // Calling it is using it in both ways.
-        self.read_place(callee)?;
+        let Some(place) = self.write_place(callee).and_then(|_| self.read_place(callee)) else {
+            self.arguments_apart(arguments);
+            return None;
+        };
         let ty = place.ty;
         let unit = self.block_of(ty);
         let Some(unit) = unit else {
             let found = format!("a call of {}", self.type_name(ty));
             let one = Diagnostic::new(Code::WrongKind, callee.span, found);
             self.tell(one.allowed("an instance of a function block"));
+            self.arguments_apart(arguments);
             return None;
         };
         self.invoke(place, unit, arguments, span)

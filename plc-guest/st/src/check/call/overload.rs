@@ -24,9 +24,12 @@ impl<'a> Body<'_, 'a> {
         let mut operands = Vec::new();
         for argument in arguments {
             let formal = argument.name.as_ref().map(|(name, _)| name.text.to_string());
-            let value = argument.value.as_ref()?;
-            operands.push((formal, self.operand(value, None)?, value.span));
+            let value = argument.value.as_ref();
+            let checked = value.and_then(|value| Some((self.operand(value, None)?, value.span)));
+            operands.push(checked.map(|(operand, span)| (formal, operand, span)));
         }
+        // All of them before any is given up.
+        let operands: Vec<_> = operands.into_iter().collect::<Option<_>>()?;
         for exact in [true, false] {
             for unit in units {
                 let parameters = self.parameters(*unit);

@@ -48,6 +48,7 @@ impl<'a> Body<'_, 'a> {
                 Some(result) => result,
                 None => {
                     self.unknown_function(name);
+                    self.arguments_apart(arguments);
                     None
                 }
             };

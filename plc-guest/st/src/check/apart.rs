@@ -1,0 +1,62 @@
+//! Expressions that stand where something else is wrong, such as the arguments of a function that there is not.
+//!
+//! Which type is needed there is not known. What is wrong in such an expression by itself is told all the same, so that
+//! one run shows every mistake.
+
+use super::Entry;
+use super::body::Body;
+use super::place::Access;
+use crate::syntax::ast::{Argument, Binding, Expression, ExpressionKind, Name};
+
+impl<'a> Body<'_, 'a> {
+    /// Tells what is wrong in an expression by itself.
+    pub(super) fn apart(&mut self, expression: &'a Expression) {
+        match &expression.kind {
+            ExpressionKind::Parenthesised(inner) => self.apart(inner),
+            // A whole array or a value of an enumeration may be right there.
+            ExpressionKind::Name(name) => self.name_apart(name),
+            _ => {
+                self.operand(expression, None);
+            }
+        }
+    }
+
+    /// [`Body::apart`] for each.
+    pub(super) fn all_apart(&mut self, expressions: impl IntoIterator<Item = &'a Expression>) {
+        expressions.into_iter().for_each(|expression| self.apart(expression));
+    }
+
+    /// [`Body::apart`] for the values of arguments; those of outputs are assigned.
+    pub(super) fn arguments_apart(&mut self, arguments: &'a [Argument]) {
+        for argument in arguments {
+            let Some(value) = &argument.value else { continue };
+            self.apart(value);
+            let output = matches!(&argument.name, Some((_, binding)) if *binding != Binding::Input);
+            if output && let ExpressionKind::Name(name) = &value.kind {
+                self.mark(name, Access::Write);
+            }
+        }
+    }
+
+    fn name_apart(&mut self, name: &Name) {
+        self.mark(name, Access::Read);
+        let top = self.checker.names.contains_key(&name.key);
+        let value = self.checker.enumeration_values.contains_key(&*name.key);
+        if self.variable(name).is_none() && !self.is_result(name) && !top && !value {
+            self.unknown(name);
+        }
+    }
+
+    fn mark(&mut self, name: &Name, access: Access) {
+        let (read, written) = (access == Access::Read, access == Access::Write);
+        if let Some(index) = self.variable(name) {
+            self.variables[index].read |= read;
+            self.variables[index].written |= written;
+            self.mark_external(name, access);
+        } else if let Some(Entry::Global(global)) = self.checker.names.get(&name.key) {
+            let global = &mut self.checker.globals[*global];
+            global.read |= read;
+            global.written |= written;
+        }
+    }
+}
