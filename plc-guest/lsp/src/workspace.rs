@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use lsp_types::Uri;
 use takt_st::files::{self, FilesError};
-use takt_st::manifest::{self, Mistakes, ProjectError};
+use takt_st::manifest::{self, Mistakes};
 
 use crate::documents::Documents;
 use crate::uri::Name;
@@ -104,7 +104,7 @@ impl Workspace {
             Project::Described(folder) => described(folder, &mut mistakes),
             Project::Tree(folder) => {
                 let all = files::list(std::slice::from_ref(folder));
-                all.map(without_libraries).map_err(|error| match error {
+                all.all().map(without_libraries).map_err(|error| match error {
                     FilesError::Empty { .. } => String::new(),
                     error => error.to_string(),
                 })
@@ -133,11 +133,9 @@ fn described(
     folder: &Path,
     mistakes: &mut Option<Box<Mistakes>>,
 ) -> Result<Vec<(PathBuf, bool)>, String> {
-    let project = manifest::Project::read(folder).map_err(|error| {
-        let text = error.to_string();
-        if let ProjectError::Manifest(found) = error {
-            *mistakes = Some(found);
-        }
+    let project = manifest::Project::read(folder).map_err(|found| {
+        let text = found.to_string();
+        *mistakes = Some(found);
         text
     })?;
     let files = project.files().map_err(|error| error.to_string())?;

@@ -2,8 +2,10 @@
 
 use thiserror::Error;
 
-use crate::hir::Program;
-use crate::native::{self, Native, NativeError};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::hir::{Location, Program, Routine, StructureKind};
+use crate::native::{self, Most, Native, NativeError};
+use crate::source::{Sources, Span};
 
 /// A program that is ready to be loaded.
 pub struct Built {
@@ -20,10 +22,7 @@ pub enum BuildError {
     #[error(transparent)]
     Native(#[from] NativeError),
     /// It has no task, so nothing of it would ever run.
-    #[error(
-        "nothing runs a program. Declare when, such as: CONFIGURATION Plant TASK often (INTERVAL := T#10ms, PRIORITY := 1); \
-         PROGRAM one WITH often : Main; END_CONFIGURATION"
-    )]
+    #[error("nothing runs a program")]
     NoTask,
     /// The image's rules refuse it.
     #[error("the program image: {0}")]
@@ -41,4 +40,81 @@ pub fn build(program: &Program) -> Result<Built, BuildError> {
     let native = native::compile(program)?;
     let image = native::image(program, &native).map_err(BuildError::Image)?;
     Ok(Built { image, native })
+}
+
+/// Compiles a checked program to see whether it has an image. Without a task it may be a library, so that this is no
+/// error here. It may need the room of [`crate::stack`].
+///
+/// # Errors
+/// See [`BuildError`].
+pub fn try_build(program: &Program) -> Result<(), BuildError> {
+    if program.tasks.is_empty() {
+        native::compile(program)?;
+        return Ok(());
+    }
+    build(program).map(drop)
+}
+
+impl BuildError {
+    /// The message about it, with the place of what takes most or is declared wrong.
+    #[must_use]
+    pub fn diagnostic(&self, program: &Program, sources: &Sources) -> Diagnostic {
+        let at = |location: Location| place(sources, location);
+        let tell = |code, location| Diagnostic::new(code, at(location), self.to_string());
+        match self {
+            Self::NoTask => tell(Code::NoTask, first_program(program))
+                .allowed("a CONFIGURATION that says when a program runs")
+                .hint(
+                    "such as `CONFIGURATION Plant TASK often (INTERVAL := T#10ms, PRIORITY := 1); \
+                     PROGRAM one WITH often : Main; END_CONFIGURATION`",
+                ),
+            Self::Native(NativeError::TooMuch { limit, what, most, .. }) => {
+                let Most { name, bytes, location } = most;
+                tell(Code::TooLarge, *location)
+                    .allowed(format!("at most {limit} bytes of {what}"))
+                    .hint(format!("`{name}` takes most: {bytes} bytes"))
+            }
+            Self::Native(NativeError::TooMuchStack { location, most, variable, .. }) => {
+                let Most { name, bytes, location: largest } = most;
+                let takes = format!("`{name}` takes most: {bytes} bytes");
+                let hint = match variable {
+                    Some((name, bytes)) => format!(
+                        "{takes}, of which its variable `{name}` has {bytes}; the variables of a \
+                         program or function block are not on the stack"
+                    ),
+                    None => takes,
+                };
+                tell(Code::StackTooLarge, *location)
+                    .allowed(format!("at most {} bytes", takt_program::limit::STACK_BYTES))
+                    .hint(hint)
+                    .related(at(*largest), format!("`{name}` is declared here"))
+            }
+            Self::Native(NativeError::Internal { .. } | NativeError::Thread(_)) => {
+                tell(Code::Internal, Location::default())
+            }
+            Self::Image(error) => {
+                let index = error.index as usize;
+                let location = match error.record {
+                    "variable" => program.globals.get(index).map(|global| global.location),
+                    "task" => program.tasks.get(index).map(|task| task.location),
+                    _ => program.tasks.first().map(|task| task.location),
+                };
+                tell(Code::TooLarge, location.unwrap_or_default())
+            }
+        }
+    }
+}
+
+fn first_program(program: &Program) -> Location {
+    let kind = |ty| program.types.structure(ty).map(|structure| structure.kind);
+    let of_program =
+        |routine: &&Routine| routine.instance.and_then(kind) == Some(StructureKind::Program);
+    program.routines.iter().find(of_program).map(|routine| routine.location).unwrap_or_default()
+}
+
+/// A place in the sources; what has none is told at the beginning of the first.
+fn place(sources: &Sources, location: Location) -> Span {
+    let found = sources.word_at(usize::from(location.file), location.line, location.column);
+    let first = || sources.iter().next().map(|(file, _)| Span { file, start: 0, end: 0 });
+    found.or_else(first).unwrap_or_else(|| unreachable!("a program was made of sources"))
 }

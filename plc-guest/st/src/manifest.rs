@@ -9,7 +9,7 @@ use std::path::{Component, Path, PathBuf};
 use takt_program::Version;
 
 use crate::diagnostic::{Diagnostic, text};
-use crate::files::{self, FilesError};
+use crate::files::{self, FilesError, Listed};
 use crate::source::Sources;
 
 /// Its name in the project's folder.
@@ -33,17 +33,6 @@ pub struct Project {
     tests: Vec<PathBuf>,
 }
 
-/// Why a project cannot be read.
-#[derive(Debug, thiserror::Error)]
-pub enum ProjectError {
-    /// The project file has mistakes.
-    #[error("{0}")]
-    Manifest(Box<Mistakes>),
-    /// A file of the project cannot be read.
-    #[error(transparent)]
-    Files(#[from] FilesError),
-}
-
 /// The messages about a project file, with its text.
 #[derive(Debug)]
 pub struct Mistakes {
@@ -51,6 +40,8 @@ pub struct Mistakes {
     pub sources: Sources,
     /// What is wrong with it, by place.
     pub diagnostics: Vec<Diagnostic>,
+    /// The project with what is understood, if that tells where all its sources are.
+    pub project: Option<Box<Project>>,
 }
 
 impl fmt::Display for Mistakes {
@@ -76,35 +67,40 @@ impl Project {
     /// # Errors
     ///
     /// If it cannot be read, or has mistakes: all of them.
-    pub fn read(folder: &Path) -> Result<Self, ProjectError> {
+    pub fn read(folder: &Path) -> Result<Self, Box<Mistakes>> {
         // `.` would be in front of all names that are shown.
         let folder: PathBuf =
             folder.components().filter(|part| *part != Component::CurDir).collect();
         let mut sources = Sources::new();
-        files::add(&mut sources, &folder.join(FILE))?;
-        let Some((file, source)) = sources.iter().next() else { unreachable!("a file was added") };
-        match reader::project(file, source.text(), &folder) {
-            Ok(project) => Ok(project),
-            Err(diagnostics) => {
-                Err(ProjectError::Manifest(Box::new(Mistakes { sources, diagnostics })))
+        let Some(file) = files::add(&mut sources, &folder.join(FILE)) else {
+            let diagnostics = sources.refused().to_vec();
+            return Err(Box::new(Mistakes { sources, diagnostics, project: None }));
+        };
+        let (project, diagnostics) = reader::project(file, sources.get(file).text(), &folder);
+        match project {
+            Some(project) if diagnostics.is_empty() => Ok(project),
+            project => {
+                let project = project.map(Box::new);
+                Err(Box::new(Mistakes { sources, diagnostics, project }))
             }
         }
     }
 
-    /// All sources: those of the program and of its tests, then those of its libraries.
-    ///
-    /// # Errors
-    ///
-    /// At the first that cannot be a source.
-    pub fn sources(&self) -> Result<Sources, FilesError> {
+    /// All sources: those of the program and of its tests, then those of its libraries. What cannot be read is a
+    /// message of theirs.
+    #[must_use]
+    pub fn sources(&self) -> Sources {
         let mut sources = Sources::new();
-        for (path, library) in self.files()? {
-            let file = files::add(&mut sources, &path)?;
-            if library {
+        let (files, refused) = self.listed();
+        for (path, library) in files {
+            if let Some(file) = files::add(&mut sources, &path)
+                && library
+            {
                 sources.mark_as_library(file);
             }
         }
-        Ok(sources)
+        files::refuse(&mut sources, &refused);
+        sources
     }
 
     /// The files of [`Project::sources`], each with whether it is of a library.
@@ -113,14 +109,30 @@ impl Project {
     ///
     /// If a folder cannot be read.
     pub fn files(&self) -> Result<Vec<(PathBuf, bool)>, FilesError> {
+        let (files, refused) = self.listed();
+        Listed { files: Vec::new(), refused }.all()?;
+        Ok(files)
+    }
+
+    fn listed(&self) -> (Vec<(PathBuf, bool)>, Vec<FilesError>) {
         let mut seen = HashSet::new();
-        let libraries = distinct(files::list(&self.libraries)?, &mut seen);
-        let mut own = self.test_files("st")?;
-        own.extend(files::list(&self.sources)?);
+        let libraries = files::list(&self.libraries);
+        let tests = self.test_files("st");
+        let sources = files::list(&self.sources);
+        let of_libraries = distinct(libraries.files, &mut seen);
+        let mut own = tests.files;
+        own.extend(sources.files);
         let mut own = distinct(own, &mut seen);
         own.sort();
         let own = own.into_iter().map(|path| (path, false));
-        Ok(own.chain(libraries.into_iter().map(|path| (path, true))).collect())
+        let files = own.chain(of_libraries.into_iter().map(|path| (path, true))).collect();
+        // A folder of tests is often within that of the sources.
+        let mut told = HashSet::new();
+        let mut refused = sources.refused;
+        refused.extend(tests.refused);
+        refused.extend(libraries.refused);
+        refused.retain(|error| told.insert(error.path().to_owned()));
+        (files, refused)
     }
 
     /// The files in Structured Text that are the author's own, for the formatter.
@@ -130,9 +142,9 @@ impl Project {
     /// As of [`Project::sources`].
     pub fn own_files(&self) -> Result<Vec<PathBuf>, FilesError> {
         let mut seen = HashSet::new();
-        let mut own = files::list(&self.sources)?;
-        own.extend(self.test_files("st")?);
-        own.extend(files::list(&self.libraries)?);
+        let mut own = files::list(&self.sources).all()?;
+        own.extend(self.test_files("st").all()?);
+        own.extend(files::list(&self.libraries).all()?);
         Ok(distinct(own, &mut seen))
     }
 
@@ -142,19 +154,21 @@ impl Project {
     ///
     /// If a folder cannot be read.
     pub fn tables(&self) -> Result<Vec<PathBuf>, FilesError> {
-        self.test_files("csv")
+        self.test_files("csv").all()
     }
 
-    fn test_files(&self, extension: &str) -> Result<Vec<PathBuf>, FilesError> {
-        let mut found = Vec::new();
+    fn test_files(&self, extension: &str) -> Listed {
+        let mut found = Listed::default();
         for path in &self.tests {
             if path.is_dir() {
-                found.extend(files::within(path, extension)?);
+                let within = files::within(path, extension);
+                found.files.extend(within.files);
+                found.refused.extend(within.refused);
             } else if files::has_extension(path, extension) {
-                found.push(path.clone());
+                found.files.push(path.clone());
             }
         }
-        Ok(found)
+        found
     }
 }
 

@@ -38,7 +38,7 @@ fn sources_libraries_and_tests_are_told_apart_and_each_is_taken_once() {
     }
     let project = Project::read(folder.path()).unwrap();
     assert_eq!(project.version.to_string(), "1.2.3");
-    let sources = project.sources().unwrap();
+    let sources = project.sources();
     let shown: Vec<(String, bool)> = sources
         .iter()
         .map(|(file, source)| {

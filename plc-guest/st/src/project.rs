@@ -74,9 +74,15 @@ fn check_here(name: &str, sources: &mut Sources, part: Part) -> Checked {
 
 fn check_with_library(name: &str, sources: &Sources, own: usize, part: Part) -> Checked {
     let mut diagnostics = Diagnostics::new();
-    let files = sources.iter().take(own);
-    let trees: Vec<File> =
-        files.map(|(file, _)| parser::parse(file, sources, &mut diagnostics)).collect();
+    sources.refused().iter().for_each(|one| diagnostics.push(one.clone()));
+    let trees: Vec<File> = sources
+        .iter()
+        .take(own)
+        .map(|(file, source)| match source.is_read() {
+            true => parser::parse(file, sources, &mut diagnostics),
+            false => File::default(),
+        })
+        .collect();
     let tests = trees.iter().any(has_tests);
     // Files keep their numbers.
     let empty = File::default();

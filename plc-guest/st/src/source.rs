@@ -5,6 +5,7 @@
 
 use std::fmt;
 
+use crate::diagnostic::Diagnostic;
 use crate::limits;
 
 /// A file of a [`Sources`].
@@ -69,19 +70,13 @@ impl fmt::Display for Position {
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum SourceError {
     /// More than [`limits::FILE_BYTES`].
-    #[error(
-        "{name}: more than {} bytes, which is the most that a source may have",
-        limits::FILE_BYTES
-    )]
+    #[error("{name}: {}", self.what())]
     TooLarge {
         /// The file's name.
         name: String,
     },
     /// Not text.
-    #[error(
-        "{name}: byte {offset} is not UTF-8 text; a source is text in UTF-8 (was this saved in \
-         another encoding, or is it a binary file?)"
-    )]
+    #[error("{name}: {}; {}", self.what(), self.allowed())]
     NotText {
         /// The file's name.
         name: String,
@@ -89,11 +84,35 @@ pub enum SourceError {
         offset: usize,
     },
     /// More than [`limits::FILES`].
-    #[error("{name}: more than {} files in one project", limits::FILES)]
+    #[error("{name}: {}", self.what())]
     TooMany {
         /// The file's name.
         name: String,
     },
+}
+
+impl SourceError {
+    /// What was found.
+    #[must_use]
+    pub fn what(&self) -> String {
+        match self {
+            Self::TooLarge { .. } => format!("more than {} bytes", limits::FILE_BYTES),
+            Self::NotText { offset, .. } => format!("byte {offset} is not UTF-8 text"),
+            Self::TooMany { .. } => format!("more than {} files in one project", limits::FILES),
+        }
+    }
+
+    /// What is allowed.
+    #[must_use]
+    pub fn allowed(&self) -> String {
+        match self {
+            Self::TooLarge { .. } => format!("a source of at most {} bytes", limits::FILE_BYTES),
+            Self::NotText { .. } => {
+                "text in UTF-8 (was this saved in another encoding, or is it a binary file?)".into()
+            }
+            Self::TooMany { .. } => format!("at most {} files", limits::FILES),
+        }
+    }
 }
 
 /// One file: its name as messages show it, and its text.
@@ -107,10 +126,17 @@ pub struct Source {
     /// costs no more than one in a short line. Empty where each character is a byte.
     characters: Vec<u32>,
     library: bool,
+    read: bool,
+    whole: bool,
 }
 
 /// In bytes.
 const BLOCK: usize = 256;
+
+/// A text without the mark of byte order that editors of Windows put before UTF-8.
+pub(crate) fn without_mark(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes)
+}
 
 /// Every byte of UTF-8 but the continuations begins a character.
 fn count_characters(bytes: &[u8]) -> u32 {
@@ -118,6 +144,38 @@ fn count_characters(bytes: &[u8]) -> u32 {
 }
 
 impl Source {
+    fn new(name: &str, text: &str) -> Self {
+        let bytes = text.as_bytes();
+        let mut lines = vec![0];
+        lines.extend(
+            bytes.iter().enumerate().filter(|(_, b)| **b == b'\n').map(|(at, _)| at as u32 + 1),
+        );
+        let mut characters = Vec::new();
+        if !text.is_ascii() {
+            let mut before = 0;
+            // The end of a text that ends with a block has a place too.
+            characters.push(0);
+            characters.extend(bytes.chunks(BLOCK).map(|block| {
+                before += count_characters(block);
+                before
+            }));
+        }
+        let (name, text) = (name.into(), text.into());
+        Self { name, text, lines, characters, library: false, read: true, whole: true }
+    }
+
+    /// Whether the file could be read, so that it has declarations.
+    #[must_use]
+    pub fn is_read(&self) -> bool {
+        self.read
+    }
+
+    /// Whether places in the file are known. Of a file that could not be read at all there is only the name.
+    #[must_use]
+    pub fn has_places(&self) -> bool {
+        self.whole
+    }
+
     /// Its name, as messages show it.
     #[must_use]
     pub fn name(&self) -> &str {
@@ -164,6 +222,7 @@ impl Source {
 #[derive(Debug, Default)]
 pub struct Sources {
     files: Vec<Source>,
+    refused: Vec<Diagnostic>,
 }
 
 impl Sources {
@@ -185,36 +244,60 @@ impl Sources {
         if self.files.len() >= limits::FILES {
             return Err(SourceError::TooMany { name: name.into() });
         }
-        // Editors of Windows put this before UTF-8.
-        let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+        let bytes = without_mark(bytes);
         let text = std::str::from_utf8(bytes)
             .map_err(|e| SourceError::NotText { name: name.into(), offset: e.valid_up_to() })?;
         if let Some(offset) = bytes.iter().position(|byte| *byte == 0) {
             return Err(SourceError::NotText { name: name.into(), offset });
         }
-        let mut lines = vec![0];
-        lines.extend(
-            bytes.iter().enumerate().filter(|(_, b)| **b == b'\n').map(|(at, _)| at as u32 + 1),
-        );
+        Ok(self.push(name, text))
+    }
+
+    /// Adds a file of the compiler's own, which counts for no limit.
+    pub(crate) fn push(&mut self, name: &str, text: &str) -> FileId {
         let id = FileId(self.files.len() as u32);
-        let mut characters = Vec::new();
-        if !text.is_ascii() {
-            let mut before = 0;
-            // The end of a text that ends with a block has a place too.
-            characters.push(0);
-            characters.extend(bytes.chunks(BLOCK).map(|block| {
-                before += count_characters(block);
-                before
-            }));
+        self.files.push(Source::new(name, text));
+        id
+    }
+
+    /// Takes note of something that is no source, by its name and the text before what is wrong with it, if there is
+    /// such a place. Its message is one of the project's; the others are checked all the same.
+    pub fn refuse(
+        &mut self,
+        name: &str,
+        before: Option<&str>,
+        message: impl FnOnce(Span) -> Diagnostic,
+    ) {
+        // A few more than a project may have: those are told of by their number.
+        if self.files.len() > limits::FILES + 16 {
+            return;
         }
-        self.files.push(Source {
-            name: name.into(),
-            text: text.into(),
-            lines,
-            characters,
-            library: false,
-        });
-        Ok(id)
+        let file = FileId(self.files.len() as u32);
+        let text = before.unwrap_or("");
+        let source = Source::new(name, text);
+        self.files.push(Source { read: false, whole: before.is_some(), ..source });
+        let end = text.len() as u32;
+        self.refused.push(message(Span { file, start: end, end }));
+    }
+
+    /// The messages about what is no source.
+    #[must_use]
+    pub fn refused(&self) -> &[Diagnostic] {
+        &self.refused
+    }
+
+    /// The place of a word that begins at a line and column of a file, both from 1.
+    #[must_use]
+    pub fn word_at(&self, file: usize, line: u32, column: u32) -> Option<Span> {
+        let source = self.files.get(file)?;
+        let start = *source.lines.get(line.checked_sub(1)? as usize)? as usize;
+        let rest = source.text.get(start..)?;
+        let skipped = rest.char_indices().nth(column.checked_sub(1)? as usize);
+        let at = start + skipped.map_or(rest.len(), |(at, _)| at);
+        let is_word = |c: &char| c.is_alphanumeric() || *c == '_';
+        let word = source.text.get(at..)?.chars().take_while(is_word);
+        let end = at + word.map(char::len_utf8).sum::<usize>();
+        Some(Span { file: FileId(file as u32), start: at as u32, end: end as u32 })
     }
 
     /// Makes a file one of a library: what is not used of it is neither told of nor compiled.

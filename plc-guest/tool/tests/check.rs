@@ -57,11 +57,11 @@ fn what_is_no_source_is_refused_by_name() {
     std::fs::write(folder.path().join("binary.st"), [0x7F, b'E', 0xFF, 0]).expect("it is written");
     std::fs::write(folder.path().join("line.st"), "x".repeat(10 << 20)).expect("it is written");
     for (path, message) in [
-        ("empty", "empty: no file in this folder ends with .st"),
-        ("nothing.st", "cannot read nothing.st"),
-        ("binary.st", "binary.st: byte 2 is not UTF-8 text"),
-        ("line.st", "line.st: more than 8388608 bytes"),
-        ("/dev/zero", "/dev/zero: neither a file nor a folder"),
+        ("empty", "error[no-source]: empty: no file in this folder ends with .st"),
+        ("nothing.st", "error[cannot-read]: nothing.st: cannot be read: "),
+        ("binary.st", "error[not-text]: binary.st:1:3: byte 2 is not UTF-8 text"),
+        ("line.st", "error[too-large]: line.st: more than 8388608 bytes"),
+        ("/dev/zero", "error[no-source]: /dev/zero: neither a file nor a folder"),
     ] {
         let output = check(&[path], folder.path());
         assert_eq!(output.status.code(), Some(2), "{path}");
@@ -94,4 +94,124 @@ fn a_time_as_a_number_is_refused_with_the_way_by_nanoseconds() {
     assert_eq!(status, Some(2));
     assert!(text.contains("hint: by nanoseconds: `LINT_TO_LREAL(TIME_TO_LINT(...))`"), "{text}");
     assert_eq!(checked("LINT_TO_LREAL(TIME_TO_LINT(t))"), (Some(0), String::new()));
+}
+
+/// The messages of a run as JSON: code, file and line of each.
+fn told(arguments: &[&str], folder: &Path) -> Vec<(String, String, Option<u64>)> {
+    let output = check(&[&["--message-format", "json"], arguments].concat(), folder);
+    let text = String::from_utf8(output.stdout).expect("it is text");
+    let line = |line| {
+        let one: serde_json::Value = serde_json::from_str(line).expect("it is JSON");
+        let word = |value: &serde_json::Value| value.as_str().unwrap_or_default().to_owned();
+        let place = &one["place"];
+        (word(&one["code"]), word(&place["file"]), place["line"].as_u64())
+    };
+    text.lines().map(line).collect()
+}
+
+fn expected(list: &[(&str, &str, Option<u64>)]) -> Vec<(String, String, Option<u64>)> {
+    list.iter().map(|(code, file, line)| (code.to_string(), file.to_string(), *line)).collect()
+}
+
+#[test]
+fn a_file_that_cannot_be_read_hides_no_error_of_another() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, bytes: &[u8]| {
+        std::fs::write(folder.path().join(name), bytes).expect("it can be written");
+    };
+    write("a.st", b"FUNCTION a : INT\nVAR x : INT; END_VAR\n// \xE4\na := 1;\nEND_FUNCTION\n");
+    write("b.st", WRONG.as_bytes());
+    write("c.st", &[b' '; (8 << 20) + 1]);
+    assert_eq!(
+        told(&["a.st", "b.st", "c.st", "d.st"], folder.path()),
+        expected(&[
+            ("not-text", "a.st", Some(3)),
+            ("unknown-name", "b.st", Some(3)),
+            ("too-large", "c.st", None),
+            ("cannot-read", "d.st", None),
+        ])
+    );
+}
+
+#[test]
+fn of_too_many_files_those_are_checked_that_may_be_there() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for number in 0..4100 {
+        let name = format!("f{number:04}.st");
+        std::fs::write(folder.path().join(name), "").expect("it can be written");
+    }
+    std::fs::write(folder.path().join("a.st"), WRONG).expect("it can be written");
+    assert_eq!(
+        told(&["."], folder.path()),
+        expected(&[("unknown-name", "./a.st", Some(3)), ("too-large", "./f4095.st", None)])
+    );
+}
+
+#[test]
+fn a_project_file_with_mistakes_hides_no_error_of_a_source() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| {
+        std::fs::write(folder.path().join(name), text).expect("it can be written");
+    };
+    write("main.st", WRONG);
+    let both = expected(&[
+        ("project-file", "takt-plc.toml", Some(2)),
+        ("unknown-name", "main.st", Some(3)),
+    ]);
+    for second in ["version = \"1\"", "colour = 7", "version = 1.2.0"] {
+        write("takt-plc.toml", &format!("name = \"tank\"\n{second}\n"));
+        assert_eq!(told(&[], folder.path()), both, "{second}");
+    }
+    // Where the sources are is not known: what they have is not either.
+    for second in ["sorces = [\"src\"]", "libraries = [\"none\"]", "sources = [\"a\""] {
+        write("takt-plc.toml", &format!("name = \"tank\"\n{second}\n"));
+        let found = told(&[], folder.path());
+        assert!(found.iter().all(|(code, ..)| code == "project-file"), "{second}: {found:?}");
+        assert!(!found.is_empty(), "{second}");
+    }
+}
+
+#[test]
+fn a_link_to_a_folder_around_it_is_told_and_not_followed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let inner = folder.path().join("plant/pumps");
+    std::fs::create_dir_all(&inner).expect("it can be made");
+    std::fs::write(inner.join("main.st"), WRONG).expect("it can be written");
+    std::os::unix::fs::symlink("../..", inner.join("back")).expect("a link");
+    // A link to another folder is followed.
+    std::fs::create_dir(folder.path().join("other")).expect("it can be made");
+    std::fs::write(folder.path().join("other/o.st"), "x").expect("it can be written");
+    std::os::unix::fs::symlink("../other", folder.path().join("plant/other")).expect("a link");
+    assert_eq!(
+        told(&["plant"], folder.path()),
+        expected(&[
+            ("syntax", "plant/other/o.st", Some(1)),
+            ("unknown-name", "plant/pumps/main.st", Some(3)),
+            ("folder-loop", "plant/pumps/back", None),
+        ])
+    );
+}
+
+/// What the compiler finds only when it makes code.
+#[test]
+fn what_build_refuses_check_refuses_with_the_place() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let text = "FUNCTION big : INT\nVAR a : ARRAY[1..800000] OF INT; i : INT; END_VAR\na[1] := i;\n\
+                i := a[i + 1];\nbig := a[i];\nEND_FUNCTION\n\
+                PROGRAM Main\nVAR x AT %QW0 : INT; END_VAR\nx := big();\nEND_PROGRAM\n\
+                CONFIGURATION c\nTASK t (INTERVAL := T#1ms, PRIORITY := 1);\nPROGRAM p WITH t : Main;\n\
+                END_CONFIGURATION\n";
+    std::fs::write(folder.path().join("main.st"), text).expect("it can be written");
+    let codes = told(&["main.st"], folder.path());
+    let stack = ("stack-too-large".to_owned(), "main.st".to_owned(), Some(12));
+    assert!(codes.contains(&stack), "{codes:?}");
+    let text = error_text(&check(&["main.st"], folder.path()));
+    for part in [
+        "main.st:12:6: the task `t` needs 16",
+        "`big` takes most: 16",
+        "`a` has 1600000",
+        "main.st:1:10: `big` is",
+    ] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
 }

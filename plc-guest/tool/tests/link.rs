@@ -97,8 +97,8 @@ fn a_program_declares_itself() {
 fn what_is_no_object_file_is_refused() {
     let folder = Folder::new();
     folder.write("x.o", "nonsense");
-    folder.takt_plc(&["build", "x.o", "-o", "x.plc"]).expect(2, "x.o is no object file");
-    folder.takt_plc(&["build", "y.o", "-o", "x.plc"]).expect(2, "cannot read y.o");
+    folder.takt_plc(&["build", "x.o", "-o", "x.plc"]).expect(2, "x.o: found text in a file");
+    folder.takt_plc(&["build", "y.o", "-o", "x.plc"]).expect(2, "y.o: cannot be read");
 }
 
 #[test]

@@ -81,7 +81,7 @@ fn the_same_source_gives_the_same_layout_and_a_file_that_is_no_image_is_refused(
     folder.write("main.st", &source(OLD[0], OLD[1], OLD[2]));
     folder.write("old.plc", "no image");
     folder.takt_plc(&["build", "main.st", "--previous", "old.plc"]).expect(2, "old.plc: ");
-    folder.write("a.o", "");
+    folder.write("a.o", "!<arch>\n");
     let words = ["build", "a.o", "-o", "a.plc", "--previous", "old.plc"];
     folder.takt_plc(&words).expect(2, "for Structured Text");
 }

@@ -80,9 +80,9 @@ fn what_is_no_source_is_refused_with_a_reason() {
         "{}",
         ended.text
     );
-    ended.expect(2, "binary.st: ");
+    ended.expect(2, "binary.st:");
     folder.write("zeros.st", "PROGRAM \0 Main\nEND_PROGRAM\n");
-    folder.takt_plc(&["build", "zeros.st"]).expect(2, "zeros.st: byte 8 is not UTF-8 text");
+    folder.takt_plc(&["build", "zeros.st"]).expect(2, "zeros.st:1:9: byte 8 is not UTF-8 text");
     folder.write("long.st", &"x := 1; ".repeat(10 << 17));
     folder.takt_plc(&["build", "long.st"]).expect(2, "long.st: more than 8388608 bytes");
     // As long as a file may be, in one line: one message, and the line is cut.
@@ -90,4 +90,50 @@ fn what_is_no_source_is_refused_with_a_reason() {
     let ended = folder.takt_plc(&["build", "line.st"]);
     assert!(ended.text.len() < 10_000, "{} bytes", ended.text.len());
     ended.expect(2, "line.st:1:1: `x` cannot stand here");
+}
+
+/// Each thing with the words that say what it is.
+#[test]
+fn build_says_what_it_was_given_instead_of_a_source() {
+    let folder = Folder::new();
+    std::fs::copy(env!("CARGO_BIN_EXE_takt-plc"), folder.path().join("tool")).unwrap();
+    let program = "PROGRAM Main\nEND_PROGRAM\n\
+                   CONFIGURATION c\nTASK t (INTERVAL := T#1ms, PRIORITY := 1);\nPROGRAM p WITH t : Main;\n\
+                   END_CONFIGURATION\n";
+    folder.write("main.st", program);
+    folder.takt_plc(&["build", "main.st"]).expect(0, "");
+    folder.write("main.txt", program);
+    folder.write("empty", "");
+    folder.write("garbage", "\u{1}\0\u{2}");
+    for (path, says) in [
+        ("tool", "error[no-source]: tool: found an ELF program"),
+        ("main.plc", "error[no-source]: main.plc: found a program image of Takt"),
+        ("main.txt", "error[no-source]: main.txt: found text in a file whose name does not end"),
+        ("empty", "error[no-source]: empty: found an empty file"),
+        ("garbage", "error[no-source]: garbage: found a binary file of another kind"),
+        ("/dev/null", "error[no-source]: /dev/null: found a device, socket or pipe"),
+        ("none.o", "error[cannot-read]: none.o: cannot be read: "),
+    ] {
+        let alone = folder.takt_plc(&["build", path]).expect(2, says);
+        alone.expect(2, "allowed: Structured Text (.st)");
+        folder.takt_plc(&["build", path, "-o", "x.plc"]).expect(2, says);
+        folder.takt_plc(&["build", "main.st", path]).expect(2, says);
+    }
+    let ended = folder.takt_plc(&["build", "--message-format", "json", "main.plc", "empty"]);
+    let ended = ended.expect(2, "\"code\":\"no-source\"");
+    ended.expect(2, "\"place\":{\"file\":\"main.plc\"}");
+}
+
+#[test]
+fn what_cannot_be_built_is_told_with_code_and_place() {
+    let folder = Folder::new();
+    folder.write("main.st", "FUNCTION f : INT\nf := 1;\nEND_FUNCTION\nPROGRAM Main\nEND_PROGRAM\n");
+    // It may be a library.
+    folder.takt_plc(&["check", "main.st"]).expect(0, "");
+    let ended = folder.takt_plc(&["build", "main.st"]);
+    ended.expect(2, "error[no-task]: main.st:4:9: nothing runs a program");
+    let ended = folder.takt_plc(&["build", "--message-format", "json", "main.st"]);
+    ended.expect(2, "\"code\":\"no-task\"");
+    let ended = folder.takt_plc(&["check", "--message-format", "json"]);
+    ended.expect(2, "\"message\":\"found no takt-plc.toml in this folder\"");
 }

@@ -111,12 +111,12 @@ fn a_mistake_is_told_as_check_tells_it_and_leaves_no_image() {
 fn what_cannot_be_built_together_or_named_is_refused() {
     let folder = Folder::new();
     folder.write("main.st", &project("level : INT;", "level := 3;"));
-    folder.write("a.o", "");
+    folder.write("a.o", "!<arch>\n");
     folder.takt_plc(&["build", "main.st", "a.o"]).expect(2, "one or the other");
     folder.takt_plc(&["build", "a.o"]).expect(2, "-o IMAGE");
     folder.takt_plc(&["build", "a.o", "--emit", "ir"]).expect(2, "for Structured Text");
     folder.takt_plc(&["build", "main.st", "-o", "two words.plc"]).expect(2, "found `two words`");
-    folder.takt_plc(&["build", "none.st"]).expect(2, "cannot read none.st");
+    folder.takt_plc(&["build", "none.st"]).expect(2, "none.st: cannot be read");
 }
 
 #[test]

@@ -54,6 +54,12 @@ macro_rules! codes {
 }
 
 codes! {
+    // Files.
+    CannotRead Error "cannot-read" "A file or folder that cannot be read.";
+    NotText Error "not-text" "A file that is no text in UTF-8.";
+    TooLarge Error "too-large" "A file, a project or a program that is larger than it may be.";
+    NoSource Error "no-source" "Something that has no Structured Text in it.";
+    FolderLoop Warning "folder-loop" "A link to a folder around it, which is not followed.";
     // The text.
     InvalidCharacter Error "invalid-character" "A character that no Structured Text has outside of comments and strings.";
     Unterminated Error "unterminated" "A comment, a string or a pragma that does not end.";
@@ -76,6 +82,9 @@ codes! {
     InvalidRange Error "invalid-range" "Bounds of an array, subrange or string that cannot be.";
     InvalidTask Error "invalid-task" "A task or program instance that cannot run as configured.";
     AddressConflict Error "address-conflict" "Two variables at one output address.";
+    NoTask Error "no-task" "A program without a task, so that nothing of it would run.";
+    Internal Error "internal" "The compiler could not compile what it accepts: a mistake of its own, or no room on this machine.";
+    StackTooLarge Error "stack-too-large" "A task that needs more stack than it can have.";
     ProjectFile Error "project-file" "A mistake in the project file.";
     SharedOutput Warning "shared-output" "Instances of a program that write one output.";
     // Expressions and statements.

@@ -1,7 +1,7 @@
 //! Messages as lines of JSON, one object a line, for other programs.
 //!
 //! Lines and columns are counted from 1, columns in characters; byte offsets are from the file's
-//! start. `end` is exclusive.
+//! start. `end` is exclusive. A message about a file as a whole has no line in its place.
 
 use serde::Serialize;
 
@@ -31,6 +31,12 @@ struct Note<'a> {
 #[derive(Serialize)]
 struct Place<'a> {
     file: &'a str,
+    #[serde(flatten)]
+    range: Option<Range>,
+}
+
+#[derive(Serialize)]
+struct Range {
     line: u32,
     column: u32,
     end_line: u32,
@@ -43,15 +49,15 @@ impl<'a> Place<'a> {
     fn new(sources: &'a Sources, span: Span) -> Self {
         let source = sources.get(span.file);
         let (start, end) = (source.position(span.start), source.position(span.end));
-        Self {
-            file: source.name(),
+        let range = source.has_places().then_some(Range {
             line: start.line,
             column: start.column,
             end_line: end.line,
             end_column: end.column,
             offset: span.start,
             end_offset: span.end,
-        }
+        });
+        Self { file: source.name(), range }
     }
 }
 

@@ -48,12 +48,19 @@ pub fn to_string(sources: &Sources, one: &Diagnostic) -> String {
 }
 
 fn place(sources: &Sources, span: Span) -> String {
+    let source = sources.get(span.file);
+    if !source.has_places() {
+        return source.name().to_owned();
+    }
     format!("{}:{}", sources.get(span.file).name(), sources.position(span))
 }
 
 /// The first line of a place, with marks below it. Of a long line, what is around the place.
 fn excerpt(out: &mut dyn Write, sources: &Sources, span: Span) -> fmt::Result {
     let source = sources.get(span.file);
+    if !source.has_places() {
+        return Ok(());
+    }
     let start = source.position(span.start);
     let end = source.position(span.end);
     let column = start.column as usize - 1;

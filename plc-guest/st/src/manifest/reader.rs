@@ -13,6 +13,8 @@ use crate::source::{FileId, Span};
 
 const KEYS: [&str; 7] =
     ["name", "version", "category", "sources", "libraries", "tests", "previous"];
+/// Those that say where sources are.
+const PLACES: [&str; 3] = ["sources", "libraries", "tests"];
 /// Messages about one file.
 const MOST: usize = 100;
 
@@ -21,11 +23,18 @@ struct Reader<'a> {
     file: FileId,
     folder: &'a Path,
     diagnostics: Vec<Diagnostic>,
+    /// Whether a key was meant that says where sources are.
+    misspelt: bool,
 }
 
-/// The project that a file describes, or all that is wrong with it, by place.
-pub(super) fn project(file: FileId, text: &str, folder: &Path) -> Result<Project, Vec<Diagnostic>> {
-    let mut reader = Reader { file, folder, diagnostics: Vec::new() };
+/// The project that a file describes, and all that is wrong with it, by place. Beside mistakes the project is there if
+/// what is understood tells where all sources are.
+pub(super) fn project(
+    file: FileId,
+    text: &str,
+    folder: &Path,
+) -> (Option<Project>, Vec<Diagnostic>) {
+    let mut reader = Reader { file, folder, diagnostics: Vec::new(), misspelt: false };
     let (table, errors) = DeTable::parse_recoverable(text);
     for error in &errors {
         let message = error.message().lines().next().unwrap_or_default().to_owned();
@@ -36,23 +45,27 @@ pub(super) fn project(file: FileId, text: &str, folder: &Path) -> Result<Project
     }
     let whole = errors.is_empty();
     let project = reader.table(table.get_ref(), whole);
-    match project {
-        Some(project) if reader.diagnostics.is_empty() => Ok(project),
-        _ => {
-            reader.diagnostics.sort_by_key(|one| (one.span.start, one.span.end));
-            reader.diagnostics.truncate(MOST);
-            Err(reader.diagnostics)
-        }
-    }
+    // A key that says where sources are may be in what is not understood.
+    let hidden = |key: &&str| {
+        table.get_ref().get(*key).is_none()
+            && text.lines().any(|line| line.trim_start().starts_with(*key))
+    };
+    let misspelt = reader.misspelt;
+    let project = project.filter(|_| !misspelt && (whole || !PLACES.iter().any(hidden)));
+    reader.diagnostics.sort_by_key(|one| (one.span.start, one.span.end));
+    reader.diagnostics.truncate(MOST);
+    (project, reader.diagnostics)
 }
 
 type Value<'t> = Spanned<DeValue<'t>>;
 
 impl Reader<'_> {
-    /// What the keys say. Where the text is no TOML, a key that seems to be missing may be there.
+    /// What the keys say, if those are good that say where sources are. Where the text is no TOML, a key that seems to
+    /// be missing may be there.
     fn table(&mut self, table: &DeTable<'_>, whole: bool) -> Option<Project> {
         for (key, _) in table {
             let name = key.get_ref();
+            self.misspelt |= PLACES.iter().any(|known| *known != name && is_near(known, name));
             if !KEYS.contains(&&**name) {
                 let found = format!("unknown key `{}`", name.escape_debug());
                 let similar = KEYS.iter().find(|known| is_near(known, name));
@@ -77,13 +90,10 @@ impl Reader<'_> {
         let usual = self.folder.join("tests");
         Some(Project {
             folder: self.folder.to_owned(),
-            name: name??,
-            version: version.unwrap_or(Some(Version::default()))?,
-            category: category.unwrap_or(Some(0))?,
-            previous: match previous {
-                Some(previous) => Some(previous?),
-                None => None,
-            },
+            name: name.flatten().unwrap_or_default(),
+            version: version.flatten().unwrap_or_default(),
+            category: category.flatten().unwrap_or_default(),
+            previous: previous.flatten(),
             sources: sources.unwrap_or_else(|| Some(vec![self.folder.to_owned()]))?,
             libraries: libraries.unwrap_or_else(|| Some(Vec::new()))?,
             tests: match tests {
@@ -96,6 +106,11 @@ impl Reader<'_> {
 
     fn wrong(&mut self, at: Range<usize>, found: impl Into<String>, allowed: impl Into<String>) {
         let span = Span { file: self.file, start: at.start as u32, end: at.end as u32 };
+        // What is no TOML is no value of a wrong type as well.
+        if self.diagnostics.iter().any(|one| one.span.start < span.end && span.start < one.span.end)
+        {
+            return;
+        }
         self.diagnostics.push(Diagnostic::new(Code::ProjectFile, span, found).allowed(allowed));
     }
 

@@ -11,8 +11,8 @@ use super::runtime;
 use super::target::address::CODE;
 use super::trap::trap_kind;
 use super::worst::{Flow, Loop};
-use super::{NativeError, TrapSite};
-use crate::hir::{Location, Program, RoutineId, Trap};
+use super::{Most, NativeError, TrapSite};
+use crate::hir::{LocalKind, Location, Program, RoutineId, Task, Trap};
 
 /// What is left of a routine when it has been compiled.
 pub struct Compiled {
@@ -142,7 +142,12 @@ pub fn link(program: &Program, compiled: &[Compiled]) -> Result<Linked, NativeEr
         code.extend(&routine.code);
     }
     if code.len() > takt_program::limit::CODE_BYTES as usize {
-        return Err(NativeError::TooMuchCode(code.len()));
+        return Err(NativeError::TooMuch {
+            what: "code",
+            bytes: code.len(),
+            limit: takt_program::limit::CODE_BYTES,
+            most: most(program, compiled, |routine| routine.code.len()),
+        });
     }
 
     let mut pool = Pool::default();
@@ -169,10 +174,26 @@ pub fn link(program: &Program, compiled: &[Compiled]) -> Result<Linked, NativeEr
         lines.extend(routine.lines.iter().map(|(at, location)| (start + at, *location)));
     }
     if pool.bytes.len() > takt_program::limit::CONSTANT_BYTES as usize {
-        return Err(NativeError::TooManyConstants(pool.bytes.len()));
+        return Err(NativeError::TooMuch {
+            what: "constants",
+            bytes: pool.bytes.len(),
+            limit: takt_program::limit::CONSTANT_BYTES,
+            most: most(program, compiled, |routine| routine.constants.iter().map(Vec::len).sum()),
+        });
     }
     debug_assert_eq!(program.routines.len(), compiled.len());
     Ok(Linked { code, constants: pool.bytes, routines, traps, lines })
+}
+
+/// The routine with most of something.
+fn most(program: &Program, compiled: &[Compiled], size: impl Fn(&Compiled) -> usize) -> Most {
+    let routines = program.routines.iter().zip(compiled.iter().map(size));
+    let found = routines.max_by_key(|(_, bytes)| *bytes);
+    found.map_or_else(Most::default, |(routine, bytes)| Most {
+        name: routine.name.clone(),
+        bytes: bytes as u32,
+        location: routine.location,
+    })
 }
 
 /// Constants; equal ones are kept once.
@@ -226,4 +247,35 @@ pub fn stacks(program: &Program, compiled: &[Compiled]) -> BTreeMap<RoutineId, u
         stacks.insert(id, routine.frame.saturating_add(deepest));
     }
     stacks
+}
+
+/// Why a task has no room: of the routines that are called within each other, the one with the largest frame.
+pub fn too_much_stack(
+    program: &Program,
+    compiled: &[Compiled],
+    stacks: &BTreeMap<RoutineId, u32>,
+    task: &Task,
+) -> NativeError {
+    let frame = |id: RoutineId| compiled[id.0 as usize].frame;
+    let bytes = stacks[&task.entry];
+    let (mut most, mut at) = (task.entry, task.entry);
+    while let Some(callee) = super::alias::called(program, at)
+        .into_iter()
+        .max_by_key(|callee| stacks.get(callee).copied().unwrap_or(0))
+    {
+        at = callee;
+        if frame(at) > frame(most) {
+            most = at;
+        }
+    }
+    let routine = program.routine(most);
+    let own = routine.locals.iter().filter(|local| local.kind != LocalKind::InOut);
+    let own = own.map(|local| (local.name.clone(), program.types.size(local.ty)));
+    NativeError::TooMuchStack {
+        task: task.name.clone(),
+        location: task.location,
+        bytes,
+        most: Most { name: routine.name.clone(), bytes: frame(most), location: routine.location },
+        variable: own.filter(|(_, bytes)| *bytes > 0).max_by_key(|(_, bytes)| *bytes),
+    }
 }

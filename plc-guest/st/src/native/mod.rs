@@ -86,23 +86,43 @@ pub enum NativeError {
     /// The system has no room for a thread.
     #[error("cannot start a thread: {0}")]
     Thread(std::io::Error),
-    /// More code than a program can have.
-    #[error("{0} bytes of code; a program has at most {max}", max = takt_program::limit::CODE_BYTES)]
-    TooMuchCode(usize),
-    /// More constants than a program can have.
-    #[error("{0} bytes of constants; a program has at most {max}", max = takt_program::limit::CONSTANT_BYTES)]
-    TooManyConstants(usize),
-    /// More state than a program can have.
-    #[error("the variables take {0} bytes; a program has at most {max}", max = takt_program::limit::STATE_BYTES)]
-    TooMuchState(u32),
+    /// More of something than a program can have.
+    #[error("the program has {bytes} bytes of {what}; it may have at most {limit}")]
+    TooMuch {
+        /// Of what.
+        what: &'static str,
+        /// How much there is.
+        bytes: usize,
+        /// How much there may be.
+        limit: u32,
+        /// What takes most of it.
+        most: Most,
+    },
     /// More stack than a task can have.
-    #[error("task {task} needs {bytes} bytes of stack; it has at most {max}", max = takt_program::limit::STACK_BYTES)]
+    #[error("the task `{task}` needs {bytes} bytes of stack; it has at most {max}", max = takt_program::limit::STACK_BYTES)]
     TooMuchStack {
         /// The task.
         task: String,
+        /// Where it is declared.
+        location: Location,
         /// What it needs.
         bytes: u32,
+        /// The routine that takes most of it itself.
+        most: Most,
+        /// The largest variable of that routine, with its bytes.
+        variable: Option<(String, u32)>,
     },
+}
+
+/// What takes most of something.
+#[derive(Clone, Debug, Default)]
+pub struct Most {
+    /// Its name.
+    pub name: String,
+    /// How many bytes it takes.
+    pub bytes: u32,
+    /// Where it is declared.
+    pub location: Location,
 }
 
 /// Compiles a program.
@@ -111,7 +131,12 @@ pub enum NativeError {
 /// See [`NativeError`].
 pub fn compile(program: &Program) -> Result<Native, NativeError> {
     if program.state_size() > takt_program::limit::STATE_BYTES {
-        return Err(NativeError::TooMuchState(program.state_size()));
+        return Err(NativeError::TooMuch {
+            what: "variables",
+            bytes: program.state_size() as usize,
+            limit: takt_program::limit::STATE_BYTES,
+            most: largest_variable(program),
+        });
     }
     let (with_init, compiled) = prepared(program)?;
     let program = &with_init;
@@ -122,7 +147,7 @@ pub fn compile(program: &Program) -> Result<Native, NativeError> {
     for task in &program.tasks {
         let bytes = stacks[&task.entry];
         if bytes > takt_program::limit::STACK_BYTES {
-            return Err(NativeError::TooMuchStack { task: task.name.clone(), bytes });
+            return Err(link::too_much_stack(program, &compiled, &stacks, task));
         }
         of_tasks.push(bytes);
     }
@@ -135,6 +160,17 @@ pub fn compile(program: &Program) -> Result<Native, NativeError> {
         stacks: of_tasks,
         traps: linked.traps,
         lines: linked.lines,
+    })
+}
+
+fn largest_variable(program: &Program) -> Most {
+    let size = |global: &&crate::hir::Global| program.types.size(global.ty);
+    let state = program.globals.iter().filter(|global| global.storage.area == Area::State);
+    let largest = state.max_by_key(size);
+    largest.map_or_else(Most::default, |global| Most {
+        name: global.name.clone(),
+        bytes: size(&global),
+        location: global.location,
     })
 }
 

@@ -3,10 +3,10 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use takt_st::{build, hir, layout, manifest, native, stack};
+use takt_st::{hir, layout, manifest, native, stack};
 
 use super::structured_text::{Messages, Origin, is_text, no_thread};
-use super::{image, read, write};
+use super::{image, inputs, read, write};
 use crate::{Failure, link};
 
 /// Arguments of `build`.
@@ -48,11 +48,17 @@ enum Stage {
 impl Build {
     pub fn run(self) -> Result<(), Failure> {
         match self.inputs.iter().filter(|input| is_text(input)).count() {
-            0 if !self.inputs.is_empty() => self.link(),
             texts if texts == self.inputs.len() => self.compile(),
-            _ => Err(Failure::input(
-                "found Structured Text and other files; an image is made of one or the other",
-            )),
+            texts => {
+                let refused = inputs::refused(&self.inputs);
+                match texts {
+                    _ if !refused.refused().is_empty() => Err(self.messages.refused(&refused)),
+                    0 => self.link(),
+                    _ => Err(Failure::input(
+                        "found Structured Text and other files; an image is made of one or the other",
+                    )),
+                }
+            }
         }
     }
 
@@ -73,28 +79,29 @@ impl Build {
             return self.messages.syntax(&origin, matches!(stage, Stage::Ast));
         }
         let name = self.name(&origin)?;
-        let mut program = self.messages.program(&name, &origin)?;
+        let mut good = self.messages.program(&name, &origin)?;
         let of_project = origin.project().and_then(|project| project.previous.as_ref());
         if let Some(path) = self.previous.as_ref().or(of_project) {
             let bytes = read(path)?;
-            layout::keep(&mut program, &image(path, &bytes)?);
+            layout::keep(&mut good.program, &image(path, &bytes)?);
         }
         match self.emit {
             Some(stage) => {
+                let program = &good.program;
                 let text = stack::with_room(|| match stage {
-                    Stage::Ir => native::intermediate(&program),
-                    Stage::Asm => native::assembly(&program),
+                    Stage::Ir => native::intermediate(program),
+                    Stage::Asm => native::assembly(program),
                     // Those of the syntax were shown before.
-                    Stage::Types | Stage::Tokens | Stage::Ast => hir::print(&program),
+                    Stage::Types | Stage::Tokens | Stage::Ast => hir::print(program),
                 });
                 // A reader that has seen enough may close its end.
                 let _ = std::io::stdout().write_all(text.map_err(no_thread)?.as_bytes());
                 Ok(())
             }
             None => {
-                let built = stack::with_room(|| build::build(&program)).map_err(no_thread)?;
+                let built = self.messages.build(&good)?;
                 let output = self.output.clone().unwrap_or_else(|| format!("{name}.plc").into());
-                finish(&output, &built.map_err(Failure::input)?.image)
+                finish(&output, &built.image)
             }
         }
     }
@@ -103,6 +110,8 @@ impl Build {
     fn name(&self, origin: &Origin) -> Result<String, Failure> {
         let file = match (&self.output, origin) {
             (_, Origin::Project(project)) => return Ok(project.name.clone()),
+            // Nothing is built of it.
+            (_, Origin::Broken(_)) => return Ok("broken".to_owned()),
             (Some(output), _) => output.file_stem().map(ToOwned::to_owned),
             (None, Origin::Paths(paths)) => paths.first().and_then(|input| match input.is_dir() {
                 // `.` and `..` have no name of their own.

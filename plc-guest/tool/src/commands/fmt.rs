@@ -54,7 +54,10 @@ impl Fmt {
 
     /// Whether the file was not formatted. The error is a message about it.
     fn file(&self, path: &Path) -> Result<bool, String> {
-        let sources = files::read(&[path.into()]).map_err(|error| error.to_string())?;
+        let sources = files::read(&[path.into()]);
+        if let Some(refused) = sources.refused().first() {
+            return Err(text::to_string(&sources, refused));
+        }
         let Some((file, source)) = sources.iter().next() else { return Ok(false) };
         let formatted = format::format(&sources, file).map_err(|error| match error {
             FormatError::Syntax(errors) => {

@@ -5,6 +5,7 @@ pub mod check;
 pub mod diff;
 pub mod fmt;
 pub mod import;
+mod inputs;
 pub mod inspect;
 pub mod keep;
 pub mod keygen;

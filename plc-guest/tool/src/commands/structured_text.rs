@@ -3,9 +3,10 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use takt_st::diagnostic::{Diagnostic, Diagnostics, json, text};
+use takt_st::build::{self, BuildError, Built};
+use takt_st::diagnostic::{Code, Diagnostic, Diagnostics, json, text};
 use takt_st::hir::Program;
-use takt_st::manifest::{self, Project, ProjectError};
+use takt_st::manifest::{self, Mistakes, Project};
 use takt_st::source::Sources;
 use takt_st::syntax::lexer::Lexer;
 use takt_st::syntax::parser;
@@ -18,8 +19,16 @@ use crate::{Failure, status};
 pub enum Origin {
     /// A folder with a project file.
     Project(Box<Project>),
+    /// A folder with a project file that has mistakes, which have been shown.
+    Broken(Box<Mistakes>),
     /// Files, and folders of which all sources are taken.
     Paths(Vec<PathBuf>),
+}
+
+/// A program without an error, with its sources.
+pub struct Good {
+    pub program: Program,
+    pub sources: Sources,
 }
 
 /// How messages about sources are written.
@@ -53,48 +62,67 @@ impl Origin {
             _ => return Ok(Self::Paths(paths.to_vec())),
         };
         if Project::is_in(folder) {
-            return match Project::read(folder) {
-                Ok(project) => Ok(Self::Project(Box::new(project))),
-                Err(ProjectError::Manifest(mistakes)) => {
+            return Ok(match Project::read(folder) {
+                Ok(project) => Self::Project(Box::new(project)),
+                Err(mistakes) => {
                     messages.show(&mistakes.sources, &mistakes.diagnostics);
-                    let errors = mistakes.diagnostics.len();
-                    Err(Failure::input(format!("{errors} errors in the project file")))
+                    Self::Broken(mistakes)
                 }
-                Err(error) => Err(Failure::input(error)),
-            };
+            });
         }
         match paths {
-            [] => Err(Failure::input(format!(
-                "found no {} in this folder; name files or folders, or begin a project with \
-                 `takt plc new NAME --lang st`",
-                manifest::FILE
-            ))),
+            [] => {
+                let mut none = Sources::new();
+                none.refuse(".", None, |span| {
+                    let found = format!("found no {} in this folder", manifest::FILE);
+                    Diagnostic::new(Code::NoSource, span, found)
+                        .allowed("files and folders as arguments, or a project in this folder")
+                        .hint("begin a project with `takt plc new NAME --lang st`")
+                });
+                Err(messages.refused(&none))
+            }
             paths => Ok(Self::Paths(paths.to_vec())),
         }
     }
 
-    /// The project, if it is one.
+    /// The project, if it is one without a mistake in its file.
     pub fn project(&self) -> Option<&Project> {
         match self {
             Self::Project(project) => Some(project),
-            Self::Paths(_) => None,
+            Self::Broken(_) | Self::Paths(_) => None,
         }
     }
 
-    /// All sources.
+    /// How many mistakes the project file has.
+    fn mistakes(&self) -> usize {
+        match self {
+            Self::Broken(mistakes) => mistakes.diagnostics.len(),
+            Self::Project(_) | Self::Paths(_) => 0,
+        }
+    }
+
+    /// All sources, as far as it is known where they are.
     fn sources(&self) -> Result<Sources, Failure> {
         match self {
-            Self::Project(project) => project.sources(),
-            Self::Paths(paths) => files::read(paths),
+            Self::Project(project) => Ok(project.sources()),
+            Self::Broken(mistakes) => match &mistakes.project {
+                Some(project) => Ok(project.sources()),
+                None => Err(self.broken()),
+            },
+            Self::Paths(paths) => Ok(files::read(paths)),
         }
-        .map_err(Failure::input)
+    }
+
+    fn broken(&self) -> Failure {
+        Failure::input(format!("{} errors in the project file", self.mistakes()))
     }
 
     /// The files that the user writes.
     pub fn files(&self) -> Result<Vec<PathBuf>, Failure> {
         match self {
             Self::Project(project) => project.own_files(),
-            Self::Paths(paths) => files::list(paths),
+            Self::Broken(_) => return Err(self.broken()),
+            Self::Paths(paths) => files::list(paths).all(),
         }
         .map_err(Failure::input)
     }
@@ -103,40 +131,67 @@ impl Origin {
 impl Messages {
     /// Checks the program of a project, which has this name if the project file gives it none, and shows what is
     /// wrong with it.
-    pub fn program(&self, name: &str, origin: &Origin) -> Result<Program, Failure> {
+    pub fn program(&self, name: &str, origin: &Origin) -> Result<Good, Failure> {
         let mut sources = origin.sources()?;
         let checked = project::check(name, &mut sources).map_err(no_thread)?;
         self.show(&sources, &checked.diagnostics);
-        finish(origin, checked.program, &checked.diagnostics)
+        let program = finish(origin, checked.program, &checked.diagnostics)?;
+        Ok(Good { program, sources })
     }
 
     /// The same with tests.
-    pub fn tests(&self, name: &str, origin: &Origin) -> Result<Program, Failure> {
+    pub fn tests(&self, name: &str, origin: &Origin) -> Result<Good, Failure> {
         let mut sources = origin.sources()?;
         let checked = project::check_tests(name, &mut sources).map_err(no_thread)?;
         self.show(&sources, &checked.diagnostics);
-        finish(origin, checked.program, &checked.diagnostics)
+        let program = finish(origin, checked.program, &checked.diagnostics)?;
+        Ok(Good { program, sources })
     }
 
-    /// Checks the program, and if that is good and there are tests, all once more with the tests: the program must do
-    /// without what the files of tests declare.
+    /// Checks the program, and if that is good, whether it can be built; and if there are tests, all once more with
+    /// them: the program must do without what the files of tests declare.
     pub fn all(&self, origin: &Origin) -> Result<(), Failure> {
         let mut sources = origin.sources()?;
         let checked = project::check("check", &mut sources).map_err(no_thread)?;
-        if checked.program.is_some() && checked.tests {
-            return self.tests("check", origin).map(drop);
+        if let Some(program) = &checked.program {
+            let built = stack::with_room(|| build::try_build(program)).map_err(no_thread)?;
+            if let Err(error) = built {
+                self.show(&sources, &checked.diagnostics);
+                return Err(self.not_built(program, &sources, &error));
+            }
+            if checked.tests {
+                return self.tests("check", origin).map(drop);
+            }
         }
         self.show(&sources, &checked.diagnostics);
         finish(origin, checked.program, &checked.diagnostics).map(drop)
+    }
+
+    /// Compiles a program and makes its image.
+    pub fn build(&self, good: &Good) -> Result<Built, Failure> {
+        let built = stack::with_room(|| build::build(&good.program)).map_err(no_thread)?;
+        built.map_err(|error| self.not_built(&good.program, &good.sources, &error))
+    }
+
+    fn not_built(&self, program: &Program, sources: &Sources, error: &BuildError) -> Failure {
+        self.show(sources, &[error.diagnostic(program, sources)]);
+        Failure::input("no image: 1 error")
+    }
+
+    /// Shows what is no source.
+    pub fn refused(&self, sources: &Sources) -> Failure {
+        self.show(sources, sources.refused());
+        Failure::input(format!("{} errors", sources.refused().len()))
     }
 
     /// Prints what the first stages make of the files: words, or trees.
     pub fn syntax(&self, origin: &Origin, trees: bool) -> Result<(), Failure> {
         let sources = origin.sources()?;
         let mut diagnostics = Diagnostics::new();
+        sources.refused().iter().for_each(|one| diagnostics.push(one.clone()));
         let text = stack::with_room(|| {
             let mut text = String::new();
-            for (file, source) in sources.iter() {
+            for (file, source) in sources.iter().filter(|(_, source)| source.is_read()) {
                 text.push_str(&format!("// {}\n", source.name()));
                 if trees {
                     let tree = parser::parse(file, &sources, &mut diagnostics);
@@ -182,7 +237,8 @@ fn finish(
 ) -> Result<Program, Failure> {
     let errors = diagnostics.iter().filter(|one| one.is_error()).count();
     let warnings = diagnostics.len() - errors;
-    let Some(mut program) = program else {
+    let errors = errors + origin.mistakes();
+    let Some(mut program) = program.filter(|_| errors == 0) else {
         return Err(Failure::input(format!("{errors} errors, {warnings} warnings")));
     };
     if warnings > 0 {

@@ -13,7 +13,7 @@ use crate::Failure;
 /// Compiles the sources and prints the bound of each task.
 pub fn show(inputs: &[PathBuf], messages: &Messages, as_json: bool) -> Result<(), Failure> {
     let origin = Origin::of(inputs, messages)?;
-    let program = messages.program("inspect", &origin)?;
+    let program = messages.program("inspect", &origin)?.program;
     let worst = stack::with_room(|| native::worst(&program)).map_err(no_thread)?;
     let worst = worst.map_err(Failure::input)?;
     let tasks = program.tasks.iter().zip(&worst);

@@ -9,9 +9,7 @@ mod units;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use takt_st::{build, stack};
-
-use super::structured_text::{Messages, Origin, is_text, no_thread};
+use super::structured_text::{Good, Messages, Origin, is_text};
 use super::{image, read, write};
 use crate::run::{Failed, HostError, Logged};
 use crate::{Failure, status};
@@ -106,23 +104,22 @@ impl Test {
 
     /// All tests of a project.
     fn project(&self, origin: &Origin) -> Result<(), Failure> {
-        let program = self.messages.tests("test", origin)?;
+        let good = self.messages.tests("test", origin)?;
         let tables = match origin.project() {
             Some(project) => project.tables().map_err(Failure::input)?,
             None => Vec::new(),
         };
         let wanted =
             |name: &str| self.filter.as_ref().is_none_or(|filter| name.contains(filter.as_str()));
-        let mut report = Report::new(&program.name);
-        units::run(&program, &self.options, &wanted, &mut report)?;
+        let mut report = Report::new(&good.program.name);
+        units::run(&good, &self.messages, &self.options, &wanted, &mut report)?;
         let tables: Vec<PathBuf> =
             tables.into_iter().filter(|table| wanted(&table.display().to_string())).collect();
         if !tables.is_empty() {
             // Without the tests: what is tested with tables is what will be loaded.
-            let program = self.messages.program("test", origin)?;
-            let built = stack::with_room(|| build::build(&program)).map_err(no_thread)?;
-            let bytes = built.map_err(Failure::input)?.image;
-            let image = image(&PathBuf::from(&program.name), &bytes)?;
+            let good = self.messages.program("test", origin)?;
+            let bytes = self.messages.build(&good)?.image;
+            let image = image(&PathBuf::from(&good.program.name), &bytes)?;
             for table in tables {
                 let begin = Instant::now();
                 let outcome = match table::run(image, Some(&table), &self.options) {

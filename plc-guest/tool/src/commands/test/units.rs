@@ -4,11 +4,10 @@ use std::time::{Duration, Instant};
 
 use takt_program::Image;
 use takt_st::hir::{Assertion, Comparison, Location, Program, Test};
-use takt_st::{build, stack};
 
 use super::report::{Case, Outcome, Report};
 use super::shown::shown;
-use super::{Options, host, no_thread};
+use super::{Good, Messages, Options, host};
 use crate::Failure;
 use crate::run::{Failed, Machine, Schedule, TestRun, Verdict};
 
@@ -17,16 +16,17 @@ const MOST: Duration = Duration::from_secs(7 * 24 * 3600);
 
 /// Runs the tests whose names are wanted.
 pub fn run(
-    program: &Program,
+    good: &Good,
+    messages: &Messages,
     options: &Options,
     wanted: &dyn Fn(&str) -> bool,
     report: &mut Report,
 ) -> Result<(), Failure> {
+    let program = &good.program;
     if program.tests.list.is_empty() {
         return Ok(());
     }
-    let built = stack::with_room(|| build::build(program)).map_err(no_thread)?;
-    let bytes = built.map_err(Failure::input)?.image;
+    let bytes = messages.build(good)?.image;
     let image = super::image(program.name.as_ref(), &bytes)?;
     for (number, test) in program.tests.list.iter().enumerate() {
         if wanted(&test.name) {
