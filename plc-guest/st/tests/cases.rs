@@ -5,6 +5,7 @@
 //! // error 3 unknown-name: there is no variable `levl`
 //! ```
 //!
+//! In `foreign`, on what other languages and tools write, the hints are there as well: `//   hint: write ...`.
 //! A file without such lines is accepted without a word. With `TAKT_ST_BLESS=1` the lines are written
 //! anew; read the difference before you keep it.
 
@@ -13,6 +14,9 @@ use std::path::{Path, PathBuf};
 
 use takt_st::project;
 use takt_st::source::Sources;
+
+/// What a hint begins with.
+const HINT: &str = "//   hint: ";
 
 fn files(folder: &Path, into: &mut Vec<PathBuf>) {
     let entries = std::fs::read_dir(folder).expect("the folder of cases is there");
@@ -28,8 +32,9 @@ fn files(folder: &Path, into: &mut Vec<PathBuf>) {
 
 /// The source, and the lines at its end that say what is expected.
 fn split(text: &str) -> (String, String) {
-    let is_expected =
-        |line: &&str| line.starts_with("// error ") || line.starts_with("// warning ");
+    let is_expected = |line: &&str| {
+        ["// error ", "// warning ", HINT].iter().any(|begin| line.starts_with(begin))
+    };
     let expected = text.lines().rev().take_while(is_expected).count();
     let lines: Vec<&str> = text.lines().collect();
     let (source, expected) = lines.split_at(lines.len() - expected);
@@ -37,7 +42,7 @@ fn split(text: &str) -> (String, String) {
     (join(source), join(expected))
 }
 
-fn told(source: &str) -> String {
+fn told(source: &str, with_hints: bool) -> String {
     let mut sources = Sources::new();
     let file = sources.add("case.st", source.as_bytes()).expect("it is a source");
     let checked = project::check_tests("case", &mut sources).expect("there is a thread");
@@ -51,6 +56,9 @@ fn told(source: &str) -> String {
         };
         writeln!(told, "// {} {line} {}: {}", one.code.severity(), one.code, one.found)
             .expect("a String takes everything");
+        if let Some(hint) = one.hint.as_ref().filter(|_| with_hints) {
+            writeln!(told, "{HINT}{hint}").expect("a String takes everything");
+        }
     }
     told
 }
@@ -67,7 +75,7 @@ fn every_case_is_told_as_its_file_says() {
     for path in paths {
         let text = std::fs::read_to_string(&path).expect("a case is text");
         let (source, expected) = split(&text);
-        let told = told(&source);
+        let told = told(&source, path.starts_with(folder.join("foreign")));
         if told == expected {
             continue;
         }

@@ -53,7 +53,7 @@ RUN(T#20ms);
 ASSERT(pump);
 level := 30;
 RUN(T#10ms);
-ASSERT(pump, 'it goes on');
+ASSERT(pump, 'it \"goes\" on');
 ASSERT(FALSE);
 END_TEST
 TEST 'a trap'
@@ -71,7 +71,7 @@ END_TEST
     let ended = ended.expect(1, "ok     t.st:1: a block alone\n");
     let ended = ended.expect(
         1,
-        "FAILED t.st:12: the whole program\n    t.st:20: ASSERT(pump, 'it goes on'): it goes on\n",
+        "FAILED t.st:12: the whole program\n    t.st:20: ASSERT(pump, 'it \"goes\" on'): it \"goes\" on\n",
     );
     let ended = ended.expect(1, "BROKEN t.st:23: a trap\n    t.st:25: division by zero");
     ended.expect(1, "ok     t.st:27: state begins anew\n");
@@ -79,7 +79,7 @@ END_TEST
     for part in [
         "tests=\"4\" failures=\"1\" errors=\"1\"",
         "<testcase name=\"a block alone\" classname=\"test\" time=\"",
-        "file=\"t.st\" line=\"12\"><failure message=\"t.st:20: ASSERT(pump, 'it goes on'): it goes on\">",
+        "file=\"t.st\" line=\"12\"><failure message=\"t.st:20: ASSERT(pump, 'it &quot;goes&quot; on'): it &quot;goes&quot; on\">",
         "<error message=\"t.st:25: division by zero",
     ] {
         assert!(xml.contains(part), "{part}: {xml}");

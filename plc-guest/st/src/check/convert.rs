@@ -271,13 +271,30 @@ impl Body<'_, '_> {
             (Some(a), Some(b)) if a != b => {
                 one = one.hint(format!("convert it: `{}_TO_{}(...)`", a.name(), b.name()));
             }
-            _ if matches!(types.get(from), Type::Reference { target } if *target == to) => {
-                one = one.hint("write `^` behind the reference");
+            _ => {}
+        }
+        let text = self.checker.sources.text(span);
+        match (types.get(from), types.get(to)) {
+            (Type::WString { .. }, Type::String { .. } | Type::Elementary(Elementary::Char))
+                if text.starts_with('"') =>
+            {
+                one = one.hint("a STRING stands between single quotation marks: `'...'`");
             }
-            _ if matches!(types.get(to), Type::Reference { target } if *target == from) => {
-                one = one.hint("write `REF(...)`");
+            (Type::String { .. }, Type::WString { .. } | Type::Elementary(Elementary::Wchar))
+                if text.starts_with('\'') =>
+            {
+                one = one.hint("a WSTRING stands between double quotation marks: `\"...\"`");
             }
             _ => {}
+        }
+        match () {
+            () if matches!(types.get(from), Type::Reference { target } if *target == to) => {
+                one = one.hint("write `^` behind the reference");
+            }
+            () if matches!(types.get(to), Type::Reference { target } if *target == from) => {
+                one = one.hint("write `REF(...)`");
+            }
+            () => {}
         }
         if loses {
             one = one.allowed("a type that loses nothing of the value");

@@ -2,7 +2,7 @@
 
 use super::body::Body;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::hir::{Constant, Type, TypeId};
+use crate::hir::{Constant, Field, Section, StructureKind, Type, TypeId};
 use crate::source::Span;
 use crate::syntax::ast::{ArrayElement, Initial, Name};
 
@@ -175,7 +175,13 @@ impl<'a> Body<'_, 'a> {
         let found = format!("{} has no `{}`", self.type_name(ty), name.text);
         let mut one = Diagnostic::new(Code::UnknownName, name.span, found);
         if let Some(structure) = self.checker.program.types.structure(ty) {
-            let fields = structure.fields.iter().map(|field| &*field.name);
+            // What only the body of a block uses is no help.
+            let reached = |field: &&Field| {
+                structure.kind == StructureKind::Struct
+                    || matches!(field.section, Section::Input | Section::Output)
+                    || self.in_test()
+            };
+            let fields = structure.fields.iter().filter(reached).map(|field| &*field.name);
             if let Some(similar) = super::names::similar(&name.key, fields.clone()) {
                 one = one.hint(format!("did you mean `{similar}`?"));
             }

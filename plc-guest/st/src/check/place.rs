@@ -219,6 +219,9 @@ impl<'a> Body<'_, 'a> {
         }
         let found = format!("there is no variable `{}`", name.text);
         let mut one = Diagnostic::new(Code::UnknownName, name.span, found);
+        if &*name.key == "DEFAULT" {
+            one = one.hint("what is done with all other values of a CASE stands behind `ELSE`");
+        }
         let own = self.variables.iter().map(|variable| &*variable.name.text);
         let globals = self.checker.globals.iter().map(|global| &*global.name.text);
         if let Some(similar) = similar(&name.key, own.chain(globals)) {

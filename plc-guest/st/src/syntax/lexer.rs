@@ -41,13 +41,21 @@ impl<'a> Lexer<'a> {
             let token = self.next_token(diagnostics);
             match token.kind {
                 TokenKind::Comment | TokenKind::Invalid => {}
-                TokenKind::Pragma => diagnostics.push(
-                    Diagnostic::new(Code::PragmaIgnored, token.span, "this pragma is ignored")
-                        .hint("Takt has no pragmas; remove it or make it a comment"),
-                ),
+                TokenKind::Pragma => diagnostics.push(self.pragma(token)),
                 _ => return token,
             }
         }
+    }
+
+    /// What is told of a pragma: it is ignored. A block in braces, as in C, must not be.
+    fn pragma(&self, token: Token) -> Diagnostic {
+        let text = self.text.get(token.span.start as usize..token.span.end as usize);
+        if text.is_some_and(|text| text.contains(';')) {
+            return Diagnostic::new(Code::Syntax, token.span, "statements in braces")
+                .hint("a block has no braces: it ends with END_IF, END_FOR and so on");
+        }
+        Diagnostic::new(Code::PragmaIgnored, token.span, "this pragma is ignored")
+            .hint("Takt has no pragmas; remove it or make it a comment")
     }
 
     /// The next token, comments and pragmas too.
@@ -297,6 +305,9 @@ impl<'a> Lexer<'a> {
             self.at += sign.text().len();
             return TokenKind::Sign(*sign);
         }
+        if let Some(kind) = self.sign_of_c(start, diagnostics) {
+            return kind;
+        }
         // All that follow count as one error: a binary file would have thousands.
         let strange = |c: &char| !c.is_ascii() || c.is_ascii_control() || "!@\\`~$?|".contains(*c);
         let blank = |c: &char| c.is_ascii_whitespace();
@@ -319,6 +330,23 @@ impl<'a> Lexer<'a> {
         }
         diagnostics.push(one);
         TokenKind::Invalid
+    }
+
+    /// `!=`, `||` and `!`, which are read as what is meant, so that nothing behind them is told of.
+    fn sign_of_c(&mut self, start: usize, diagnostics: &mut Diagnostics) -> Option<TokenKind> {
+        let (text, write, kind) = match self.rest().as_bytes() {
+            [b'!', b'=', ..] => ("!=", "<>", TokenKind::Sign(Sign::NotEqual)),
+            [b'|', b'|', ..] => ("||", "OR", TokenKind::Keyword(Keyword::Or)),
+            [b'!', next, ..] if is_name_byte(*next) || *next == b'(' => {
+                ("!", "NOT", TokenKind::Keyword(Keyword::Not))
+            }
+            _ => return None,
+        };
+        self.at += text.len();
+        let found = format!("`{text}` is no sign of Structured Text");
+        let one = Diagnostic::new(Code::InvalidCharacter, self.span(start), found);
+        diagnostics.push(one.hint(format!("write `{write}`")));
+        Some(kind)
     }
 
     fn until(

@@ -24,11 +24,14 @@ impl Parser<'_> {
     /// An expression of operators that bind at least as tight as `least`.
     fn binary(&mut self, least: u8) -> Parse<Expression> {
         let mut left = self.unary()?;
-        while let Some((operator, power)) = operator(self.current.kind) {
+        loop {
+            self.foreign_operator(&mut left)?;
+            let Some((operator, power)) = operator(self.current.kind) else { break };
             if power < least {
                 break;
             }
             let place = self.advance();
+            self.foreign_sign(&left, place)?;
             let right = self.deeper(|parser| parser.binary(power + 1))?;
             let span = left.span.to(right.span);
             let kind = ExpressionKind::Binary(operator, place, Box::new(left), Box::new(right));
@@ -101,7 +104,7 @@ impl Parser<'_> {
         }
     }
 
-    fn expressions(&mut self) -> Parse<Vec<Expression>> {
+    pub(super) fn expressions(&mut self) -> Parse<Vec<Expression>> {
         let mut list = vec![self.expression()?];
         while self.eat_sign(Sign::Comma).is_some() {
             list.push(self.expression()?);

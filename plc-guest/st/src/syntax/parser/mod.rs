@@ -10,6 +10,7 @@
 mod address;
 mod configuration;
 mod expression;
+mod foreign;
 mod initial;
 mod refused;
 mod statement;

@@ -119,6 +119,9 @@ impl Parser<'_> {
         if self.case && self.at_label() {
             return Ok(None);
         }
+        if self.foreign_section() {
+            return Ok(None);
+        }
         if self.mistaken_keyword() {
             return if self.at_statement() { self.statement() } else { Ok(None) };
         }
@@ -127,6 +130,7 @@ impl Parser<'_> {
             TokenKind::Sign(sign @ (Sign::Assign | Sign::AttemptAssign)) => {
                 self.advance();
                 let value = self.expression()?;
+                self.decimal_comma();
                 StatementKind::Assign { target: left, value, attempt: sign == Sign::AttemptAssign }
             }
             _ if matches!(left.kind, ExpressionKind::Call(..)) => StatementKind::Call(left),

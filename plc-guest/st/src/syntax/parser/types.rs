@@ -3,6 +3,7 @@
 use super::{Parse, Parser, Told};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::Elementary;
+use crate::source::Span;
 use crate::syntax::ast::{
     ArrayRange, Declaration, EnumerationValue, Expression, Name, TypeDeclaration, TypeKind,
     TypeSpec,
@@ -47,6 +48,7 @@ impl Parser<'_> {
 
     fn type_declaration(&mut self) -> Parse<TypeDeclaration> {
         let name = self.name("the name of a type")?;
+        self.refuse_extended_structure();
         self.expect_sign(Sign::Colon)?;
         let spec = self.type_spec()?;
         let initial = match self.eat_sign(Sign::Assign) {
@@ -77,6 +79,7 @@ impl Parser<'_> {
                     self.refuse("OVERLAP");
                     self.advance();
                 }
+                self.refuse_extended_structure();
                 let mut fields = Vec::new();
                 self.variables(&mut fields);
                 self.close(Keyword::EndStruct, open)?;
@@ -88,7 +91,14 @@ impl Parser<'_> {
             }
             TokenKind::Sign(Sign::OpenParenthesis) => {
                 let values = self.enumeration_values()?;
-                Ok(TypeKind::Enumeration { base: None, values })
+                Ok(TypeKind::Enumeration { base: self.base_behind(open), values })
+            }
+            // A type may have this name.
+            TokenKind::Identifier
+                if self.text(open).eq_ignore_ascii_case("UNION")
+                    && self.peek(1) == TokenKind::Identifier =>
+            {
+                Ok(TypeKind::Structure { fields: self.union() })
             }
             TokenKind::Identifier => self.named_type(),
             _ => Err(self.unexpected(TYPE)),
@@ -182,6 +192,26 @@ impl Parser<'_> {
             self.expect_sign(Sign::CloseBracket)?;
         }
         Ok(TypeKind::Text { wide, length })
+    }
+
+    /// The type of an enumeration behind its values, where other tools have it. It is told of and taken.
+    fn base_behind(&mut self, values: Span) -> Option<Name> {
+        let span = self.current.span;
+        let text = self.text(span);
+        let known = Elementary::ALL.iter().any(|known| known.name().eq_ignore_ascii_case(text));
+        if self.current.kind != TokenKind::Identifier || !known {
+            return None;
+        }
+        let found = format!("the type `{text}` behind the values of an enumeration");
+        let list = self.text(values.to(self.previous));
+        let mut one =
+            Diagnostic::new(Code::Syntax, span, found).allowed("the type before the values");
+        if list.len() < 60 {
+            one = one.hint(format!("write `{text} {list}`"));
+        }
+        self.tell(one);
+        self.advance();
+        Some(Name::new(text, span))
     }
 
     fn enumeration_values(&mut self) -> Parse<Vec<EnumerationValue>> {

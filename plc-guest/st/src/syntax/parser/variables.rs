@@ -102,6 +102,11 @@ impl Parser<'_> {
         }
     }
 
+    /// One declaration of a structure's fields.
+    pub(super) fn field(&mut self) -> Parse<Variables> {
+        self.deeper(Self::declared)
+    }
+
     fn declared(&mut self) -> Parse<Variables> {
         let start = self.current.span;
         let mut names = Vec::new();
@@ -149,6 +154,9 @@ impl Parser<'_> {
             Some(_) => Some(self.initial()?),
             None => None,
         };
+        if initial.is_some() {
+            self.decimal_comma();
+        }
         let span = start.to(self.previous);
         if self.at_sign(Sign::OpenParenthesis) {
             let one = Diagnostic::new(

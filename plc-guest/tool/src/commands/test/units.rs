@@ -75,6 +75,12 @@ fn one(
     }
 }
 
+/// A character of a message; one that a terminal would obey as its escape.
+fn visible(c: char) -> impl Iterator<Item = char> {
+    let escaped = c.is_control().then(|| c.escape_debug());
+    escaped.into_iter().flatten().chain((!c.is_control()).then_some(c))
+}
+
 /// What was asserted and did not hold, with both values if it is a comparison.
 fn told(program: &Program, assertion: &Assertion, machine: &Machine<'_>) -> String {
     let Location { file, line, .. } = assertion.location;
@@ -83,7 +89,8 @@ fn told(program: &Program, assertion: &Assertion, machine: &Machine<'_>) -> Stri
     let text = assertion.text.lines().next().unwrap_or("");
     let mut told = format!("{file}:{line}: {text}");
     if let Some(message) = &assertion.message {
-        told.push_str(&format!(": {}", message.escape_debug()));
+        told.push_str(": ");
+        told.extend(message.chars().flat_map(visible));
     }
     if let Some(compared) = &assertion.compared {
         let found = shown(program, machine, compared.found, compared.found_type);
