@@ -6,9 +6,9 @@ use super::unit::{Storage, Variable};
 use super::{Entry, Progress};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
-    Area, Constant, Elementary, Local, LocalId, LocalKind, Retention, Section, StructureKind, Type,
-    TypeId,
+    Area, Constant, Elementary, Local, LocalId, LocalKind, Retention, Section, Type, TypeId,
 };
+use crate::source::Span;
 use crate::syntax::ast::{self, Name, SectionKind, UnitKind};
 
 impl<'a> Body<'_, 'a> {
@@ -111,24 +111,10 @@ impl<'a> Body<'_, 'a> {
             let one = Diagnostic::new(Code::NotSupported, variables.spec.span, found);
             self.tell(one.allowed("ARRAY[*] in VAR_IN_OUT of a FUNCTION"));
         }
-        let block = self
-            .checker
-            .program
-            .types
-            .structure(ty)
-            .is_some_and(|structure| structure.kind != StructureKind::Struct);
         let lives = section.kind != SectionKind::Temporary
             && !(self.in_function() && section.kind != SectionKind::InOut);
-        if block && !lives {
-            self.tell(
-                Diagnostic::new(
-                    Code::InvalidDeclaration,
-                    variables.spec.span,
-                    "an instance of a function block that does not outlive a call",
-                )
-                .allowed("instances in VAR of programs and function blocks, or VAR_IN_OUT")
-                .hint("a function block keeps its state from call to call"),
-            );
+        if !lives && self.checker.program.types.has_instance(ty) {
+            self.short_lived_instance(variables.spec.span);
         }
         if let Some((_, span)) = variables.edge {
             let fits = self.scalar(ty) == Some(Elementary::Bool)
@@ -147,6 +133,15 @@ impl<'a> Body<'_, 'a> {
             let found = "an initial value of a VAR_IN_OUT, which stands for another variable";
             self.error(Code::InvalidDeclaration, initial.span(), found);
         }
+    }
+
+    pub(super) fn short_lived_instance(&mut self, span: Span) {
+        let found = "an instance of a function block that does not outlive a call";
+        self.tell(
+            Diagnostic::new(Code::InvalidDeclaration, span, found)
+                .allowed("instances in VAR of programs and function blocks, or VAR_IN_OUT")
+                .hint("a function block keeps its state from call to call"),
+        );
     }
 
     fn one_variable(

@@ -2,11 +2,10 @@
 
 use super::body::Body;
 use super::place::Access;
-use super::unit::{is_local, is_part};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Constant, Expr, ExprKind, Type, TypeId};
 use crate::source::Span;
-use crate::syntax::ast::{self, Expression, ExpressionKind, Name, UnaryOperator};
+use crate::syntax::ast::{Expression, ExpressionKind, Name, UnaryOperator};
 
 /// A checked expression.
 #[derive(Clone, Debug)]
@@ -158,33 +157,5 @@ impl<'a> Body<'_, 'a> {
     ) -> Option<Operand> {
         let operand = self.operand(inner, hint)?;
         self.unary_operator(operator, operand, span)
-    }
-
-    /// `REF(variable)`.
-    pub(super) fn reference(
-        &mut self,
-        arguments: &'a [ast::Argument],
-        span: Span,
-    ) -> Option<Operand> {
-        let [ast::Argument { name: None, value: Some(target), .. }] = arguments else {
-            let one = Diagnostic::new(Code::WrongArguments, span, "REF with other arguments");
-            self.tell(one.allowed("`REF(variable)`"));
-            return None;
-        };
-        let place = self.write_place(target)?;
-        let wrong = if is_part(&place) {
-            Some("a bit or a part of a variable, which has no address")
-        } else if is_local(&place) {
-            Some("a variable that does not outlive the call")
-        } else {
-            None
-        };
-        if let Some(found) = wrong {
-            let one = Diagnostic::new(Code::WrongArguments, target.span, format!("REF of {found}"));
-            self.tell(one.allowed("variables of programs, function blocks and VAR_GLOBAL"));
-            return None;
-        }
-        let ty = self.checker.program.types.reference(place.ty);
-        Some(Operand::typed(self.expr(ty, ExprKind::Reference(place), span)))
     }
 }

@@ -24,6 +24,7 @@ mod operator;
 mod place;
 mod placement;
 mod recursion;
+mod reference;
 mod standard;
 mod statement;
 mod test;

@@ -8,8 +8,8 @@ use super::types::Resolved;
 use super::{Checker, Progress};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
-    Constant, GlobalId, Local, LocalId, LocalKind, Place, Root, Routine, RoutineId, Step,
-    StructureKind, Type, TypeId,
+    Constant, GlobalId, Local, LocalId, LocalKind, Place, Routine, RoutineId, Step, StructureKind,
+    Type, TypeId,
 };
 use crate::source::Span;
 use crate::syntax::ast::{self, Edge, Name, SectionKind, UnitKind};
@@ -300,6 +300,10 @@ impl<'a> Body<'_, 'a> {
             self.error(Code::InvalidDeclaration, span, "a result of the type ARRAY[*]");
             return None;
         }
+        if self.checker.program.types.has_instance(result.ty) {
+            self.short_lived_instance(ast.result.as_ref()?.span);
+            return None;
+        }
         self.locals.push(Local {
             name: ast.name.text.to_string(),
             ty: result.ty,
@@ -364,11 +368,6 @@ impl<'a> Body<'_, 'a> {
         }
         block
     }
-}
-
-/// Whether a place begins in the routine itself: a reference to it would outlive it.
-pub(super) fn is_local(place: &Place) -> bool {
-    matches!(place.root, Root::Local(_))
 }
 
 /// Whether a place is a bit or a part of a variable, which has no address.

@@ -3,7 +3,7 @@
 //! A type is an index into [`Types`]. Types that are equal by structure (arrays, strings, references) are stored once,
 //! so that equal indices mean equal types. Structures and enumerations are equal only to themselves.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use super::Constant;
 use super::elementary::Elementary;
@@ -256,6 +256,26 @@ impl Types {
             Type::Structure(structure) => Some(structure),
             _ => None,
         }
+    }
+
+    /// Whether a value of `id` is an instance of a function block, or has one in it.
+    pub fn has_instance(&self, id: TypeId) -> bool {
+        let (mut waiting, mut seen) = (vec![id], HashSet::new());
+        while let Some(id) = waiting.pop() {
+            match self.get(id) {
+                Type::Structure(structure) if structure.kind != StructureKind::Struct => {
+                    return true;
+                }
+                Type::Structure(structure) if seen.insert(id) => {
+                    waiting.extend(structure.fields.iter().map(|field| field.ty));
+                }
+                Type::Array { element, .. } | Type::OpenArray { element, .. } => {
+                    waiting.push(*element);
+                }
+                _ => {}
+            }
+        }
+        false
     }
 
     /// All types with their indices.
