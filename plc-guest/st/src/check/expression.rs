@@ -2,6 +2,7 @@
 
 use super::body::Body;
 use super::place::Access;
+use super::types::is_bit_string;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Constant, Expr, ExprKind, Type, TypeId};
 use crate::source::Span;
@@ -155,7 +156,14 @@ impl<'a> Body<'_, 'a> {
         span: Span,
         hint: Option<TypeId>,
     ) -> Option<Operand> {
-        let operand = self.operand(inner, hint)?;
+        let mut operand = self.operand(inner, hint)?;
+        if let (UnaryOperator::Not, Some(ty)) = (operator, hint)
+            && operand.untyped
+            && self.plain(ty).is_some_and(is_bit_string)
+            && self.takes(&operand, ty)
+        {
+            operand = Operand::typed(self.converted(operand, ty, inner.span)?);
+        }
         self.unary_operator(operator, operand, span)
     }
 }

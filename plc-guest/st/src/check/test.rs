@@ -108,7 +108,8 @@ impl<'a> Body<'_, 'a> {
         let places = (found.span, expected.span);
         let (a, b) = ((found_operand?, places.0), (expected_operand?, places.1));
         let (a_type, b_type) = (a.0.expr.ty, b.0.expr.ty);
-        let joined = self.joined(a, b).filter(|(_, _, ty, _)| self.plain(*ty).is_some_and(is_real));
+        let joined =
+            self.joined(a, b, None).filter(|(_, _, ty, _)| self.plain(*ty).is_some_and(is_real));
         let Some((found, expected, _, _)) = joined else {
             let found = format!("{} and {}", self.type_name(a_type), self.type_name(b_type));
             let one = Diagnostic::new(Code::TypeMismatch, span, found);

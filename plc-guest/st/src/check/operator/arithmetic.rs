@@ -37,7 +37,7 @@ impl<'a> Body<'_, 'a> {
             self.mismatch(written, a, b, allowed);
             return None;
         }
-        let Some((left, right, ty, untyped)) = self.joined(left, right) else {
+        let Some((left, right, ty, untyped)) = self.joined(left, right, written.needed) else {
             let allowed = "types of which one holds all values of the other";
             self.mismatch(written, a, b, allowed);
             return None;

@@ -18,7 +18,7 @@ impl<'a> Body<'_, 'a> {
         left: (Operand, Span),
         right: (Operand, Span),
     ) -> Option<Operand> {
-        let Written { operator, place, span } = written;
+        let Written { operator, place, span, .. } = written;
         let (a, b) = (left.0.expr.ty, right.0.expr.ty);
         let equality = matches!(comparison, Comparison::Equal | Comparison::NotEqual);
         let types = &self.checker.program.types;
@@ -43,7 +43,7 @@ impl<'a> Body<'_, 'a> {
             }
             (left.0.expr, right.0.expr)
         } else {
-            let Some((left, right, _, _)) = self.joined(left, right) else {
+            let Some((left, right, _, _)) = self.joined(left, right, None) else {
                 self.mismatch(written, a, b, "two values of one elementary type or string");
                 return None;
             };

@@ -1,7 +1,7 @@
 //! The type that two operands have in common.
 
 use super::super::body::Body;
-use super::super::convert::common;
+use super::super::convert::{common, widens};
 use super::super::expression::Operand;
 use super::super::literal::fits;
 use super::super::types::{is_bit_string, is_integer, is_real};
@@ -29,11 +29,12 @@ impl<'a> Body<'_, 'a> {
         }
     }
 
-    /// Both operands in the type that they have in common, if any.
+    /// Both operands in the type that they have in common, if any. `needed` is what is needed where they stand.
     pub(in crate::check) fn joined(
         &mut self,
         left: (Operand, Span),
         right: (Operand, Span),
+        needed: Option<TypeId>,
     ) -> Option<(Expr, Expr, TypeId, bool)> {
         let (a, b) = (self.plain(left.0.expr.ty), self.plain(right.0.expr.ty));
         let untyped = left.0.untyped && right.0.untyped;
@@ -41,6 +42,8 @@ impl<'a> Body<'_, 'a> {
             // The one without a type takes the other's if it fits.
             (true, false) if self.takes(&left.0, right.0.expr.ty) => right.0.expr.ty,
             (false, true) if self.takes(&right.0, left.0.expr.ty) => left.0.expr.ty,
+            (true, false) if self.real_with(&left.0, right.0.expr.ty, needed) => needed?,
+            (false, true) if self.real_with(&right.0, left.0.expr.ty, needed) => needed?,
             (true, true) if a.is_some_and(is_real) => left.0.expr.ty,
             (true, true) if b.is_some_and(is_real) => right.0.expr.ty,
             _ => self.elementary(common(a?, b?)?),
@@ -50,8 +53,21 @@ impl<'a> Body<'_, 'a> {
         Some((left, right, ty, untyped))
     }
 
+    /// Whether a literal with a point, joined with a value of a type that REAL holds, is a REAL: if one is needed.
+    pub(in crate::check) fn real_with(
+        &self,
+        operand: &Operand,
+        other: TypeId,
+        needed: Option<TypeId>,
+    ) -> bool {
+        operand.untyped
+            && matches!(operand.constant(), Some(Constant::Real(_)))
+            && needed.is_some_and(|ty| self.plain(ty) == Some(Elementary::Real))
+            && self.plain(other).is_some_and(|ty| widens(ty, Elementary::Real))
+    }
+
     /// Whether a constant without a type can be a value of a type.
-    fn takes(&mut self, operand: &Operand, ty: TypeId) -> bool {
+    pub(in crate::check) fn takes(&self, operand: &Operand, ty: TypeId) -> bool {
         let Some(target) = self.plain(ty) else { return false };
         match operand.constant() {
             Some(Constant::Integer(value)) => {

@@ -8,6 +8,11 @@ use crate::hir::{Arithmetic, Elementary, ExprKind};
 use crate::source::Span;
 use crate::syntax::ast::BinaryOperator;
 
+pub(super) fn is_logic(operator: BinaryOperator) -> bool {
+    use BinaryOperator::{And, AndThen, Or, OrElse, Xor};
+    matches!(operator, And | Or | Xor | AndThen | OrElse)
+}
+
 impl<'a> Body<'_, 'a> {
     pub(super) fn logic(
         &mut self,
@@ -22,9 +27,20 @@ impl<'a> Body<'_, 'a> {
             elementary.is_some_and(|elementary| is_bit_string(elementary) || untyped)
         };
         let fit = bits(self.plain(a), left.0.untyped) && bits(self.plain(b), right.0.untyped);
-        let joined = match fit {
-            true => self.joined(left, right),
-            false => None,
+        let needed = written.needed.filter(|ty| self.plain(*ty).is_some_and(is_bit_string));
+        let joined = match (fit, needed) {
+            // Numbers alone: what is needed, if they fit.
+            (true, Some(ty))
+                if left.0.untyped
+                    && right.0.untyped
+                    && self.takes(&left.0, ty)
+                    && self.takes(&right.0, ty) =>
+            {
+                let left = self.converted(left.0, ty, left.1)?;
+                Some((left, self.converted(right.0, ty, right.1)?, ty, false))
+            }
+            (true, _) => self.joined(left, right, None),
+            (false, _) => None,
         };
         let allowed = if short { "BOOL" } else { "BOOL or bit strings (BYTE, WORD, DWORD, LWORD)" };
         let Some((left, right, ty, _)) = joined else {

@@ -9,6 +9,7 @@ mod unary;
 
 use super::body::Body;
 use super::expression::Operand;
+use super::types::is_bit_string;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Type, TypeId};
 use crate::source::Span;
@@ -22,6 +23,8 @@ pub(in crate::check) struct Written {
     pub place: Span,
     /// Where it stands with its operands.
     pub span: Span,
+    /// The type that is needed there, if any, for literals that take none from the other side.
+    pub needed: Option<TypeId>,
 }
 
 impl<'a> Body<'_, 'a> {
@@ -33,13 +36,21 @@ impl<'a> Body<'_, 'a> {
         right: &'a Expression,
         hint: Option<TypeId>,
     ) -> Option<Operand> {
-        // An enumeration's value on one side may be of the other side's type.
+        // What is needed of a comparison is BOOL, which says nothing of its sides.
+        let hint = hint.filter(|_| compare::comparison(operator).is_none());
+        // An enumeration's value on one side may be of the other side's type, and so may literals joined with bits.
         let a = self.operand(left, hint);
-        let near = a.as_ref().map(|a| a.expr.ty).filter(|ty| self.is_enumeration(*ty)).or(hint);
+        let near = a.as_ref().filter(|a| !a.untyped).map(|a| a.expr.ty);
+        let near = near.filter(|ty| {
+            self.is_enumeration(*ty)
+                || logic::is_logic(operator) && self.plain(*ty).is_some_and(is_bit_string)
+        });
+        let near = near.or(hint);
         let b = self.operand(right, near);
         let (a, b) = (a?, b?);
         let span = left.span.to(right.span);
-        self.binary_operands(Written { operator, place, span }, (a, left.span), (b, right.span))
+        let written = Written { operator, place, span, needed: hint };
+        self.binary_operands(written, (a, left.span), (b, right.span))
     }
 
     /// An operator on two checked operands, each with its place.
@@ -55,11 +66,7 @@ impl<'a> Body<'_, 'a> {
             return self.compare(comparison, written, left, right);
         }
         match written.operator {
-            BinaryOperator::And
-            | BinaryOperator::Or
-            | BinaryOperator::Xor
-            | BinaryOperator::AndThen
-            | BinaryOperator::OrElse => self.logic(written, left, right),
+            operator if logic::is_logic(operator) => self.logic(written, left, right),
             BinaryOperator::Power => self.power(written, left, right),
             _ => match self.time_arithmetic(written, &left, &right) {
                 Some(result) => result,

@@ -49,6 +49,8 @@ impl<'a> Body<'_, 'a> {
             self.tell(one.allowed(function.form()));
             return None;
         }
+        // What is needed of a comparison is BOOL, which says nothing of its arguments.
+        let hint = hint.filter(|_| !matches!(function.make, Make::Comparison(_)));
         let mut given = Vec::new();
         let mut complete = true;
         for (at, argument) in order.into_iter().flatten().enumerate() {

@@ -3,7 +3,7 @@
 use super::super::body::Body;
 use super::super::expression::Operand;
 use super::super::operator::Written;
-use super::super::types::is_integer;
+use super::super::types::{is_bit_string, is_integer};
 use super::Given;
 use super::table::{Function, Make};
 use crate::diagnostic::{Code, Diagnostic};
@@ -21,11 +21,12 @@ impl<'a> Body<'_, 'a> {
         hint: Option<TypeId>,
     ) -> Option<Operand> {
         match function.make {
-            Make::Operator(operator) => self.chain(operator, name, given, span),
+            Make::Operator(operator) => self.chain(operator, name, given, span, hint),
             Make::Comparison(operator) => self.comparisons(operator, name, given, span),
             Make::Power => {
                 let (exponent, base) = (given.pop()?, given.pop()?);
-                let power = Written { operator: BinaryOperator::Power, place: name.span, span };
+                let operator = BinaryOperator::Power;
+                let power = Written { operator, place: name.span, span, needed: hint };
                 self.binary_operands(power, base, exponent)
             }
             Make::Intrinsic(intrinsic) => {
@@ -63,13 +64,19 @@ impl<'a> Body<'_, 'a> {
             Make::Shift(intrinsic) => {
                 let (count, place) = given.pop()?;
                 let (value, at) = given.pop()?;
-                let ty = value.expr.ty;
-                if value.untyped {
-                    self.no_type(name, at);
-                    return None;
-                }
-                let count = self.as_long(count, place)?;
-                Some(self.intrinsic(intrinsic, vec![value.expr, count], ty, span))
+                let needed = hint.filter(|ty| {
+                    self.plain(*ty).is_some_and(is_bit_string) && self.takes(&value, *ty)
+                });
+                let value = match needed {
+                    Some(ty) if value.untyped => self.converted(value, ty, at)?,
+                    None if value.untyped => {
+                        self.no_type(name, at);
+                        return None;
+                    }
+                    _ => value.expr,
+                };
+                let (ty, count) = (value.ty, self.as_long(count, place)?);
+                Some(self.intrinsic(intrinsic, vec![value, count], ty, span))
             }
             Make::Text(intrinsic) => {
                 let ty = self.string_result(&given[..1])?;

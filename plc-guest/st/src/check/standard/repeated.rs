@@ -17,8 +17,9 @@ impl<'a> Body<'_, 'a> {
         name: &Name,
         given: Vec<Given>,
         span: Span,
+        needed: Option<TypeId>,
     ) -> Option<Operand> {
-        let written = Written { operator, place: name.span, span };
+        let written = Written { operator, place: name.span, span, needed };
         let mut rest = given.into_iter();
         let mut result = rest.next()?;
         for next in rest {
@@ -36,7 +37,7 @@ impl<'a> Body<'_, 'a> {
         given: Vec<Given>,
         span: Span,
     ) -> Option<Operand> {
-        let written = Written { operator, place: name.span, span };
+        let written = Written { operator, place: name.span, span, needed: None };
         let and = Written { operator: BinaryOperator::And, ..written };
         let mut result: Option<Operand> = None;
         for pair in given.windows(2) {

@@ -112,6 +112,12 @@ impl Function {
         self.parameters.len()
     }
 
+    /// Whether it chooses among its arguments, which may be bit strings then.
+    pub(super) fn takes_bits(&self) -> bool {
+        let chosen = [Parameter::Same(Group::Scalar), Parameter::Same(Group::Any)];
+        self.parameters.iter().any(|parameter| chosen.contains(parameter))
+    }
+
     /// How it is called, for messages.
     pub(super) fn form(&self) -> String {
         let more = if self.extensible { ", ..." } else { "" };

@@ -3,7 +3,7 @@
 use super::super::body::Body;
 use super::super::convert::common;
 use super::super::expression::Operand;
-use super::super::types::{is_integer, is_real};
+use super::super::types::{is_bit_string, is_integer, is_real};
 use super::Given;
 use super::table::{Function, Group, Parameter};
 use crate::hir::{Conversion, Elementary, Expr, TypeId};
@@ -29,11 +29,12 @@ impl<'a> Body<'_, 'a> {
                 let strings = all.filter(|ty| self.both_strings(*ty, operand.expr.ty));
                 return strings.reduce(|a, b| self.longer(a, b));
             }
+            let bits = function.takes_bits();
             let hinted = hint.filter(|hint| {
-                let number = self
-                    .plain(*hint)
-                    .is_some_and(|hint| is_real(hint) || !real && is_integer(hint));
-                number && given.iter().all(|(operand, _)| self.fits(operand, *hint, false))
+                let fits = self.plain(*hint).is_some_and(|hint| {
+                    is_real(hint) || !real && is_integer(hint) || bits && is_bit_string(hint)
+                });
+                fits && given.iter().all(|(operand, _)| self.takes(operand, *hint))
             });
             let long = self.elementary(Elementary::Lreal);
             let reals = given.iter().any(|(operand, _)| operand.expr.ty == long);
@@ -46,7 +47,11 @@ impl<'a> Body<'_, 'a> {
                 ty = self.longer(ty, next);
                 continue;
             }
-            if next == ty || operand.untyped && self.fits(operand, ty, false) {
+            if next == ty || operand.untyped && self.takes(operand, ty) {
+                continue;
+            }
+            if let Some(real) = hint.filter(|hint| self.real_with(operand, ty, Some(*hint))) {
+                ty = real;
                 continue;
             }
             let joined = match (self.plain(ty), self.plain(next)) {
