@@ -31,11 +31,11 @@ pub enum Intrinsic {
     Atan2,
     /// `EXPT(base, exponent)`, both LREAL or both REAL. Same type.
     Power,
-    /// The lesser of two scalars of the same type. If one real is NaN, the second operand.
+    /// The lesser of two scalars or strings of the same type. If one real is NaN, the second operand.
     Min,
-    /// The greater of two scalars of the same type. If one real is NaN, the second operand.
+    /// The greater of two scalars or strings of the same type. If one real is NaN, the second operand.
     Max,
-    /// `SEL(g, in0, in1)`: in0 if the BOOL is FALSE, else in1. Both are evaluated. Same type, scalar or string.
+    /// `SEL(g, in0, in1)`: in0 if the BOOL is FALSE, else in1. Both are evaluated. Same type.
     Select,
     /// `SHL(in, n)`: bits shifted left; n is LINT. All bits gone from the width of the type on; n below 0 shifts
     /// nothing.

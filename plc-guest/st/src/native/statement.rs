@@ -6,7 +6,7 @@ use super::lower::{LoopBlocks, Lower};
 use super::place::Located;
 use super::target::MEMORY;
 use super::walk;
-use crate::hir::{self, Expr, ExprKind, Place, Statement, StatementKind};
+use crate::hir::{self, Expr, ExprKind, Intrinsic, Place, Statement, StatementKind};
 
 impl Lower<'_> {
     pub(super) fn block(&mut self, block: &hir::Block) {
@@ -107,6 +107,18 @@ impl Lower<'_> {
         match &expr.kind {
             ExprKind::Load(place) => self.address(place),
             ExprKind::Call(routine, arguments) => self.call_into_temporary(*routine, arguments),
+            ExprKind::Intrinsic(Intrinsic::Select, arguments) => {
+                let choice = self.expr(&arguments[0]);
+                let mut zero = self.aggregate(&arguments[1]);
+                // What is called for the other one may change the variable.
+                if walk::calls(&arguments[2]) {
+                    let copied = self.temporary(expr.ty);
+                    self.copy(copied, zero, self.program.types.size(expr.ty));
+                    zero = copied;
+                }
+                let one = self.aggregate(&arguments[2]);
+                self.builder.ins().select(choice, one, zero)
+            }
             other => unreachable!("{other:?} is neither structure nor array"),
         }
     }

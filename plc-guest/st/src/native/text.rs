@@ -161,15 +161,25 @@ impl Lower<'_> {
         left: &Expr,
         right: &Expr,
     ) -> Value {
-        let function =
-            if self.wide(left.ty) { Function::CompareUnits } else { Function::CompareBytes };
         let a = self.stable_view(left, std::slice::from_ref(right));
         let b = self.view(right);
+        self.compare_views(comparison, a, b, self.wide(left.ty))
+    }
+
+    fn compare_views(&mut self, comparison: Comparison, a: View, b: View, wide: bool) -> Value {
+        let function = if wide { Function::CompareUnits } else { Function::CompareBytes };
         let arguments = [a.start, a.units, b.start, b.units];
         let Some(order) = self.runtime(function, &arguments, Some(types::I64)) else {
             unreachable!("a comparison has a result")
         };
         self.builder.ins().icmp_imm_s(integer_condition(comparison, true), order, 0)
+    }
+
+    fn chosen(&mut self, choice: Value, one: View, zero: View) -> View {
+        View {
+            start: self.builder.ins().select(choice, one.start, zero.start),
+            units: self.builder.ins().select(choice, one.units, zero.units),
+        }
     }
 
     pub(super) fn find(&mut self, text: &Expr, sought: &Expr) -> Value {
@@ -215,10 +225,17 @@ impl Lower<'_> {
                 let choice = self.expr(&arguments[0]);
                 let zero = self.stable_view(&arguments[1], &arguments[2..]);
                 let one = self.view(&arguments[2]);
-                View {
-                    start: self.builder.ins().select(choice, one.start, zero.start),
-                    units: self.builder.ins().select(choice, one.units, zero.units),
-                }
+                self.chosen(choice, one, zero)
+            }
+            Intrinsic::Min | Intrinsic::Max => {
+                let a = self.stable_view(&arguments[0], &arguments[1..]);
+                let b = self.view(&arguments[1]);
+                let comparison = match intrinsic {
+                    Intrinsic::Min => Comparison::Less,
+                    _ => Comparison::Greater,
+                };
+                let first = self.compare_views(comparison, a, b, wide);
+                self.chosen(first, a, b)
             }
             Intrinsic::Concat => {
                 let a = self.stable_view(&arguments[0], &arguments[1..]);

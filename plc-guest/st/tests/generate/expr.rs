@@ -330,7 +330,7 @@ impl Generator {
         let lint = self.elementary(Elementary::Lint);
         let unit = self.elementary(if wide { Elementary::Word } else { Elementary::Byte });
         use Intrinsic::*;
-        let kind = match self.random.below(6) {
+        let kind = match self.random.below(7) {
             0 => ExprKind::Intrinsic(
                 *self.random.pick(&[Left, Right]),
                 vec![self.expr(ty, depth), self.small(lint, depth)],
@@ -341,6 +341,10 @@ impl Generator {
             ),
             2 => self.select(ty, depth),
             3 => ExprKind::Intrinsic(FromUnit, vec![self.expr(unit, depth)]),
+            4 => ExprKind::Intrinsic(
+                *self.random.pick(&[Min, Max]),
+                vec![self.expr(ty, depth), self.expr(ty, depth)],
+            ),
             _ => ExprKind::Intrinsic(Concat, vec![self.expr(ty, depth), self.expr(ty, depth)]),
         };
         self.node(ty, kind)

@@ -1,8 +1,8 @@
 //! Random statements.
 
 use takt_st::hir::{
-    Block, CaseArm, Constant, Elementary, Expr, ExprKind, Local, LocalId, LocalKind, Place,
-    Statement, StatementKind, Step, Type, TypeId,
+    Block, CaseArm, Constant, Elementary, Expr, ExprKind, Intrinsic, Local, LocalId, LocalKind,
+    Place, Statement, StatementKind, Step, Type, TypeId,
 };
 
 use super::Generator;
@@ -136,7 +136,15 @@ impl Generator {
         let ty = *self.random.pick(&wholes);
         let (readable, writable) = (self.readable.clone(), self.writable.clone());
         let (from, to) = (self.place_of(&readable, ty)?, self.place_of(&writable, ty)?);
-        Some(StatementKind::Assign(to, self.node(ty, ExprKind::Load(from))))
+        let mut value = self.node(ty, ExprKind::Load(from));
+        if self.random.one_in(4) {
+            let other = self.place_of(&readable, ty)?;
+            let other = self.node(ty, ExprKind::Load(other));
+            let bool = self.elementary(Elementary::Bool);
+            let arguments = vec![self.expr(bool, 2), value, other];
+            value = self.node(ty, ExprKind::Intrinsic(Intrinsic::Select, arguments));
+        }
+        Some(StatementKind::Assign(to, value))
     }
 
     fn call(&mut self) -> Option<StatementKind> {

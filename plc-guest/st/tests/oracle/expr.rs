@@ -227,6 +227,8 @@ impl Machine<'_> {
                 let less = match (&left, &right) {
                     (Value::Real(left), Value::Real(right)) if intrinsic == Min => left < right,
                     (Value::Real(left), Value::Real(right)) => left > right,
+                    (Value::Text(left), Value::Text(right)) if intrinsic == Min => left < right,
+                    (Value::Text(left), Value::Text(right)) => left > right,
                     (left, right) if intrinsic == Min => left.integer() < right.integer(),
                     (left, right) => left.integer() > right.integer(),
                 };

@@ -99,13 +99,11 @@ impl<'a> Body<'_, 'a> {
                             && function.make == Make::Concatenate;
                     (types.is_string(ty) || character, "STRING or WSTRING")
                 }
-                Group::Scalar => (elementary.is_some(), "an elementary value that is no string"),
-                Group::Any => (
-                    types.scalar(ty).is_some() || types.is_string(ty),
-                    "an elementary value, an enumeration or a reference",
-                ),
-                // The operator says what it takes.
-                Group::Operands => (true, ""),
+                Group::Ordered => {
+                    (elementary.is_some() || types.is_string(ty), "an elementary value")
+                }
+                // Any value can be copied, and the operator says what it takes.
+                Group::Any | Group::Operands => (true, ""),
             },
         };
         if !fits {

@@ -36,7 +36,11 @@ impl<'a> Body<'_, 'a> {
         arguments: &'a [Argument],
         span: Span,
     ) -> Option<Option<Operand>> {
-        let (from, to, truncates) = parse(&name.key)?;
+        let library = binary_coded(&name.key);
+        let (from, to, truncates) = match library {
+            Some(_) => (None, Target::String, false),
+            None => parse(&name.key)?,
+        };
         let value = match arguments {
             [Argument { name: None, value: Some(value), .. }] => Some(value),
             [Argument { name: Some((formal, _)), value: Some(value), .. }]
@@ -61,6 +65,9 @@ impl<'a> Body<'_, 'a> {
         };
         let Some(operand) = operand else { return Some(None) };
         let operand = self.without_subrange(operand, value.span);
+        if let Some(key) = library {
+            return Some(self.call_of_library(key, operand, name, span));
+        }
         let Target::Elementary(to) = to else {
             return Some(self.by_library(to, operand, name, span));
         };
@@ -142,8 +149,18 @@ impl<'a> Body<'_, 'a> {
             Type::Elementary(elementary) => elementary.name(),
             _ => "",
         };
-        let key = format!("{from}_TO_{}", to.name());
-        let unit = match self.checker.names.get(&key) {
+        self.call_of_library(&format!("{from}_TO_{}", to.name()), operand, name, span)
+    }
+
+    /// A call of the library's function of this name with one argument.
+    fn call_of_library(
+        &mut self,
+        key: &str,
+        operand: Operand,
+        name: &Name,
+        span: Span,
+    ) -> Option<Operand> {
+        let unit = match self.checker.names.get(key) {
             Some(Entry::Units(units)) if units.len() == 1 => Some(units[0]),
             _ => None,
         };
@@ -167,6 +184,22 @@ impl<'a> Body<'_, 'a> {
         let kind = ExprKind::Call(routine, vec![HirArgument::Value(value)]);
         Some(Operand::typed(self.expr(result, kind, span)))
     }
+}
+
+/// The library's function that an overloaded conversion of binary coded decimals calls: the other type follows from the
+/// size, and a shorter one is widened.
+pub(super) fn binary_coded(key: &str) -> Option<&'static str> {
+    Some(match key {
+        "BCD_TO_USINT" => "BYTE_BCD_TO_USINT",
+        "BCD_TO_UINT" => "WORD_BCD_TO_UINT",
+        "BCD_TO_UDINT" => "DWORD_BCD_TO_UDINT",
+        "BCD_TO_ULINT" => "LWORD_BCD_TO_ULINT",
+        "TO_BCD_BYTE" => "USINT_TO_BCD_BYTE",
+        "TO_BCD_WORD" => "UINT_TO_BCD_WORD",
+        "TO_BCD_DWORD" => "UDINT_TO_BCD_DWORD",
+        "TO_BCD_LWORD" => "ULINT_TO_BCD_LWORD",
+        _ => return None,
+    })
 }
 
 /// What a conversion gives.

@@ -39,8 +39,8 @@ pub fn function(key: &str) -> Option<String> {
     let known = functions().find(|(name, _)| *name == key).map(|(_, form)| form);
     let hidden = || table::function(key).map(|function| function.form());
     let of_tests = || test::form(key).map(|form| form.replace('`', ""));
-    known
-        .or_else(hidden)
-        .or_else(of_tests)
-        .or_else(|| conversion::parse(key).map(|_| format!("{key}(IN)")))
+    known.or_else(hidden).or_else(of_tests).or_else(|| {
+        let known = conversion::parse(key).is_some() || conversion::binary_coded(key).is_some();
+        known.then(|| format!("{key}(IN)"))
+    })
 }

@@ -43,9 +43,9 @@ pub(super) enum Group {
     Bits,
     /// ANY_STRING
     String,
-    /// ANY_ELEMENTARY without strings: there is no intrinsic that chooses between two of them by order.
-    Scalar,
-    /// ANY but what has parts.
+    /// ANY_ELEMENTARY
+    Ordered,
+    /// ANY
     Any,
     /// What an operator takes.
     Operands,
@@ -114,7 +114,7 @@ impl Function {
 
     /// Whether it chooses among its arguments, which may be bit strings then.
     pub(super) fn takes_bits(&self) -> bool {
-        let chosen = [Parameter::Same(Group::Scalar), Parameter::Same(Group::Any)];
+        let chosen = [Parameter::Same(Group::Ordered), Parameter::Same(Group::Any)];
         self.parameters.iter().any(|parameter| chosen.contains(parameter))
     }
 
@@ -152,7 +152,7 @@ const NUMBER: Parameter = Parameter::Same(Group::Number);
 const REAL: Parameter = Parameter::Same(Group::Real);
 const BITS: Parameter = Parameter::Same(Group::Bits);
 const STRING: Parameter = Parameter::Same(Group::String);
-const SCALAR: Parameter = Parameter::Same(Group::Scalar);
+const ORDERED: Parameter = Parameter::Same(Group::Ordered);
 const ANY: Parameter = Parameter::Same(Group::Any);
 const OPERANDS: Parameter = Parameter::Same(Group::Operands);
 const INTEGER: Parameter = Parameter::Integer;
@@ -209,9 +209,9 @@ pub(super) static FUNCTIONS: &[Function] = &[
     shift("ROL", Intrinsic::RotateLeft),
     shift("ROR", Intrinsic::RotateRight),
     fixed("SEL", &["G", "IN0", "IN1"], &[Parameter::Bool, ANY, ANY], Make::Select),
-    extensible("MAX", TWO, &[SCALAR, SCALAR], Make::Fold(Intrinsic::Max)),
-    extensible("MIN", TWO, &[SCALAR, SCALAR], Make::Fold(Intrinsic::Min)),
-    fixed("LIMIT", &["MN", "IN", "MX"], &[SCALAR, SCALAR, SCALAR], Make::Limit),
+    extensible("MAX", TWO, &[ORDERED, ORDERED], Make::Fold(Intrinsic::Max)),
+    extensible("MIN", TWO, &[ORDERED, ORDERED], Make::Fold(Intrinsic::Min)),
+    fixed("LIMIT", &["MN", "IN", "MX"], &[ORDERED, ORDERED, ORDERED], Make::Limit),
     extensible("MUX", &["K", "IN0", "IN1"], &[INTEGER, ANY, ANY], Make::Multiplex),
     comparison("GT", BinaryOperator::Greater),
     comparison("GE", BinaryOperator::GreaterEqual),

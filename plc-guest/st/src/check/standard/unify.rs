@@ -6,6 +6,7 @@ use super::super::expression::Operand;
 use super::super::types::{is_bit_string, is_integer, is_real};
 use super::Given;
 use super::table::{Function, Group, Parameter};
+use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Conversion, Elementary, Expr, TypeId};
 use crate::source::Span;
 
@@ -38,8 +39,16 @@ impl<'a> Body<'_, 'a> {
             });
             let long = self.elementary(Elementary::Lreal);
             let reals = given.iter().any(|(operand, _)| operand.expr.ty == long);
-            let own = if real || reals { long } else { self.widest(given)? };
-            return Some(hinted.unwrap_or(own));
+            let own = if real || reals { Some(long) } else { self.widest(given) };
+            let common = hinted.or(own);
+            if common.is_none() {
+                let (operand, span) = given.last()?;
+                let found = format!("{} among these values", self.type_name(operand.expr.ty));
+                self.tell(
+                    Diagnostic::new(Code::TypeMismatch, *span, found).allowed("values of one type"),
+                );
+            }
+            return common;
         };
         for (operand, span) in given {
             let next = operand.expr.ty;
