@@ -2,6 +2,7 @@
 
 use super::Entry;
 use super::body::Body;
+use super::loops::Looped;
 use super::place::Access;
 use super::types::is_integer;
 use super::unit::{Storage, is_part};
@@ -64,14 +65,14 @@ impl<'a> Body<'_, 'a> {
             }
             StatementKind::While(condition, body) => {
                 self.after = None;
-                self.warn_of_loop(condition, body, span);
+                self.warn_of_loop(Looped::While, condition, body, span);
                 let condition = self.condition(condition);
                 let body = self.looped(body);
                 condition.map(|condition| Hir::While(condition, body))
             }
             StatementKind::Repeat(body, condition) => {
                 self.after = None;
-                self.warn_of_loop(condition, body, span);
+                self.warn_of_loop(Looped::Repeat, condition, body, span);
                 let body = self.looped(body);
                 self.after = None;
                 self.condition(condition).map(|condition| Hir::Repeat(body, condition))
