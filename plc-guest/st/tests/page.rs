@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use takt_st::diagnostic::text;
+use takt_st::hir::Elementary;
 use takt_st::project;
 use takt_st::source::Sources;
 
@@ -74,26 +75,56 @@ fn each_row_has_what_it_accepts_and_what_it_refuses() {
     let page = page();
     let table = page.split("## The language").nth(1).expect("the table is there");
     let table = table.split("\n## ").next().unwrap_or_default();
+    let elementary: Vec<Vec<&str>> = table
+        .lines()
+        .skip_while(|line| !line.starts_with("| elementary type"))
+        .skip(2)
+        .take_while(|line| line.starts_with('|'))
+        .map(|line| line.split('|').map(str::trim).collect())
+        .collect();
     let rows: Vec<Vec<&str>> = table
         .lines()
-        .filter(|line| line.starts_with('|'))
+        .skip_while(|line| !line.starts_with('|'))
         .skip(2)
+        .take_while(|line| line.starts_with('|'))
         .map(|line| line.split('|').map(str::trim).collect())
         .collect();
     assert!(rows.len() > 35, "only {} rows", rows.len());
     let mut wrong = Vec::new();
     for row in &rows {
-        let (part, accepted, refused) = (row[1], named(row[2]), named(row[3]));
-        if accepted.is_empty() && refused.is_empty() {
-            wrong.push(format!("{part}: no case"));
+        let (part, accepted, refused) = (row[1], named(row[3]), named(row[4]));
+        let (table, decision) = (row[2], row[5]);
+        if !["table", "figure", "clause", "Takt's own", "none"]
+            .iter()
+            .any(|it| table.starts_with(it))
+        {
+            wrong.push(format!("{part}: not where the standard has it, but `{table}`"));
+        }
+        if accepted.is_empty() && !decision.starts_with("None of it is accepted: ") {
+            wrong.push(format!("{part}: no case that is accepted, and not why there is none"));
+        }
+        if refused.is_empty() && !decision.starts_with("Nothing of it is refused: ") {
+            wrong.push(format!("{part}: no case that is refused, and not why there is none"));
         }
         for case in accepted.iter().filter(|case| has_error(case)) {
             wrong.push(format!("{part}: {case} is refused"));
         }
-        let is_warning = |case: &&&str| row[3].contains(&format!("`{case}` (a warning)"));
+        let is_warning = |case: &&&str| row[4].contains(&format!("`{case}` (a warning)"));
         for case in refused.iter().filter(|case| !has_error(case) && !is_warning(case)) {
             wrong.push(format!("{part}: {case} is accepted"));
         }
     }
+    for row in &elementary {
+        let (accepted, refused) = (named(row[4]), named(row[5]));
+        if accepted.len() != 1 || accepted.iter().any(|case| has_error(case)) {
+            wrong.push(format!("{}: {accepted:?} as accepted", row[1]));
+        }
+        if refused.len() != 1 || !refused.iter().all(|case| has_error(case)) {
+            wrong.push(format!("{}: {refused:?} as refused", row[1]));
+        }
+    }
+    let named: Vec<&str> = elementary.iter().map(|row| row[1]).collect();
+    let missing = Elementary::ALL.iter().map(|one| one.name()).chain(["STRING", "WSTRING"]);
+    wrong.extend(missing.filter(|one| !named.contains(one)).map(|one| format!("{one}: no row")));
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }

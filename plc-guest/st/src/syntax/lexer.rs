@@ -41,6 +41,8 @@ impl<'a> Lexer<'a> {
             let token = self.next_token(diagnostics);
             match token.kind {
                 TokenKind::Comment | TokenKind::Invalid => {}
+                // One without an end has been told of.
+                TokenKind::Pragma if !self.text[..self.at].ends_with('}') => {}
                 TokenKind::Pragma => diagnostics.push(self.pragma(token)),
                 _ => return token,
             }
