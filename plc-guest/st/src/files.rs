@@ -265,9 +265,24 @@ pub fn add(sources: &mut Sources, path: &Path) -> Option<FileId> {
     };
     sources.refuse(&name, before, |span| {
         let one = Diagnostic::new(code, span, error.what()).allowed(error.allowed());
-        one.hint("what it declares is not known to the other files")
+        one.hint(of_bytes(bytes).unwrap_or("what it declares is not known to the other files"))
     });
     None
+}
+
+/// What a file that is no source seems to be, by its first bytes.
+fn of_bytes(bytes: &[u8]) -> Option<&'static str> {
+    const UTF_16: &str = "it seems to be text in UTF-16: save it in UTF-8";
+    Some(match bytes {
+        [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] => UTF_16,
+        // Latin letters in it have a zero each.
+        [first, 0, second, 0, ..] if first.is_ascii_graphic() && !second.is_ascii_control() => {
+            UTF_16
+        }
+        [0x7F, b'E', b'L', b'F', ..] => "it seems to be a compiled program (ELF)",
+        _ if bytes.starts_with(&takt_program::MAGIC) => "it is a program image of Takt",
+        _ => return None,
+    })
 }
 
 /// One byte more than allowed is enough to know that it is too large.

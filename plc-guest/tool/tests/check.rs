@@ -122,6 +122,9 @@ fn a_file_that_cannot_be_read_hides_no_error_of_another() {
     write("a.st", b"FUNCTION a : INT\nVAR x : INT; END_VAR\n// \xE4\na := 1;\nEND_FUNCTION\n");
     write("b.st", WRONG.as_bytes());
     write("c.st", &[b' '; (8 << 20) + 1]);
+    write("e.st", b"P\0R\0O\0G\0");
+    let text = error_text(&check(&["e.st"], folder.path()));
+    assert!(text.contains("hint: it seems to be text in UTF-16: save it in UTF-8"), "{text}");
     assert_eq!(
         told(&["a.st", "b.st", "c.st", "d.st"], folder.path()),
         expected(&[

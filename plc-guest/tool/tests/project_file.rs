@@ -121,7 +121,7 @@ fn build_says_what_it_was_given_instead_of_a_source() {
     }
     let ended = folder.takt_plc(&["build", "--message-format", "json", "main.plc", "empty"]);
     let ended = ended.expect(2, "\"code\":\"no-source\"");
-    ended.expect(2, "\"place\":{\"file\":\"main.plc\"}");
+    ended.expect(2, "\"place\":{\"file\":\"main.plc\"}").expect(2, "takt plc: 2 errors");
 }
 
 #[test]

@@ -97,7 +97,7 @@ fn a_mistake_is_told_as_check_tells_it_and_leaves_no_image() {
     folder.write("main.st", &project("level : INT;", "levl := 3;"));
     let built = folder.takt_plc(&["build", "main.st"]);
     let built = built.expect(2, "error[unknown-name]: main.st:5:1: ");
-    let checked = folder.takt_plc(&["check", "main.st"]).expect(2, "1 errors");
+    let checked = folder.takt_plc(&["check", "main.st"]).expect(2, "1 error,");
     assert_eq!(built.text, checked.text);
     folder
         .takt_plc(&["build", "main.st", "--message-format", "json"])

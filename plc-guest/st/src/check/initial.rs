@@ -186,7 +186,10 @@ impl<'a> Body<'_, 'a> {
                 one = one.hint(format!("did you mean `{similar}`?"));
             }
             let shown: Vec<&str> = fields.filter(|name| !name.contains('\'')).take(12).collect();
-            one = one.allowed(shown.join(", "));
+            one = one.allowed(match shown.is_empty() {
+                true => "nothing: it has no member that can be reached".to_owned(),
+                false => shown.join(", "),
+            });
         }
         self.tell(one);
     }

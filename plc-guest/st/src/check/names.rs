@@ -192,7 +192,8 @@ pub(super) fn similar<'n>(key: &str, candidates: impl Iterator<Item = &'n str>) 
     candidates
         .filter(|candidate| candidate.len().abs_diff(key.len()) <= allowed)
         .map(|candidate| (distance(key, &candidate.to_ascii_uppercase()), candidate))
-        .filter(|(distance, _)| *distance <= allowed)
+        // A name of which nothing is left is not meant.
+        .filter(|(distance, _)| *distance <= allowed && *distance < key.len())
         .min()
         .map(|(_, candidate)| candidate)
 }

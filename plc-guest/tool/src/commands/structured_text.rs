@@ -114,7 +114,7 @@ impl Origin {
     }
 
     fn broken(&self) -> Failure {
-        Failure::input(format!("{} errors in the project file", self.mistakes()))
+        Failure::input(format!("{} in the project file", counted(self.mistakes(), "error")))
     }
 
     /// The files that the user writes.
@@ -175,13 +175,13 @@ impl Messages {
 
     fn not_built(&self, program: &Program, sources: &Sources, error: &BuildError) -> Failure {
         self.show(sources, &[error.diagnostic(program, sources)]);
-        Failure::input("no image: 1 error")
+        Failure::input("1 error: no image")
     }
 
     /// Shows what is no source.
     pub fn refused(&self, sources: &Sources) -> Failure {
         self.show(sources, sources.refused());
-        Failure::input(format!("{} errors", sources.refused().len()))
+        Failure::input(counted(sources.refused().len(), "error"))
     }
 
     /// Prints what the first stages make of the files: words, or trees.
@@ -216,7 +216,7 @@ impl Messages {
         self.show(&sources, &diagnostics);
         match diagnostics.iter().filter(|one| one.is_error()).count() {
             0 => Ok(()),
-            errors => Err(Failure::input(format!("{errors} errors"))),
+            errors => Err(Failure::input(counted(errors, "error"))),
         }
     }
 
@@ -239,16 +239,23 @@ fn finish(
     let warnings = diagnostics.len() - errors;
     let errors = errors + origin.mistakes();
     let Some(mut program) = program.filter(|_| errors == 0) else {
-        return Err(Failure::input(format!("{errors} errors, {warnings} warnings")));
+        let (errors, warnings) = (counted(errors, "error"), counted(warnings, "warning"));
+        return Err(Failure::input(format!("{errors}, {warnings}")));
     };
     if warnings > 0 {
-        eprintln!("no error, {warnings} warnings");
+        eprintln!("no error, {}", counted(warnings, "warning"));
     }
     if let Some(project) = origin.project() {
         program.name.clone_from(&project.name);
         (program.version, program.category) = (project.version, project.category);
     }
     Ok(program)
+}
+
+/// A number of things, such as `1 error`, `2 errors`.
+fn counted(number: usize, thing: &str) -> String {
+    let plural = if number == 1 { "" } else { "s" };
+    format!("{number} {thing}{plural}")
 }
 
 /// This machine has no room for a thread.

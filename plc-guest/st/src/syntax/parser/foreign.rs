@@ -52,6 +52,7 @@ impl Parser<'_> {
         let (first, value) = (self.text(place), self.text(left.span));
         let (hint, meant) = match (first, second) {
             ("=", Sign::Equal) => ("`=` compares; `:=` assigns".to_owned(), true),
+            ("=", Sign::Colon) => ("an assignment is written `:=`".to_owned(), false),
             ("&", Sign::Ampersand) => ("write `AND` or `&`".to_owned(), true),
             ("+" | "-" | "*" | "/", Sign::Equal) => {
                 (format!("write `{value} := {value} {first} ...`"), false)

@@ -151,7 +151,9 @@ impl Parser<'_> {
             left.kind,
             ExpressionKind::Binary(crate::syntax::ast::BinaryOperator::Equal, ..)
         );
-        if comparison {
+        if self.at_sign(Sign::Colon) && self.peek(1) == TokenKind::Sign(Sign::Equal) {
+            one = one.hint("`:=` is written without a blank");
+        } else if comparison {
             one = one.hint("`=` compares; an assignment is written `:=`");
         } else if matches!(left.kind, ExpressionKind::Name(_) | ExpressionKind::Field(..)) {
             one = one.hint("a function block without arguments is called with `()`");
