@@ -113,9 +113,10 @@ struct takt_declaration {
 
 /* TAKT_INPUT(REAL, level, 4): the variable `level` at byte 4 of %I. Another file that uses it says
  * TAKT_LOCATED(const, REAL, level, takt_input, 4), which declares nothing to the tool. The linker knows where
- * takt_input, takt_output and takt_marker are. */
+ * takt_input, takt_output and takt_marker are. Hidden: position-independent code would else look them up in a table, which
+ * has no entries for a symbol plus an offset. */
 #define TAKT_LOCATED(qualifier, type, variable, base, byte)                                       \
-    extern qualifier volatile takt_##type variable;                                               \
+    extern qualifier volatile takt_##type variable __attribute__((visibility("hidden")));         \
     __asm__(".set " #variable ", " #base " + " #byte "\n")
 #define TAKT_LOCATED_(qualifier, type, variable, base, byte, flags)                               \
     TAKT_LOCATED(qualifier, type, variable, base, byte);                                          \

@@ -5,9 +5,12 @@ use std::collections::BTreeMap;
 use object::elf::{SHF_ALLOC, SHF_TLS};
 use object::read::elf::ElfFile64;
 use object::{Endianness, Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolKind};
-use takt_program::address;
+use takt_program::{address, limit};
 
 use super::LinkError;
+
+/// Fills what is no code.
+const BREAKPOINT: u8 = 0xcc;
 
 /// A linked program, with every address final.
 pub struct Program {
@@ -58,8 +61,18 @@ pub fn read(file: &[u8]) -> Result<Program, LinkError> {
             debug.insert(name.to_owned(), section.uncompressed_data()?.into_owned());
         }
     }
+    let mut code = section(".text")?;
+    // Constants that are aligned to more than a page do not begin on the page after the code. The code fills the gap.
+    let constants = elf.section_by_name(".rodata").filter(|section| section.size() > 0);
+    if let Some(gap) = constants.and_then(|section| section.address().checked_sub(address::CODE))
+        && gap <= u64::from(limit::CODE_BYTES)
+        && gap > code.len() as u64
+    {
+        code.resize(gap as usize, BREAKPOINT);
+    }
+    check_addresses(&elf, code.len() as u32)?;
     Ok(Program {
-        code: section(".text")?,
+        code,
         constants: section(".rodata")?,
         state: section(".data")?,
         state_bytes: state_end - address::STATE,
@@ -67,6 +80,22 @@ pub fn read(file: &[u8]) -> Result<Program, LinkError> {
         user_trap: trap.map(|symbol| symbol.address()),
         debug,
     })
+}
+
+/// Each part lies where the image says that it does.
+fn check_addresses(elf: &ElfFile64<'_, Endianness>, code: u32) -> Result<(), LinkError> {
+    let parts = [
+        (".text", address::CODE),
+        (".rodata", address::constants(code)),
+        (".data", address::STATE),
+    ];
+    for (name, expected) in parts {
+        let section = elf.section_by_name(name).filter(|section| section.size() > 0);
+        if let Some(found) = section.map(|section| section.address()).filter(|at| *at != expected) {
+            return Err(LinkError::Address { name, found, expected });
+        }
+    }
+    Ok(())
 }
 
 fn check_sections(elf: &ElfFile64<'_, Endianness>) -> Result<(), LinkError> {
@@ -77,6 +106,9 @@ fn check_sections(elf: &ElfFile64<'_, Endianness>) -> Result<(), LinkError> {
             continue;
         }
         let name = section.name()?.to_owned();
+        if name == ".takt.init" {
+            return Err(LinkError::Init);
+        }
         if name == ".takt.constructors" {
             return Err(LinkError::Constructors { functions: constructors(elf, section.data()?) });
         }

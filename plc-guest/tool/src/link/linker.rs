@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use object::elf::{SHF_EXECINSTR, SHF_WRITE};
 use object::read::archive::ArchiveFile;
-use object::{Object, ObjectSection, SectionFlags};
+use object::{Object, ObjectSection};
 
+use super::objects::check;
 use super::{LinkError, read};
 
 const SCRIPT: &str = include_str!("program.ld");
@@ -17,7 +17,6 @@ const FLAGS: &[&str] = &[
     "-nostdlib",
     "--gc-sections",
     "--build-id=none",
-    "--no-warn-rwx-segments",
     "-z",
     "noexecstack",
     "-z",
@@ -98,20 +97,6 @@ fn declaring_members(input: &Path, folder: &Path) -> Result<Vec<PathBuf>, LinkEr
         }
     }
     Ok(members)
-}
-
-/// Refuses code that is writable. The linker would drop the right to write, and the program fault.
-fn check(input: &Path, file: &object::File<'_>) -> Result<(), LinkError> {
-    for section in file.sections() {
-        let both = SHF_WRITE.0 | SHF_EXECINSTR.0;
-        if let SectionFlags::Elf { sh_flags, .. } = section.flags()
-            && sh_flags.0 & both == both
-        {
-            let name = section.name().unwrap_or_default().to_owned();
-            return Err(LinkError::WritableCode { path: input.to_owned(), name });
-        }
-    }
-    Ok(())
 }
 
 /// The symbols that the linker did not find, from what GNU's and LLVM's linkers say.

@@ -12,6 +12,7 @@ mod declared;
 mod elf;
 mod lines;
 mod linker;
+mod objects;
 
 use std::path::{Path, PathBuf};
 
@@ -50,12 +51,29 @@ pub enum LinkError {
     )]
     Constructors { functions: Vec<String> },
     #[error(
+        "the program has a function in the section .init or .fini; nothing would run it. TAKT_INIT(function) declares a \
+         function that runs at each start"
+    )]
+    Init,
+    #[error(
         "the program has thread-local variables: {}; a control program has no threads",
         .variables.join(", ")
     )]
     ThreadLocal { variables: Vec<String> },
     #[error("{}: section {name} is writable and executable; a program's code cannot change", .path.display())]
     WritableCode { path: PathBuf, name: String },
+    #[error(
+        "{}: section {name} is aligned to {found} bytes; allowed is up to {allowed}", .path.display()
+    )]
+    Alignment { path: PathBuf, name: String, found: u64, allowed: u64 },
+    #[error("the linker put section {name} at {found:#x} instead of {expected:#x}")]
+    Address { name: &'static str, found: u64, expected: u64 },
+    #[error(
+        "{}: {function} reads `{symbol}` plus an offset through a table of addresses, which linkers resolve to a wrong place; \
+         compile with -fno-pic, or declare the variable with visibility(\"hidden\") as takt.h does",
+        .path.display()
+    )]
+    Table { path: PathBuf, function: String, symbol: String },
     #[error("no program is declared: TAKT_PROGRAM(...) in C, takt_sdk::program!(...) in Rust")]
     NoProgram,
     #[error("{what} is declared twice")]

@@ -48,6 +48,12 @@ impl Folder {
         run(Command::new(env!("CARGO_BIN_EXE_takt-plc")).args(words).current_dir(self.path()))
     }
 
+    /// `takt plc` with these words and this `PATH`.
+    pub fn takt_plc_with(&self, path: &Path, words: &[&str]) -> Ended {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_takt-plc"));
+        run(command.args(words).current_dir(self.path()).env("PATH", path))
+    }
+
     /// `takt plc` with these words, in a folder of this one.
     pub fn takt_plc_in(&self, folder: &str, words: &[&str]) -> Ended {
         let folder = self.path().join(folder);
