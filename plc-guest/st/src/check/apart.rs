@@ -6,7 +6,9 @@
 use super::Entry;
 use super::body::Body;
 use super::place::Access;
-use crate::syntax::ast::{Argument, Binding, Expression, ExpressionKind, Name};
+use crate::syntax::ast::{
+    Argument, ArrayElement, Binding, Expression, ExpressionKind, Initial, Label, Name,
+};
 
 impl<'a> Body<'_, 'a> {
     /// Tells what is wrong in an expression by itself.
@@ -36,6 +38,37 @@ impl<'a> Body<'_, 'a> {
                 self.mark(name, Access::Write);
             }
         }
+    }
+
+    /// [`Body::apart`] for an initial value.
+    pub(super) fn initial_apart(&mut self, initial: &'a Initial) {
+        match initial {
+            Initial::Value(value) => self.apart(value),
+            Initial::Array(elements, _) => {
+                for element in elements {
+                    match element {
+                        ArrayElement::One(value) => self.initial_apart(value),
+                        ArrayElement::Repeated(count, values) => {
+                            self.apart(count);
+                            values.iter().for_each(|value| self.initial_apart(value));
+                        }
+                    }
+                }
+            }
+            Initial::Structure(fields, _) => {
+                fields.iter().for_each(|(_, value)| self.initial_apart(value));
+            }
+        }
+    }
+
+    /// [`Body::apart`] for a label of CASE. A name alone may be a value of a type that is not understood.
+    pub(super) fn label_apart(&mut self, label: &'a Label) {
+        let bounds = match label {
+            Label::One(value) => vec![value],
+            Label::Range(low, high) => vec![low, high],
+        };
+        let names = |value: &&Expression| matches!(value.kind, ExpressionKind::Name(_));
+        self.all_apart(bounds.into_iter().filter(|value| !names(value)));
     }
 
     fn name_apart(&mut self, name: &Name) {

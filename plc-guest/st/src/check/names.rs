@@ -122,7 +122,9 @@ impl<'a> Checker<'a> {
     fn collect_globals(&mut self, section: &'a ast::Section, library: bool) {
         for variables in &section.variables {
             for name in &variables.names {
-                if self.declare_top(name, Entry::Global(self.globals.len()), library) {
+                let known = self.declare_top(name, Entry::Global(self.globals.len()), library);
+                // What is wrong in a second declaration is told too. Its address is that of the first in most cases.
+                if known || variables.address.is_none() {
                     self.globals.push(GlobalEntry::new(section, variables, name, library));
                 }
             }

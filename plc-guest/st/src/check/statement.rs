@@ -307,7 +307,11 @@ impl<'a> Body<'_, 'a> {
             let mut ranges = Vec::new();
             for label in labels {
                 self.after = None;
-                if let Some((low, high, span)) = ty.and_then(|ty| self.label(label, ty)) {
+                let Some(ty) = ty else {
+                    self.label_apart(label);
+                    continue;
+                };
+                if let Some((low, high, span)) = self.label(label, ty) {
                     seen.push((low, high, span));
                     ranges.push((low, high));
                 }

@@ -315,7 +315,12 @@ impl<'a> Body<'_, 'a> {
 
     /// The type of declared variables, with their initial value.
     pub(super) fn variable_type(&mut self, variables: &'a ast::Variables) -> Option<Resolved> {
-        let mut resolved = self.type_spec(&variables.spec, None)?;
+        let Some(mut resolved) = self.type_spec(&variables.spec, None) else {
+            if let Some(initial) = &variables.initial {
+                self.initial_apart(initial);
+            }
+            return None;
+        };
         if let Some(initial) = &variables.initial
             && let Some(value) = self.initial(initial, resolved.ty)
         {
