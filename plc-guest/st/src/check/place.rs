@@ -103,7 +103,10 @@ impl<'a> Body<'_, 'a> {
                 entry.read |= access == Access::Read;
                 entry.written |= access == Access::Write;
                 if entry.constant.is_some() {
-                    self.not_assignable(name.span, "a constant");
+                    match access {
+                        Access::Read => self.part_of_constant(name),
+                        Access::Write => self.not_assignable(name.span, "a constant"),
+                    }
                     return None;
                 }
                 Some(Place::global(entry.id?, entry.ty?))
@@ -137,6 +140,13 @@ impl<'a> Body<'_, 'a> {
         let one = Diagnostic::new(Code::WrongKind, name.span, found);
         self.tell(one.hint("write the type of the result behind its name"));
         None
+    }
+
+    /// Tells that a part of a constant is read, which is a value and lies nowhere.
+    fn part_of_constant(&mut self, name: &Name) {
+        let found = format!("a part of `{}`, which is a constant", name.text);
+        let one = Diagnostic::new(Code::NotAssignable, name.span, found);
+        self.tell(one.allowed("a part of a variable").hint("copy it to a variable first"));
     }
 
     /// Tells of an assignment of a control variable.
@@ -180,6 +190,10 @@ impl<'a> Body<'_, 'a> {
             self.resolve_external(index, global);
         }
         let storage = self.variables[index].storage.clone();
+        if let Storage::Constant(..) = storage {
+            self.part_of_constant(name);
+            return None;
+        }
         self.mark_external(name, access);
         self.checker.variable_place(self.unit, &storage, ty)
     }
@@ -301,7 +315,7 @@ impl<'a> Body<'_, 'a> {
     ) -> Option<Place> {
         let place = self.place(base, access);
         // What is wrong in an index is told whatever is wrong before it.
-        let operands: Vec<Option<Operand>> = match &place {
+        let mut operands: Vec<Option<Operand>> = match &place {
             Some(_) => indices.iter().map(|index| self.index(index)).collect(),
             None => {
                 self.all_apart(indices);
@@ -320,6 +334,11 @@ impl<'a> Body<'_, 'a> {
             place.path.push(Step::OpenIndex(list?));
             place.ty = element;
             return Some(place);
+        }
+        if self.checker.program.types.is_string(whole)
+            && let ([index], [operand]) = (indices, &mut operands[..])
+        {
+            return self.character(place, operand.take()?, index.span);
         }
         for (index, operand) in indices.iter().zip(operands) {
             let Type::Array { element, lower, upper } = *self.checker.program.types.get(place.ty)
@@ -341,6 +360,26 @@ impl<'a> Body<'_, 'a> {
         Some(place)
     }
 
+    /// A character of a string.
+    fn character(&mut self, mut place: Place, operand: Operand, span: Span) -> Option<Place> {
+        let (capacity, character) = match *self.checker.program.types.get(place.ty) {
+            Type::String { capacity } => (capacity, Elementary::Char),
+            Type::WString { capacity } => (capacity, Elementary::Wchar),
+            _ => return None,
+        };
+        if let Some(Constant::Integer(value)) = operand.constant()
+            && !(1..=i128::from(capacity)).contains(value)
+        {
+            let found = format!("the position {value} in {}", self.type_name(place.ty));
+            let one = Diagnostic::new(Code::OutOfRange, span, found);
+            self.tell(one.allowed(format!("1..{capacity}")));
+            return None;
+        }
+        place.path.push(Step::Unit(operand.expr));
+        place.ty = self.elementary(character);
+        Some(place)
+    }
+
     fn wrong_indices(&mut self, span: Span, ty: TypeId, count: usize) {
         let mut dimensions = 0;
         let mut inner = ty;
@@ -351,12 +390,16 @@ impl<'a> Body<'_, 'a> {
                     dimensions += usize::from(*open);
                     break;
                 }
+                Type::String { .. } | Type::WString { .. } if dimensions == 0 => {
+                    dimensions = 1;
+                    break;
+                }
                 _ => break,
             }
         }
         let found = format!("{count} indices for {}", self.type_name(ty));
         let allowed = match dimensions {
-            0 => "no index: it is no array".to_owned(),
+            0 => "no index: it is neither array nor string".to_owned(),
             _ => format!("{dimensions} of them"),
         };
         self.tell(Diagnostic::new(Code::TypeMismatch, span, found).allowed(allowed));

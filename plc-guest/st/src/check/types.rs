@@ -226,6 +226,11 @@ pub(super) fn is_bit_string(elementary: Elementary) -> bool {
     matches!(elementary, Bool | Byte | Word | Dword | Lword)
 }
 
+/// ANY_CHAR
+pub(super) fn is_character(elementary: Elementary) -> bool {
+    matches!(elementary, Elementary::Char | Elementary::Wchar)
+}
+
 /// ANY_DURATION
 pub(super) fn is_duration(elementary: Elementary) -> bool {
     matches!(elementary, Elementary::Time | Elementary::Ltime)

@@ -377,5 +377,5 @@ impl<'a> Body<'_, 'a> {
 
 /// Whether a place is a bit or a part of a variable, which has no address.
 pub(super) fn is_part(place: &Place) -> bool {
-    matches!(place.path.last(), Some(Step::Bit(_) | Step::Part { .. }))
+    matches!(place.path.last(), Some(Step::Bit(_) | Step::Part { .. } | Step::Unit(_)))
 }

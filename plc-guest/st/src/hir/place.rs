@@ -35,6 +35,9 @@ pub enum Step {
     Index(Expr),
     /// An element of an open array: one index per dimension.
     OpenIndex(Vec<Expr>),
+    /// A character of a string, at a position from 1. The index is of an integer type; one outside of the string's length
+    /// traps. The last step of a path; its type is CHAR or WCHAR.
+    Unit(Expr),
     /// A bit of an integer or bit string, 0 the least significant. The last step of a path; its type is BOOL.
     Bit(u8),
     /// Some bytes of an integer or bit string (`%B1`, `%W0`), as a value of the given type. The last step of a path.

@@ -209,6 +209,7 @@ impl<'p> Printer<'p> {
                         ty = Some(*element);
                     }
                 }
+                Step::Unit(position) => text = format!("{text}[{}]", self.expr(position)),
                 Step::Bit(bit) => text = format!("{text}.%X{bit}"),
                 Step::Part { offset, ty } => {
                     text = format!("{text}.{} at byte {offset}", self.program.types.name(*ty));

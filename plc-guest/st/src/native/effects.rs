@@ -131,6 +131,12 @@ impl Effects {
     }
 }
 
+/// Whether a place is a variable, field or element, and no part of its value.
+fn is_whole(place: &Place) -> bool {
+    let part = |step: &Step| matches!(step, Step::Bit(_) | Step::Part { .. } | Step::Unit(_));
+    !place.path.iter().any(part)
+}
+
 /// Where a place lies, as far as its path says.
 pub fn target(program: &Program, routine: &Routine, place: &Place) -> Target {
     let types = &program.types;
@@ -150,9 +156,7 @@ pub fn target(program: &Program, routine: &Routine, place: &Place) -> Target {
         }
         Root::Instance => (Base::Instance, 0, routine.instance.unwrap_or(place.ty)),
         Root::Deref(_) => {
-            let whole =
-                place.path.iter().all(|step| !matches!(step, Step::Bit(_) | Step::Part { .. }));
-            return Target::Indirect(scalar.filter(|_| whole));
+            return Target::Indirect(scalar.filter(|_| is_whole(place)));
         }
     };
     for step in &place.path {
@@ -169,11 +173,7 @@ pub fn target(program: &Program, routine: &Routine, place: &Place) -> Target {
                         ty = *element;
                     }
                     None => {
-                        let whole = place
-                            .path
-                            .iter()
-                            .all(|step| !matches!(step, Step::Bit(_) | Step::Part { .. }));
-                        let ty_of = scalar.filter(|_| whole);
+                        let ty_of = scalar.filter(|_| is_whole(place));
                         return Target::Range {
                             base,
                             start: offset,
@@ -184,16 +184,10 @@ pub fn target(program: &Program, routine: &Routine, place: &Place) -> Target {
                 }
             }
             (Step::OpenIndex(_), _) => {
-                let whole =
-                    place.path.iter().all(|step| !matches!(step, Step::Bit(_) | Step::Part { .. }));
-                return Target::Range {
-                    base,
-                    start: 0,
-                    end: u32::MAX,
-                    ty: scalar.filter(|_| whole),
-                };
+                let ty = scalar.filter(|_| is_whole(place));
+                return Target::Range { base, start: 0, end: u32::MAX, ty };
             }
-            (Step::Bit(_) | Step::Part { .. }, _) => {
+            (Step::Bit(_) | Step::Part { .. } | Step::Unit(_), _) => {
                 partial = true;
                 break;
             }
@@ -293,7 +287,7 @@ impl<'p> Collector<'p> {
         }
         for step in &place.path {
             match step {
-                Step::Index(index) => self.expr(index),
+                Step::Index(index) | Step::Unit(index) => self.expr(index),
                 Step::OpenIndex(indices) => indices.iter().for_each(|index| self.expr(index)),
                 Step::Field(_) | Step::Bit(_) | Step::Part { .. } => {}
             }

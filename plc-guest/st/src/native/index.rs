@@ -167,7 +167,7 @@ impl Lower<'_> {
     }
 
     /// An index as a number of 64 bits. One of ULINT that is beyond 2^63 becomes negative.
-    fn wide_index(&mut self, index: &Expr) -> Value {
+    pub(super) fn wide_index(&mut self, index: &Expr) -> Value {
         if let Some((counter, more)) = self.counter_of(index) {
             let value = self.builder.use_var(self.counters[counter].value);
             return self.builder.ins().iadd_imm_s(value, more);

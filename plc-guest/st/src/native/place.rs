@@ -37,7 +37,7 @@ impl Lower<'_> {
         let types = &self.program.types;
         let mut bit = None;
         let (mut base, mut offset, mut ty) = self.root(place, &mut bit);
-        let mut terms = Vec::new();
+        let (mut terms, mut character) = (Vec::new(), None);
         for step in &place.path {
             match (step, types.get(ty)) {
                 (Step::Field(index), Type::Structure(structure)) => {
@@ -63,6 +63,7 @@ impl Lower<'_> {
                     let at = self.open_index(place, indices);
                     terms.push(Term { changes: usize::MAX, value: self.times(at, size) });
                 }
+                (Step::Unit(position), _) => character = Some((position, ty)),
                 (Step::Bit(number), _) => {
                     offset += i64::from(number / 8);
                     bit = Some(number % 8);
@@ -83,6 +84,9 @@ impl Lower<'_> {
             Ok(offset) => (base, offset),
             Err(_) => (self.builder.ins().iadd_imm_s(base, offset), 0),
         };
+        if let Some((position, text)) = character {
+            return Located::Memory(self.character(base, offset, text, position), 0);
+        }
         match bit {
             None => Located::Memory(base, offset),
             Some(bit) => Located::Bit(base, offset, bit),

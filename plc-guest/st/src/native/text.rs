@@ -13,7 +13,7 @@ use super::place::Located;
 use super::runtime::Function;
 use super::target::MEMORY;
 use super::walk;
-use crate::hir::{Comparison, Constant, Expr, ExprKind, Intrinsic, Type, TypeId};
+use crate::hir::{Comparison, Constant, Expr, ExprKind, Intrinsic, TrapKind, Type, TypeId};
 use takt_program::call::Call;
 
 /// The units of a string.
@@ -68,6 +68,26 @@ impl Lower<'_> {
             Some(units) => View { start, units },
             None => unreachable!("a length is a result"),
         }
+    }
+
+    /// The address of the character at a position, from 1, of the string variable at an address. A position outside of
+    /// its length traps.
+    pub(super) fn character(
+        &mut self,
+        base: Value,
+        offset: i32,
+        text: TypeId,
+        position: &Expr,
+    ) -> Value {
+        // What is called for the position may change the string, so its length is searched for behind it. A position
+        // of ULINT beyond 2^63 looks negative, and so like no position.
+        let at = self.wide_index(position);
+        let view = self.view_at(base, offset, text);
+        let index = self.builder.ins().iadd_imm_s(at, -1);
+        let beyond = self.builder.ins().icmp(IntCC::UnsignedGreaterThanOrEqual, index, view.units);
+        self.trap_if(beyond, TrapKind::Bounds, position.location);
+        let distance = self.bytes(index, self.wide(text));
+        self.builder.ins().iadd(view.start, distance)
     }
 
     fn offset(&mut self, base: Value, offset: i32) -> Value {

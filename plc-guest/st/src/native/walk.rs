@@ -96,7 +96,7 @@ impl Walk<'_> {
         }
         for step in &place.path {
             match step {
-                Step::Index(index) => self.expr(index),
+                Step::Index(index) | Step::Unit(index) => self.expr(index),
                 Step::OpenIndex(indices) => indices.iter().for_each(|index| self.expr(index)),
                 Step::Field(_) | Step::Bit(_) | Step::Part { .. } => {}
             }

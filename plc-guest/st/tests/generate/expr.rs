@@ -130,7 +130,10 @@ impl Generator {
             takt_st::hir::Root::Global(id) => self.program.global(*id).storage.bit.is_some(),
             _ => false,
         };
-        !bit && !place.path.iter().any(|step| matches!(step, Step::Bit(_) | Step::Part { .. }))
+        !bit && !place
+            .path
+            .iter()
+            .any(|step| matches!(step, Step::Bit(_) | Step::Part { .. } | Step::Unit(_)))
     }
 
     fn scalar(&mut self, ty: TypeId, depth: u32) -> Expr {

@@ -1,8 +1,8 @@
 //! Random places, and indices that mostly are within the bounds.
 
 use takt_st::hir::{
-    Arithmetic, Class, Constant, Conversion, Elementary, Expr, ExprKind, Intrinsic, Place, Type,
-    TypeId,
+    Arithmetic, Class, Constant, Conversion, Elementary, Expr, ExprKind, Intrinsic, Place, Step,
+    Type, TypeId,
 };
 
 use super::Generator;
@@ -60,6 +60,15 @@ impl Generator {
                 let index = self.index(lower, upper);
                 self.reach(place.index(index, element), ty)
             }
+            Type::String { .. } | Type::WString { .. }
+                if self.contains(place.ty, ty) && self.random.one_in(12) =>
+            {
+                let position = self.position();
+                let mut character = place;
+                character.path.push(Step::Unit(position));
+                character.ty = ty;
+                Some(character)
+            }
             Type::Reference { target } if self.contains(target, ty) && self.random.one_in(3) => {
                 let load = self.node(place.ty, ExprKind::Load(place));
                 self.reach(Place::deref(load, target), ty)
@@ -75,8 +84,24 @@ impl Generator {
                     structure.fields.iter().any(|field| self.contains(field.ty, wanted))
                 }
                 Type::Array { element, .. } => self.contains(*element, wanted),
+                Type::String { .. } => self.is(wanted, Elementary::Char),
+                Type::WString { .. } => self.is(wanted, Elementary::Wchar),
                 _ => false,
             }
+    }
+
+    fn is(&self, ty: TypeId, elementary: Elementary) -> bool {
+        *self.program.types.get(ty) == Type::Elementary(elementary)
+    }
+
+    /// A position in a string: mostly its beginning, where there may be a character.
+    fn position(&mut self) -> Expr {
+        if self.random.one_in(4) {
+            return self.index(1, 2);
+        }
+        let lint = self.elementary(Elementary::Lint);
+        let at = 1 + i128::from(self.random.one_in(6));
+        self.node(lint, ExprKind::Constant(Constant::Integer(at)))
     }
 
     /// The variable of a loop and a constant, with all values within the bounds, or seldom one step beside them.

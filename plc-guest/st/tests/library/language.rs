@@ -2,13 +2,18 @@
 
 use crate::oracle::Job;
 use crate::program::{CONFIGURATION, Twice, compile};
+use takt_st::hir::{Program, TrapKind};
 
-/// The sum of the failed checks of a program whose declarations and statements these are.
-fn wrong(declarations: &str, statements: &str) -> i32 {
+fn program(declarations: &str, statements: &str) -> Program {
     let source = format!(
         "{declarations}\nVAR wrong AT %MD0 : DINT; END_VAR\n{statements}\nEND_PROGRAM\n{CONFIGURATION}"
     );
-    let program = compile("language", &source);
+    compile("language", &source)
+}
+
+/// The sum of the failed checks of a program whose declarations and statements these are.
+fn wrong(declarations: &str, statements: &str) -> i32 {
+    let program = program(declarations, statements);
     let mut machine = Twice::start(&program);
     machine.run(Job::default());
     machine.marker(0)
@@ -71,4 +76,84 @@ fn arrays_and_structures_are_selected() {
         c := MOVE(a); IF Sum(c) <> 3 THEN wrong := wrong + 64; END_IF;
         k := 9; a := MUX(k, c, b, a); IF Sum(a) <> 3 THEN wrong := wrong + 128; END_IF;";
     assert_eq!(wrong(declarations, statements), 0);
+}
+
+#[test]
+fn characters_of_strings_are_read_and_assigned() {
+    let declarations = "
+        TYPE Line : STRUCT number : INT; text : STRING[5]; END_STRUCT; END_TYPE
+        VAR_GLOBAL shared : STRING := 'shared'; END_VAR
+        FUNCTION Shout : INT
+            VAR_IN_OUT text : STRING; END_VAR
+            VAR i : INT; END_VAR
+            FOR i := 1 TO LEN(text) DO
+                IF text[i] >= 'a' AND text[i] <= 'z' THEN
+                    text[i] := BYTE_TO_CHAR(USINT_TO_BYTE(BYTE_TO_USINT(CHAR_TO_BYTE(text[i])) - 32));
+                    Shout := Shout + 1;
+                END_IF;
+            END_FOR;
+        END_FUNCTION
+        FUNCTION Shortened : INT
+            shared := 'sh';
+            Shortened := 2;
+        END_FUNCTION
+        FUNCTION Taken
+            VAR_OUTPUT c : CHAR; END_VAR
+            c := '!';
+        END_FUNCTION
+        PROGRAM Main
+        VAR
+            s : STRING := 'text'; ws : WSTRING := \"wide$0100\"; w : WCHAR; c : CHAR; i : INT; k : ULINT := 2;
+            lines : ARRAY[0..2] OF Line := [3((text := 'abc'))]; short : ARRAY[1..2] OF STRING[3] := ['abc', 'de'];
+            r : REF_TO STRING; quoted : STRING := 'q';
+        END_VAR";
+    let statements = "
+        c := s[1]; IF c <> 't' OR s[4] <> CHAR#'t' OR s[LEN(s)] <> 't' THEN wrong := wrong + 1; END_IF;
+        s[2] := 'o'; s[k + 1] := c; IF s <> 'tott' THEN wrong := wrong + 2; END_IF;
+        w := ws[5]; IF w <> WCHAR#\"$0100\" OR WCHAR_TO_WORD(ws[5]) <> 16#100 THEN wrong := wrong + 4; END_IF;
+        ws[1] := \"W\"; ws[5] := ws[2]; IF ws <> \"Widei\" THEN wrong := wrong + 8; END_IF;
+        FOR i := 0 TO 2 DO lines[i].text[i + 1] := '-'; END_FOR;
+        IF lines[0].text <> '-bc' OR lines[1].text <> 'a-c' OR lines[2].text <> 'ab-' THEN wrong := wrong + 16; END_IF;
+        IF short[1][3] <> 'c' OR short[2][2] <> 'e' THEN wrong := wrong + 32; END_IF;
+        r := REF(shared); r^[1] := 'S'; IF shared[1] <> 'S' OR r^[2] <> 'h' THEN wrong := wrong + 64; END_IF;
+        IF Shout(s) <> 4 OR s <> 'TOTT' THEN wrong := wrong + 128; END_IF;
+        IF shared[Shortened()] <> 'h' THEN wrong := wrong + 256; END_IF;
+        s[3] := CHAR#'$00'; IF s <> 'TO' OR LEN(s) <> 2 THEN wrong := wrong + 512; END_IF;
+        Taken(c => s[1]); IF s <> '!O' THEN wrong := wrong + 1024; END_IF;
+        IF CONCAT(s[2], s[1]) <> 'O!' THEN wrong := wrong + 2048; END_IF;
+        quoted := s[1]; IF quoted <> '!' THEN wrong := wrong + 4096; END_IF;
+        s[1] := s[2]; s[2] := SEL(i > 0, s[2], 'x'); s[1] := SEL(i = 0, 'y', 'z');
+        IF s <> 'zx' AND i = 0 OR s <> 'yx' AND i <> 0 THEN wrong := wrong + 8192; END_IF;";
+    assert_eq!(wrong(declarations, statements), 0);
+}
+
+#[test]
+fn a_position_outside_of_a_string_is_a_trap() {
+    let declarations = "
+        VAR_GLOBAL shared : STRING := 'shared'; END_VAR
+        FUNCTION Shortened : INT
+            shared := 'sh';
+            Shortened := 3;
+        END_FUNCTION
+        PROGRAM Main
+        VAR s : STRING[5] := 'abc'; ws : WSTRING := \"abc\"; i : INT := 4; c : CHAR; w : WCHAR; none : STRING;
+            big : ULINT := 16#8000_0000_0000_0000; least : LINT := LINT#-9223372036854775808; END_VAR";
+    let statements = [
+        "c := s[i];",
+        "c := s[i - 4];",
+        "c := s[i - 5];",
+        "c := s[big];",
+        "c := s[least];",
+        "s[i] := 'x';",
+        "s[4] := 'x';",
+        "c := none[1];",
+        "w := ws[i];",
+        "ws[i - 4] := \"x\";",
+        "c := shared[Shortened()];",
+    ];
+    for statement in statements {
+        let program = program(declarations, statement);
+        let trap = Twice::start(&program).trap(Job::default());
+        assert_eq!(trap.kind, TrapKind::Bounds, "{statement}");
+    }
 }

@@ -4,7 +4,7 @@ use crate::machine;
 use crate::oracle::{self, Job, area_address};
 use std::path::{Path, PathBuf};
 use takt_st::diagnostic::text;
-use takt_st::hir::{Area, Program};
+use takt_st::hir::{Area, Program, Trap};
 use takt_st::native;
 use takt_st::project;
 use takt_st::source::Sources;
@@ -52,6 +52,18 @@ impl<'p> Twice<'p> {
         if let Err(trap) = self.compiled.run(task.entry.0 as usize, now_ns, elapsed_ns, cycle) {
             panic!("{}: {trap:?}", self.program.name);
         }
+    }
+
+    /// Runs the only task once, which traps.
+    pub fn trap(&mut self, job: Job) -> Trap {
+        let [task] = &self.program.tasks[..] else { panic!("one task") };
+        let Err(oracle::Stop::Trap(trap)) = self.interpreted.run(task.entry, job) else {
+            panic!("{}: no trap", self.program.name);
+        };
+        let Job { now_ns, elapsed_ns, cycle } = job;
+        let compiled = self.compiled.run(task.entry.0 as usize, now_ns, elapsed_ns, cycle);
+        assert_eq!(compiled, Err(trap), "machine code");
+        trap
     }
 
     /// The DINT at `%MD index`.

@@ -67,6 +67,16 @@ impl Machine<'_> {
                     address += u64::from(number / 8);
                     bit = Some(number % 8);
                 }
+                (Step::Unit(position), Type::String { .. } | Type::WString { .. }) => {
+                    let at = self.expr(frame, position)?.integer();
+                    let length = self.load(address, ty).text().len() as i128;
+                    if at < 1 || at > length {
+                        return trap(TrapKind::Bounds, position.location);
+                    }
+                    let width = u64::from(types.size(place.ty));
+                    address += (at - 1) as u64 * width;
+                    ty = place.ty;
+                }
                 (Step::Part { offset, ty: part }, _) => {
                     address += u64::from(*offset);
                     ty = *part;

@@ -75,6 +75,8 @@ impl<'a> Body<'_, 'a> {
                     || (is_integer(target) || is_bit_string(target)) && fits(target, *value)
             }
             Some(Constant::Real(_)) => is_real(target),
+            Some(Constant::String(bytes)) => target == Elementary::Char && bytes.len() == 1,
+            Some(Constant::WString(units)) => target == Elementary::Wchar && units.len() == 1,
             _ => false,
         }
     }

@@ -126,7 +126,7 @@ fn place_has_call(place: &crate::hir::Place) -> bool {
     use crate::hir::{Root, Step};
     let root = matches!(&place.root, Root::Deref(reference) if has_call(reference));
     root || place.path.iter().any(|step| match step {
-        Step::Index(index) => has_call(index),
+        Step::Index(index) | Step::Unit(index) => has_call(index),
         Step::OpenIndex(list) => list.iter().any(has_call),
         _ => false,
     })

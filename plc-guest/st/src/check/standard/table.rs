@@ -112,8 +112,8 @@ impl Function {
         self.parameters.len()
     }
 
-    /// Whether it chooses among its arguments, which may be bit strings then.
-    pub(super) fn takes_bits(&self) -> bool {
+    /// Whether it chooses among its arguments, which need be no numbers then.
+    pub(super) fn takes_any(&self) -> bool {
         let chosen = [Parameter::Same(Group::Ordered), Parameter::Same(Group::Any)];
         self.parameters.iter().any(|parameter| chosen.contains(parameter))
     }

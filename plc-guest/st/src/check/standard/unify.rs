@@ -3,7 +3,7 @@
 use super::super::body::Body;
 use super::super::convert::common;
 use super::super::expression::Operand;
-use super::super::types::{is_bit_string, is_integer, is_real};
+use super::super::types::{is_bit_string, is_character, is_integer, is_real};
 use super::Given;
 use super::table::{Function, Group, Parameter};
 use crate::diagnostic::{Code, Diagnostic};
@@ -24,19 +24,21 @@ impl<'a> Body<'_, 'a> {
         let Some(mut ty) = first else {
             // Numbers alone: what is needed, if they fit.
             let (operand, _) = given.first()?;
-            if self.checker.program.types.is_string(operand.expr.ty) {
+            let any = function.takes_any();
+            let hinted = hint.filter(|hint| {
+                let fits = self.plain(*hint).is_some_and(|hint| {
+                    is_real(hint)
+                        || !real && is_integer(hint)
+                        || any && (is_bit_string(hint) || is_character(hint))
+                });
+                fits && given.iter().all(|(operand, _)| self.takes(operand, *hint))
+            });
+            if hinted.is_none() && self.checker.program.types.is_string(operand.expr.ty) {
                 // Text alone: the longest. One of another kind is told where it is converted.
                 let all = given.iter().map(|(operand, _)| operand.expr.ty);
                 let strings = all.filter(|ty| self.both_strings(*ty, operand.expr.ty));
                 return strings.reduce(|a, b| self.longer(a, b));
             }
-            let bits = function.takes_bits();
-            let hinted = hint.filter(|hint| {
-                let fits = self.plain(*hint).is_some_and(|hint| {
-                    is_real(hint) || !real && is_integer(hint) || bits && is_bit_string(hint)
-                });
-                fits && given.iter().all(|(operand, _)| self.takes(operand, *hint))
-            });
             let long = self.elementary(Elementary::Lreal);
             let reals = given.iter().any(|(operand, _)| operand.expr.ty == long);
             let own = if real || reals { Some(long) } else { self.widest(given) };
