@@ -97,19 +97,23 @@ impl<'a> Body<'_, 'a> {
     ) {
         let types = &self.checker.program.types;
         let open = matches!(types.get(ty), Type::OpenArray { .. });
-        if open && section.kind != SectionKind::InOut {
-            self.tell(
-                Diagnostic::new(
-                    Code::InvalidDeclaration,
-                    variables.spec.span,
-                    "ARRAY[*] for a variable that is no VAR_IN_OUT",
-                )
-                .allowed("bounds, or ARRAY[*] in VAR_IN_OUT"),
-            );
+        let parameter =
+            matches!(section.kind, SectionKind::Input | SectionKind::Output | SectionKind::InOut);
+        if open && !parameter {
+            let found = "ARRAY[*] for a variable that is no parameter";
+            let one = Diagnostic::new(Code::InvalidDeclaration, variables.spec.span, found);
+            self.tell(one.allowed("bounds, or ARRAY[*] for a parameter of a FUNCTION"));
         } else if open && !self.in_function() {
-            let found = "ARRAY[*] in a function block or program";
+            let what = match section.kind {
+                SectionKind::Input => "VAR_INPUT",
+                SectionKind::Output => "VAR_OUTPUT",
+                _ => "VAR_IN_OUT",
+            };
+            let found = format!("ARRAY[*] in {what} of a function block, program or test");
             let one = Diagnostic::new(Code::NotSupported, variables.spec.span, found);
-            self.tell(one.allowed("ARRAY[*] in VAR_IN_OUT of a FUNCTION"));
+            self.tell(one.allowed("ARRAY[*] for a parameter of a FUNCTION").hint(
+                "give the array bounds, and call a function with it for what works on any size",
+            ));
         }
         let lives = section.kind != SectionKind::Temporary
             && !(self.in_function() && section.kind != SectionKind::InOut);
@@ -203,7 +207,10 @@ impl<'a> Body<'_, 'a> {
         {
             return self.located(section, address, name, Resolved { ty, initial });
         }
+        // An array of any size is not copied, whatever it is for.
+        let open = matches!(self.checker.program.types.get(ty), Type::OpenArray { .. });
         let kind = match section.kind {
+            SectionKind::Input | SectionKind::Output if open => LocalKind::InOut,
             SectionKind::Input => LocalKind::Input,
             SectionKind::InOut => LocalKind::InOut,
             SectionKind::Output => LocalKind::Output,

@@ -157,3 +157,39 @@ fn a_position_outside_of_a_string_is_a_trap() {
         assert_eq!(trap.kind, TrapKind::Bounds, "{statement}");
     }
 }
+
+#[test]
+fn arrays_of_any_size_are_given_and_returned() {
+    let declarations = "
+        FUNCTION Sum : DINT
+            VAR_INPUT data : ARRAY[*] OF INT; END_VAR
+            VAR i : DINT; END_VAR
+            FOR i := LOWER_BOUND(data, 1) TO UPPER_BOUND(data, 1) DO Sum := Sum + data[i]; END_FOR;
+        END_FUNCTION
+        FUNCTION Twice : DINT
+            VAR_INPUT factor : DINT; data : ARRAY[*] OF INT; END_VAR
+            Twice := factor * Sum(data);
+        END_FUNCTION
+        FUNCTION Numbers
+            VAR_INPUT first : INT; END_VAR
+            VAR_OUTPUT data : ARRAY[*] OF INT; last : INT; END_VAR
+            VAR i : DINT; END_VAR
+            last := first;
+            FOR i := LOWER_BOUND(data, 1) TO UPPER_BOUND(data, 1) DO data[i] := last; last := last + 1; END_FOR;
+        END_FUNCTION
+        FUNCTION Local : DINT
+            VAR own : ARRAY[-1..1] OF INT; last : INT; END_VAR
+            Numbers(first := 5, data => own, last => last);
+            Local := Sum(own) * 10 + last;
+        END_FUNCTION
+        PROGRAM Main
+        VAR CONSTANT k : ARRAY[1..2] OF INT := [100, 200]; END_VAR
+        VAR a : ARRAY[0..3] OF INT; rows : ARRAY[0..1] OF ARRAY[5..6] OF INT; n : INT; END_VAR";
+    let statements = "
+        Numbers(first := 1, data => a, last => n); IF n <> 5 OR Sum(a) <> 10 THEN wrong := wrong + 1; END_IF;
+        IF Twice(2, a) <> 20 OR Twice(data := k, factor := 3) <> 900 THEN wrong := wrong + 2; END_IF;
+        Numbers(first := 7, data => rows[1]); IF rows[1][5] <> 7 OR rows[1][6] <> 8 OR Sum(rows[0]) <> 0
+            THEN wrong := wrong + 4; END_IF;
+        IF Local() <> 188 THEN wrong := wrong + 8; END_IF;";
+    assert_eq!(wrong(declarations, statements), 0);
+}

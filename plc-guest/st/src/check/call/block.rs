@@ -100,8 +100,19 @@ impl<'a> Body<'_, 'a> {
         {
             self.variables[index].read = true;
         }
+        self.by_reference(place, value, ty, "VAR_IN_OUT")
+    }
+
+    /// A place that is handed on for a parameter of a type, which stands in the section `what`.
+    pub(super) fn by_reference(
+        &mut self,
+        place: Place,
+        value: &'a Expression,
+        ty: TypeId,
+        what: &str,
+    ) -> Option<Place> {
         if is_part(&place) {
-            let found = "a bit or a part of a variable for a VAR_IN_OUT";
+            let found = format!("a bit or a part of a variable for a {what}");
             let one = Diagnostic::new(Code::WrongArguments, value.span, found);
             self.tell(one.allowed("a whole variable, field or element"));
             return None;
@@ -109,7 +120,7 @@ impl<'a> Body<'_, 'a> {
         if let hir::Root::Global(id) = place.root
             && self.checker.program.global(id).storage.bit.is_some()
         {
-            let found = "a bit of an image for a VAR_IN_OUT";
+            let found = format!("a bit of an image for a {what}");
             let one = Diagnostic::new(Code::WrongArguments, value.span, found);
             self.tell(one.hint("copy it to a variable and back"));
             return None;
@@ -129,11 +140,8 @@ impl<'a> Body<'_, 'a> {
                 _ => false,
             };
         if !fits {
-            let found = format!(
-                "{} for a VAR_IN_OUT of type {}",
-                self.type_name(place.ty),
-                self.type_name(ty)
-            );
+            let found =
+                format!("{} for a {what} of type {}", self.type_name(place.ty), self.type_name(ty));
             let one = Diagnostic::new(Code::TypeMismatch, value.span, found);
             self.tell(one.allowed("a variable of exactly this type"));
             return None;

@@ -4,7 +4,7 @@ use super::super::body::Body;
 use super::bind::Parameter;
 use super::enable::Enable;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::hir::{self, ExprKind, Place, TypeId};
+use crate::hir::{self, ExprKind, Place, Type, TypeId};
 use crate::source::Span;
 use crate::syntax::ast::{Argument, Binding, Expression, Name, SectionKind};
 
@@ -44,7 +44,25 @@ impl<'a> Body<'_, 'a> {
                 self.all_apart(given.map(|(value, _)| value));
                 continue;
             };
+            let open = matches!(self.checker.program.types.get(ty), Type::OpenArray { .. });
             let argument = match (parameter.kind, given) {
+                (SectionKind::Input, Some((value, _))) if open => self
+                    .read_place(value)
+                    .and_then(|place| self.by_reference(place, value, ty, "VAR_INPUT"))
+                    .map(hir::Argument::Reference),
+                (SectionKind::Output, Some((target, Binding::Output))) if open => self
+                    .write_place(target)
+                    .and_then(|place| self.by_reference(place, target, ty, "VAR_OUTPUT"))
+                    .map(hir::Argument::Reference),
+                (SectionKind::Output, Some((target, _))) if open => {
+                    let found = format!("`NOT` of {}", self.type_name(ty));
+                    self.error(Code::TypeMismatch, target.span, found);
+                    None
+                }
+                (_, None) if open => {
+                    self.missing(&parameter.name, name, span);
+                    None
+                }
                 (SectionKind::Input, Some((value, _))) => {
                     self.value_of(value, ty).map(hir::Argument::Value)
                 }
