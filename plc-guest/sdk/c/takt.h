@@ -105,11 +105,16 @@ struct takt_declaration {
                   .task = { __VA_ARGS__ })
 
 /* float setpoint = 2; TAKT_POINT(REAL, setpoint, TAKT_RETAIN | TAKT_FORCEABLE): a global variable, or an
- * array, that is seen from outside. */
+ * array of one dimension, that is seen from outside. The variable has exactly the type takt_REAL. */
+#define TAKT_IS_(type, variable) __builtin_types_compatible_p(__typeof__(variable), takt_##type)
+#define TAKT_IS_ARRAY_(type, variable) __builtin_types_compatible_p(__typeof__(variable), takt_##type[])
 #define TAKT_POINT(type, variable, flags)                                                         \
+    _Static_assert(TAKT_IS_(type, variable) || TAKT_IS_ARRAY_(type, variable),                    \
+                   "TAKT_POINT: the variable `" #variable "` is neither a takt_" #type            \
+                   " nor an array of takt_" #type " with one dimension");                         \
     TAKT_DECLARE_(point_##variable, 6, #variable, &variable, #type,                               \
-                  .numbers = { sizeof(variable) == sizeof(takt_##type)                            \
-                                   ? 0 : sizeof(variable) / sizeof(takt_##type), flags, 0 })
+                  .numbers = { TAKT_IS_ARRAY_(type, variable)                                     \
+                                   ? sizeof(variable) / sizeof(takt_##type) : 0, flags, 0 })
 
 /* TAKT_INPUT(REAL, level, 4): the variable `level` at byte 4 of %I. Another file that uses it says
  * TAKT_LOCATED(const, REAL, level, takt_input, 4), which declares nothing to the tool. The linker knows where
@@ -127,8 +132,12 @@ struct takt_declaration {
     TAKT_LOCATED_(, type, variable, takt_output, byte, 8u | TAKT_FORCEABLE)
 #define TAKT_MARKER(type, variable, byte)                                                         \
     TAKT_LOCATED_(, type, variable, takt_marker, byte, TAKT_FORCEABLE)
+#define TAKT_CHECK_BIT_(macro, name, byte, bit)                                                   \
+    _Static_assert((byte) >= 0 && (byte) < 65536 && (bit) >= 0 && (bit) < 8,                      \
+                   macro ": `" #name "` has no byte from 0 to 65535 and bit from 0 to 7")
 /* TAKT_INPUT_BIT(start, 8, 0) is %IX8.0: read by start(). */
 #define TAKT_INPUT_BIT(name, byte, bit)                                                           \
+    TAKT_CHECK_BIT_("TAKT_INPUT_BIT", name, byte, bit);                                           \
     static inline bool name(void) {                                                               \
         return (*(const volatile uint8_t *)(TAKT_INPUT_BASE + (byte)) >> (bit)) & 1;              \
     }                                                                                             \
@@ -137,6 +146,7 @@ struct takt_declaration {
 
 /* TAKT_OUTPUT_BIT(pump, 4, 0) is %QX4.0: written by pump(true). One task writes all bits of a byte. */
 #define TAKT_OUTPUT_BIT(name, byte, bit)                                                          \
+    TAKT_CHECK_BIT_("TAKT_OUTPUT_BIT", name, byte, bit);                                          \
     static inline void name(bool value) {                                                         \
         volatile uint8_t *at = (volatile uint8_t *)(TAKT_OUTPUT_BASE + (byte));                   \
         *at = (uint8_t)((*at & ~(1u << (bit))) | ((unsigned)value << (bit)));                     \
@@ -169,7 +179,8 @@ enum {
 };
 
 /* Makes a call of the kernel. */
-static inline int64_t takt_call(uint64_t number, uint64_t a, uint64_t b, uint64_t c, uint64_t d) {
+__attribute__((always_inline)) static inline int64_t takt_call(uint64_t number, uint64_t a,
+                                                               uint64_t b, uint64_t c, uint64_t d) {
     int64_t result = (int64_t)number;
     register uint64_t r10 __asm__("r10") = d;
     __asm__ volatile("syscall" : "+a"(result) : "D"(a), "S"(b), "d"(c), "r"(r10)
@@ -180,11 +191,16 @@ static inline int64_t takt_call(uint64_t number, uint64_t a, uint64_t b, uint64_
 /* Nanoseconds since the partition's start, now. */
 static inline int64_t takt_time(void) { return takt_call(1, 0, 0, 0, 0); }
 /* Logs a line of at most 120 bytes. */
-static inline void takt_log(const char *text) {
+__attribute__((always_inline)) static inline void takt_log(const char *text) {
     uint64_t length = 0;
     while (length < 120 && text[length]) length++;
     takt_call(2, (uint64_t)text, length, 0, 0);
 }
+/* Logs a line with numbers: as printf does, but only with %d %u %x %lld %llu %llx %f %s %c and %%. Between % and the
+ * letter a width of up to 60 may be given, with a 0 or - before it, and for %f the digits behind the point: %06.2f. There are
+ * 6 without, and no more than 9. A %f of 1e18 and above is written with an exponent. What is none of these is
+ * logged as it is written. The line is cut behind 120 bytes. */
+__attribute__((format(printf, 1, 2))) void takt_logf(const char *format, ...);
 /* Takes a semaphore; waits up to timeout nanoseconds. */
 static inline int64_t takt_take(uint32_t semaphore, uint64_t timeout) {
     return takt_call(3, semaphore, timeout, 0, 0);
@@ -223,10 +239,17 @@ static inline int64_t takt_channel_write(uint32_t port, const void *message, uin
     return takt_call(13, port, (uint64_t)message, bytes, 0);
 }
 /* Stops the program, with a code that is told in the log. */
-__attribute__((noreturn)) static inline void takt_stop(uint32_t code) {
+__attribute__((noreturn, always_inline)) static inline void takt_stop(uint32_t code) {
     for (;;) takt_call(14, code, 0, 0, 0);
 }
-/* Logs why, and faults: the program is stopped as its health table says. */
-__attribute__((noreturn)) void takt_fail(const char *why);
+/* Logs why, and faults: the program is stopped as its health table says. The tool knows this label: a fault there is the
+ * program's own decision, and its place the line of the call. The line is an operand so that compilers do not
+ * join two calls in one. */
+#define takt_fail(why)                                                                            \
+    __extension__({                                                                               \
+        takt_log(why);                                                                            \
+        __asm__ volatile("takt_trap_user_%=: ud2" : : "i"(__LINE__));                             \
+        __builtin_unreachable();                                                                  \
+    })
 
 #endif

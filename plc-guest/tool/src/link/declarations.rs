@@ -38,7 +38,7 @@ pub fn builder(program: &Program) -> Result<Builder, LinkError> {
     }
     maker.check_writers()?;
     let mut builder = maker.builder;
-    if let Some(at) = program.user_trap.and_then(|address| code_offset(program, address)) {
+    for at in program.user_traps.iter().filter_map(|&address| code_offset(program, address)) {
         builder.trap(Trap { at, kind: TrapKind::User, place: None });
     }
     Ok(builder)
@@ -196,6 +196,11 @@ impl Maker<'_> {
         let flags = u16::try_from(flags).ok().and_then(Flags::from_bits);
         let flags =
             flags.ok_or_else(|| declared.error(what, "it has flags that there are not".into()))?;
+        let changing = [Flags::RETAIN, Flags::PERSISTENT, Flags::FORCEABLE];
+        if area == Area::Constant && changing.into_iter().any(|flag| flags.has(flag)) {
+            let why = "it is constant, and can be neither retained nor forced";
+            return Err(declared.error(what, why.into()));
+        }
         let bit: u8 = declared.narrow(what, "a bit", bit)?;
         let writer = self.writer(declared, area)?;
         let variable = Variable::new(&declared.name, ty, area, offset).with(flags);

@@ -20,8 +20,8 @@ pub struct Program {
     pub state_bytes: u64,
     /// The records of the section `takt_declare`.
     pub declarations: Vec<u8>,
-    /// Where the place of a fault of the program's own making is.
-    pub user_trap: Option<u64>,
+    /// Where a fault is the program's own decision.
+    pub user_traps: Vec<u64>,
     /// The sections with debug information, by name.
     pub debug: BTreeMap<String, Vec<u8>>,
 }
@@ -52,7 +52,10 @@ pub fn read(file: &[u8]) -> Result<Program, LinkError> {
     let end =
         |name| elf.section_by_name(name).filter(|s| s.size() > 0).map(|s| s.address() + s.size());
     let state_end = end(".bss").or(end(".data")).unwrap_or(address::STATE);
-    let trap = elf.symbols().find(|symbol| symbol.name() == Ok("takt_trap_user"));
+    // One in the SDK for Rust; in C one for each call of takt_fail.
+    let traps = elf.symbols().filter(|symbol| {
+        symbol.is_definition() && symbol.name().is_ok_and(|name| name.starts_with("takt_trap_user"))
+    });
     let mut debug = BTreeMap::new();
     for section in elf.sections() {
         if let Ok(name) = section.name()
@@ -77,7 +80,7 @@ pub fn read(file: &[u8]) -> Result<Program, LinkError> {
         state: section(".data")?,
         state_bytes: state_end - address::STATE,
         declarations: section(takt_sdk::declaration::SECTION)?,
-        user_trap: trap.map(|symbol| symbol.address()),
+        user_traps: traps.map(|symbol| symbol.address()).collect(),
         debug,
     })
 }

@@ -9,6 +9,8 @@ use takt_program::build::Line;
 
 use super::elf::Program;
 
+type Context<'a> = addr2line::Context<EndianSlice<'a, LittleEndian>>;
+
 /// The lines of all code that debug information tells of; paths inside of `here` are made relative to it.
 /// Without debug information, or if it is broken, there are none: a program runs as well without.
 pub fn of(program: &Program, here: &Path) -> Vec<Line> {
@@ -29,10 +31,13 @@ fn lines(program: &Program, here: &Path) -> Result<Vec<Line>, gimli::Error> {
             lines.push(Line { at: offset(known_to), file: String::new(), line: 0 });
         }
         known_to = at.saturating_add(bytes);
-        let file = location.file.unwrap_or_default();
+        let inner = (location.file.unwrap_or_default(), location.line.unwrap_or(0));
+        let (file, line) = match of_library(inner.0) {
+            true => caller(&context, at).unwrap_or(inner),
+            false => inner,
+        };
         let file =
             Path::new(file).strip_prefix(here).map_or(file.into(), |path| path.to_string_lossy());
-        let line = location.line.unwrap_or(0);
         let same = |last: &Line| last.line == line && last.file == file;
         if (CODE..end).contains(&at) && !lines.last().is_some_and(same) {
             lines.push(Line { at: offset(at), file: file.into_owned(), line });
@@ -42,6 +47,29 @@ fn lines(program: &Program, here: &Path) -> Result<Vec<Line>, gimli::Error> {
         lines.push(Line { at: offset(known_to), file: String::new(), line: 0 });
     }
     Ok(lines)
+}
+
+/// The place in the project from which the function of a library comes that was put there.
+fn caller<'a>(context: &'a Context<'a>, at: u64) -> Option<(&'a str, u32)> {
+    let mut frames = context.find_frames(at).skip_all_loads().ok()?;
+    while let Ok(Some(frame)) = frames.next() {
+        if let Some(location) = frame.location
+            && let (Some(file), Some(line)) = (location.file, location.line)
+            && !of_library(file)
+        {
+            return Some((file, line));
+        }
+    }
+    None
+}
+
+/// Whether a file is of the SDK, of Rust's libraries, or of a crate that was fetched. A line there tells an author nothing.
+fn of_library(file: &str) -> bool {
+    const FOLDERS: [&str; 5] =
+        ["/rustc/", "/lib/rustlib/", "/.cargo/registry/", "takt-sdk/", "takt-blocks/"];
+    const HEADERS: [&str; 2] = ["takt.h", "blocks.h"];
+    let name = file.rsplit('/').next().unwrap_or(file);
+    HEADERS.contains(&name) || FOLDERS.iter().any(|folder| file.contains(folder))
 }
 
 /// Only for addresses of the code, which has at most 16 MiB.
