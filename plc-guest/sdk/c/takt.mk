@@ -4,8 +4,9 @@ TAKT ?= takt
 CC ?= gcc
 CFLAGS ?= -O2 -g -Wall -Wextra
 SDK := $(patsubst %/,%,$(dir $(lastword $(MAKEFILE_LIST))))
-# There is no C library and no loader: all addresses are fixed when the image is linked.
-FREESTANDING = -std=c11 -ffreestanding -fno-pie -fno-stack-protector -fno-math-errno \
+# There is no C library and no loader: all addresses are fixed when the image is linked. A function whose variables are larger
+# than the room below a stack touches each page, so that it faults instead of writing into another task's stack.
+FREESTANDING = -std=c11 -ffreestanding -fno-pie -fno-stack-protector -fstack-clash-protection -fno-math-errno \
 	-fno-asynchronous-unwind-tables -ffunction-sections -fdata-sections -mno-avx -I$(SDK)
 
 build/%.o: %.c $(SDK)/takt.h
