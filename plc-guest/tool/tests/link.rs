@@ -37,7 +37,7 @@ fn unresolved_symbols_are_refused_with_their_names() {
     let source = "double sin(double); double x; void *malloc(size_t);\n\
                   static void b(const takt_job *j) { (void)j; x = sin(x); malloc(3); }\n\
                   TAKT_CYCLIC(b, .period = TAKT_MS(2));";
-    refused(source, &["malloc, sin", "no C library"]);
+    refused(source, &["malloc (p.c:4), sin (p.c:4)", "no C library", "no mathematical library"]);
 }
 
 #[test]
@@ -61,7 +61,7 @@ fn declarations_that_break_a_rule_are_refused() {
     refused("TAKT_OUTPUT(REAL, level, 65533);", &["point `level`", "in no memory of the program"]);
     refused(
         "static void b(const takt_job *j) { (void)j; } TAKT_CYCLIC(b, .priority = 3);",
-        &["task 0, period: a cyclic task has a period"],
+        &["task `b`, period: a cyclic task has a period"],
     );
     refused(
         "static void b(const takt_job *j) { (void)j; } TAKT_EVENT(b, \"sun:rise\", .period = 1);",
@@ -69,7 +69,7 @@ fn declarations_that_break_a_rule_are_refused() {
     );
     refused(
         "TAKT_QUEUE(jobs, 5000, 1);",
-        &["object 0, message bytes: found 5000, the limit is 4096"],
+        &["object `jobs`, message bytes: found 5000, the limit is 4096"],
     );
 }
 
@@ -117,11 +117,77 @@ fn what_a_generator_of_c_emits_is_linked() {
                 int row[3] = { 1, 2, 3 }; TAKT_POINT(DINT, row, TAKT_FORCEABLE);\n\
                 static void run(const takt_job *job) { copy(); y = table[job->task]() + row[2]; }\n\
                 TAKT_CYCLIC(run, .period = TAKT_MS(1));\n";
-    folder.c_program_with("p", main, &["-fPIC"]).expect(2, "copy, second");
+    folder.c_program_with("p", main, &["-fPIC"]).expect(2, "copy (p.c:7), second");
     let words = ["build", "p.o", "takt.o", "lib.a", "-o", "p.plc"];
     folder.takt_plc(&words).expect(0, "");
     folder.write("t.csv", "y,row[2],set row[2]\n5,3,\n");
     folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(0, "");
     folder.write("t.csv", "y,set row[2]\n5.5,3\n7,5\n");
     folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(1, "line 2: y is 5, expected 5.5");
+}
+
+#[test]
+fn what_a_linker_takes_but_a_program_cannot_use_is_refused() {
+    let b = "static void b(const takt_job *j) { (void)j; result = f(); }\n\
+             TAKT_CYCLIC(b, .period = TAKT_MS(2));";
+    let weak = "extern int f(void) __attribute__((weak)); int result;";
+    refused(&format!("{weak}{b}"), &["weak and nowhere defined: f;"]);
+    let chosen = "static int one(void) { return 1; } static int (*choose(void))(void) { return one; }\n\
+                  int f(void) __attribute__((ifunc(\"choose\"))); int result;";
+    refused(&format!("{chosen}{b}"), &["chosen when it is loaded (ifunc): f;"]);
+    let folder = Folder::new();
+    folder.write("f.c", "int f(void) { return 1; }\n");
+    folder.run("gcc", &["-flto", "-c", "f.c", "-o", "later.o"]).expect(0, "");
+    folder.run("gcc", &["-c", "f.c"]).expect(0, "");
+    folder.run("ar", &["rcsT", "thin.a", "f.o"]).expect(0, "");
+    folder.run("ar", &["rcs", "later.a", "later.o"]).expect(0, "");
+    folder.write("script.a", "/* GNU ld script\n*/\nGROUP ( /lib/libm-2.36.a )\n");
+    let build = |input: &str| folder.takt_plc(&["build", input, "-o", "x.plc"]);
+    build("later.o").expect(2, "later.o has no code, only what gcc or clang keep for link-time");
+    build("later.a").expect(2, "later.a has no code");
+    build("thin.a").expect(2, "thin.a is a thin archive");
+    build("script.a").expect(2, "a script for a linker");
+}
+
+#[test]
+fn names_that_linkers_take_for_options_are_files() {
+    let folder = Folder::new();
+    folder.c_program("p", &format!("{HEAD}{RUN}")).expect(0, "");
+    std::fs::copy(folder.path().join("p.o"), folder.path().join("@p.o")).unwrap();
+    std::fs::copy(folder.path().join("p.o"), folder.path().join("-p.o")).unwrap();
+    folder.takt_plc(&["build", "@p.o", "takt.o", "-o", "q.plc"]).expect(0, "");
+    folder.takt_plc(&["build", "-o", "q.plc", "--", "-p.o", "takt.o"]).expect(0, "");
+}
+
+#[test]
+fn an_input_is_not_overwritten() {
+    let folder = Folder::new();
+    folder.c_program("p", &format!("{HEAD}{RUN}")).expect(0, "");
+    let words = ["build", "p.o", "takt.o", "-o", "./p.o"];
+    folder.takt_plc(&words).expect(2, "p.o would be overwritten");
+    assert!(folder.read("p.o").starts_with(b"\x7FELF"));
+}
+
+#[test]
+fn two_tasks_write_no_bit_in_common() {
+    let tasks = "static void b(const takt_job *j) { (void)j; } TAKT_CYCLIC(b, .period = TAKT_MS(9));\n\
+                 TAKT_WRITES(b, two); TAKT_WRITES(run, one);";
+    let common = [
+        "TAKT_OUTPUT(REAL, one, 0); TAKT_OUTPUT(DINT, two, 2);",
+        "TAKT_OUTPUT(REAL, one, 0); TAKT_OUTPUT_BIT(two, 3, 7);",
+        "TAKT_OUTPUT_BIT(one, 3, 7); TAKT_OUTPUT_BIT(two, 3, 7);",
+    ];
+    for outputs in common {
+        refused(
+            &format!("{outputs}{tasks}"),
+            &["output `one`, which task `run`", "`two`", "a bit in common"],
+        );
+    }
+    for outputs in [
+        "TAKT_OUTPUT(REAL, one, 0); TAKT_OUTPUT_BIT(two, 4, 0);",
+        "TAKT_OUTPUT_BIT(one, 3, 6); TAKT_OUTPUT_BIT(two, 3, 7);",
+    ] {
+        let ended = Folder::new().c_program("p", &format!("{HEAD}{outputs}{tasks}\n{RUN}"));
+        ended.expect(0, "");
+    }
 }

@@ -70,6 +70,15 @@ impl Build {
         let Some(output) = &self.output else {
             return Err(Failure::input("say where to write the image with -o IMAGE"));
         };
+        let there = output.canonicalize();
+        let same = |input: &&PathBuf| {
+            there.is_ok() && input.canonicalize().ok() == there.as_ref().ok().cloned()
+        };
+        if let Some(input) = self.inputs.iter().find(same) {
+            let message =
+                format!("{} would be overwritten; give another name with -o", input.display());
+            return Err(Failure::input(message));
+        }
         finish(output, &link::build(&self.inputs).map_err(Failure::input)?)
     }
 

@@ -66,8 +66,16 @@ fn of_bytes(bytes: &[u8]) -> Kind {
         let hint = "it is built already: `takt plc inspect` shows it, `takt plc test` runs it";
         return Kind::Other("a program image of Takt", Some(hint));
     }
+    if bytes.starts_with(b"BC\xC0\xDE") {
+        let hint = "clang writes it with -flto: compile without";
+        return Kind::Other("what LLVM optimises later, without machine code", Some(hint));
+    }
     if bytes.is_empty() {
         return Kind::Other("an empty file", None);
+    }
+    if SCRIPT.iter().any(|word| bytes.windows(word.len()).any(|part| part == *word)) {
+        let hint = "give the library that it names (after GROUP or INPUT) instead";
+        return Kind::Other("a script for a linker", Some(hint));
     }
     // A character may be cut in the middle.
     let cut = str::from_utf8(bytes).err().is_none_or(|error| error.error_len().is_none());
@@ -79,5 +87,8 @@ fn of_bytes(bytes: &[u8]) -> Kind {
         false => Kind::Other("a binary file of another kind", None),
     }
 }
+
+/// How distributions begin the scripts that they put into the place of a library.
+const SCRIPT: [&[u8]; 2] = [b"/* GNU ld script", b"OUTPUT_FORMAT("];
 
 const COMPILED: &str = "an image is made of what a compiler writes with `-c`, before it is linked";

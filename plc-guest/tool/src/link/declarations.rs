@@ -1,5 +1,7 @@
 //! From the declarations in the object files to the tables of the image.
 
+use std::ops::Range;
+
 use takt_program::build::{Builder, Event, Kind, Object, Port, Task, Trap, Type, Variable, When};
 use takt_program::{
     Area, CodeOffset, Direction, Elementary, Flags, Nanoseconds, ObjectKind, TaskId, TrapKind,
@@ -10,11 +12,12 @@ use takt_sdk::declaration::kind;
 use super::LinkError;
 use super::declared::{self, Declared};
 use super::elf::Program;
+use super::names::Names;
 
 const DEFAULT_STACK: u32 = 16 << 10;
 
-/// An image in the making with everything that the program declares, its code and its data.
-pub fn builder(program: &Program) -> Result<Builder, LinkError> {
+/// An image in the making with everything that the program declares, its code and its data; and the names of that.
+pub fn builder(program: &Program) -> Result<(Builder, Names), LinkError> {
     let mut declared = declared::read(program)?;
     // The order of declarations in a file is the compiler's; that of names is the author's.
     declared.sort_by_key(|declared| declared.name.to_ascii_lowercase());
@@ -29,7 +32,8 @@ pub fn builder(program: &Program) -> Result<Builder, LinkError> {
     };
     builder.state_bytes = u32::try_from(program.state_bytes).map_err(too_large)?;
     head(&mut builder, program, &declared)?;
-    let mut maker = Maker { builder, program, tasks: Vec::new(), writers: Vec::new() };
+    let (names, written) = (Names::default(), Vec::new());
+    let mut maker = Maker { builder, program, names, writers: Vec::new(), written };
     for declared in &declared {
         maker.task_or_writer(declared)?;
     }
@@ -37,11 +41,13 @@ pub fn builder(program: &Program) -> Result<Builder, LinkError> {
         maker.rest(declared)?;
     }
     maker.check_writers()?;
-    let mut builder = maker.builder;
+    let (mut builder, mut names) = (maker.builder, maker.names);
+    // As the image has them.
+    names.points.sort_by_key(|name| name.to_ascii_lowercase());
     for at in program.user_traps.iter().filter_map(|&address| code_offset(program, address)) {
         builder.trap(Trap { at, kind: TrapKind::User, place: None });
     }
-    Ok(builder)
+    Ok((builder, names))
 }
 
 /// Name, version and `init`, each of which there is once.
@@ -69,10 +75,17 @@ fn head(builder: &mut Builder, program: &Program, declared: &[Declared]) -> Resu
 struct Maker<'a> {
     builder: Builder,
     program: &'a Program,
-    /// The names of the tasks.
-    tasks: Vec<String>,
+    names: Names,
     /// Which task writes which point, and whether there is such a point.
     writers: Vec<Writer>,
+    written: Vec<Written>,
+}
+
+/// An output: its first bit, the first bit behind it, and which task writes it.
+struct Written {
+    name: String,
+    bits: Range<u32>,
+    task: TaskId,
 }
 
 struct Writer {
@@ -114,12 +127,12 @@ impl Maker<'_> {
         let told = self.writers.iter_mut().find(|writer| writer.point == declared.name);
         if let Some(writer) = told {
             writer.found = true;
-            let index = self.tasks.iter().position(|task| *task == writer.task);
+            let index = self.names.tasks.iter().position(|task| *task == writer.task);
             let unknown = || format!("there is no task `{}` to write it", writer.task);
             let index = index.ok_or_else(|| declared.error("point", unknown()))?;
             return Ok(Some(TaskId(index as u16)));
         }
-        match (area, self.tasks.len()) {
+        match (area, self.names.tasks.len()) {
             (Area::Output, 1) => Ok(Some(TaskId(0))),
             (Area::Output, _) => {
                 let why = "the program has several tasks: say which one writes it (TAKT_WRITES in C, writes! in Rust)";
@@ -140,6 +153,7 @@ impl Maker<'_> {
                 let incoming = declared.kind == kind::PORT_IN;
                 let direction = if incoming { Direction::In } else { Direction::Out };
                 let name = declared.name.clone();
+                self.names.ports.push(name.clone());
                 let id = self.builder.port(Port { name, direction, message_bytes: bytes(a)? });
                 return self.number(declared, id);
             }
@@ -153,6 +167,7 @@ impl Maker<'_> {
                 return Err(declared.error("declaration", format!("there is no kind {other}")));
             }
         };
+        self.names.objects.push(declared.name.clone());
         let id = self.builder.object(Object { name: declared.name.clone(), kind: object });
         self.number(declared, id)
     }
@@ -167,7 +182,7 @@ impl Maker<'_> {
             kind::EVENT => When::Event { source: source(declared)?, minimum: Nanoseconds(period) },
             _ => When::Freewheeling,
         };
-        self.tasks.push(declared.name.clone());
+        self.names.tasks.push(declared.name.clone());
         self.builder.task(Task {
             name: declared.name.clone(),
             when,
@@ -203,6 +218,12 @@ impl Maker<'_> {
         }
         let bit: u8 = declared.narrow(what, "a bit", bit)?;
         let writer = self.writer(declared, area)?;
+        if let (Area::Output, Some(task)) = (area, writer) {
+            let first = offset * 8 + u32::from(bit.saturating_sub(1));
+            let count = if bit == 0 { bytes as u32 * 8 } else { 1 };
+            self.write(declared, first..first + count, task)?;
+        }
+        self.names.points.push(declared.name.clone());
         let variable = Variable::new(&declared.name, ty, area, offset).with(flags);
         self.builder.variable(Variable { bit: bit.checked_sub(1), writer, ..variable });
         let end = offset + bytes as u32;
@@ -213,6 +234,28 @@ impl Maker<'_> {
             Area::State | Area::Constant => return Ok(()),
         };
         *image = end.max(*image);
+        Ok(())
+    }
+
+    /// Refuses two tasks that write the same.
+    fn write(
+        &mut self,
+        declared: &Declared,
+        bits: Range<u32>,
+        task: TaskId,
+    ) -> Result<(), LinkError> {
+        let common = |other: &&Written| {
+            other.task != task && other.bits.start < bits.end && bits.start < other.bits.end
+        };
+        if let Some(other) = self.written.iter().find(common) {
+            let name = |task: TaskId| self.names.tasks[usize::from(task.0)].clone();
+            return Err(LinkError::Shared {
+                first: other.name.clone(),
+                second: declared.name.clone(),
+                tasks: (name(other.task), name(task)),
+            });
+        }
+        self.written.push(Written { name: declared.name.clone(), bits, task });
         Ok(())
     }
 

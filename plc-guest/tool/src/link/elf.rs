@@ -2,9 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use object::elf::{SHF_ALLOC, SHF_TLS};
+use object::elf::{SHF_ALLOC, SHF_TLS, STT_GNU_IFUNC};
 use object::read::elf::ElfFile64;
-use object::{Endianness, Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolKind};
+use object::{
+    Endianness, Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolFlags, SymbolKind,
+};
 use takt_program::{address, limit};
 
 use super::LinkError;
@@ -121,11 +123,21 @@ fn check_sections(elf: &ElfFile64<'_, Endianness>) -> Result<(), LinkError> {
                 names.filter_map(|symbol| symbol.name().ok().map(str::to_owned)).collect();
             return Err(LinkError::ThreadLocal { variables });
         }
+        if name.starts_with(".iplt") || name.starts_with(".igot") || name.starts_with(".rela") {
+            return Err(LinkError::Chosen { functions: chosen(elf) });
+        }
         if !KNOWN.contains(&name.as_str()) {
             return Err(LinkError::Section { name });
         }
     }
     Ok(())
+}
+
+/// The names of the functions whose code a loader would choose.
+fn chosen(elf: &ElfFile64<'_, Endianness>) -> Vec<String> {
+    let is = |flags| matches!(flags, SymbolFlags::Elf { st_info, .. } if st_info.0 & 15 == STT_GNU_IFUNC.0);
+    let functions = elf.symbols().filter(|symbol| is(symbol.flags()));
+    functions.filter_map(|symbol| symbol.name().ok().map(str::to_owned)).collect()
 }
 
 /// The names of the functions that the table of constructors has.

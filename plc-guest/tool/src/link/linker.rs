@@ -6,8 +6,8 @@ use std::process::Command;
 use object::read::archive::ArchiveFile;
 use object::{Object, ObjectSection};
 
-use super::objects::check;
-use super::{LinkError, read};
+use super::objects::{Weak, check};
+use super::{LinkError, read, undefined};
 
 const SCRIPT: &str = include_str!("program.ld");
 
@@ -37,24 +37,31 @@ pub fn link(inputs: &[PathBuf]) -> Result<Vec<u8>, LinkError> {
     }
     command.args(FLAGS).arg("-T").arg(&script).arg("-o").arg(&output);
     // A library's members are linked only if something refers to them. Nothing refers to a declaration.
+    let mut weak = Weak::default();
     for input in inputs {
-        for member in declaring_members(input, folder.path())? {
+        for member in declaring_members(input, folder.path(), &mut weak)? {
             command.arg(member);
         }
     }
+    let inputs = inputs.iter().map(|input| as_file(input));
     command.arg("--start-group").args(inputs).arg("--end-group");
     let run = |source| LinkError::Run { linker: linker.clone(), source };
     let result = command.env("LC_ALL", "C").output().map_err(run)?;
     if result.status.success() {
-        return read(&output);
+        let linked = read(&output)?;
+        weak.check(&linked)?;
+        return Ok(linked);
     }
     let text = String::from_utf8_lossy(&result.stderr).into_owned();
-    let symbols = undefined(&text);
-    if symbols.is_empty() {
-        return Err(LinkError::Linker { linker, output: text });
+    Err(undefined::error(&text).unwrap_or(LinkError::Linker { linker, output: text }))
+}
+
+/// A path that a linker takes for a file: not for an option (`-x.o`), and not for a file with options (`@x.o`).
+fn as_file(input: &Path) -> PathBuf {
+    match input.as_os_str().as_encoded_bytes().first() {
+        Some(b'-' | b'@') => Path::new(".").join(input),
+        _ => input.to_owned(),
     }
-    let hint = hint(&symbols);
-    Err(LinkError::Unresolved { symbols, hint })
 }
 
 /// The linker: GNU's, LLVM's, or the one that comes with Rust.
@@ -76,11 +83,20 @@ fn find() -> Result<PathBuf, LinkError> {
 
 /// Checks a file, and gives the members of a library that have declarations, as files of their own. An object file
 /// has none: it is linked anyway.
-fn declaring_members(input: &Path, folder: &Path) -> Result<Vec<PathBuf>, LinkError> {
+fn declaring_members(
+    input: &Path,
+    folder: &Path,
+    weak: &mut Weak,
+) -> Result<Vec<PathBuf>, LinkError> {
     let bytes = read(input)?;
     let broken = |source| LinkError::Object { path: input.to_owned(), source };
+    if bytes.starts_with(b"!<thin>\n") {
+        return Err(LinkError::Thin { path: input.to_owned() });
+    }
     if !bytes.starts_with(b"!<arch>\n") {
-        check(input, &object::File::parse(&*bytes).map_err(broken)?)?;
+        let file = object::File::parse(&*bytes).map_err(broken)?;
+        check(input, &file)?;
+        weak.add(&file, false);
         return Ok(Vec::new());
     }
     let mut members = Vec::new();
@@ -88,6 +104,7 @@ fn declaring_members(input: &Path, folder: &Path) -> Result<Vec<PathBuf>, LinkEr
         let data = member.and_then(|member| member.data(&*bytes)).map_err(broken)?;
         let Ok(file) = object::File::parse(data) else { continue };
         check(input, &file)?;
+        weak.add(&file, true);
         if file.sections().any(|section| section.name() == Ok(takt_sdk::declaration::SECTION)) {
             // Not by the input's name: two libraries may have the same.
             let number = std::fs::read_dir(folder).map_or(0, Iterator::count);
@@ -97,52 +114,4 @@ fn declaring_members(input: &Path, folder: &Path) -> Result<Vec<PathBuf>, LinkEr
         }
     }
     Ok(members)
-}
-
-/// The symbols that the linker did not find, from what GNU's and LLVM's linkers say.
-fn undefined(output: &str) -> Vec<String> {
-    let one = |line: &str| {
-        let (_, rest) = line
-            .split_once("undefined reference to `")
-            .or_else(|| line.split_once("undefined symbol: "))?;
-        Some(rest.trim_end_matches('\'').to_owned())
-    };
-    let mut symbols: Vec<_> = output.lines().filter_map(one).collect();
-    symbols.sort();
-    symbols.dedup();
-    symbols
-}
-
-fn hint(symbols: &[String]) -> &'static str {
-    let any = |names: &[&str]| symbols.iter().any(|symbol| names.contains(&symbol.as_str()));
-    if any(&["memcpy", "memmove", "memset", "memcmp"]) {
-        ". The memory functions are in takt.c of the SDK: compile and link it too"
-    } else if any(&["__stack_chk_fail"]) {
-        ". Compile with -fno-stack-protector"
-    } else if any(&["malloc", "free", "printf", "puts", "exit", "abort", "strlen", "fopen"]) {
-        ". A control program has no C library: compile with -ffreestanding and bring what it needs"
-    } else if any(&[
-        "sin", "cos", "tan", "exp", "log", "pow", "sqrt", "fmod", "floor", "sinf", "sqrtf",
-    ]) {
-        ". There is no mathematical library: link object files that have these functions"
-    } else {
-        ""
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn undefined_symbols_are_found_in_what_both_linkers_say() {
-        let gnu = "ld: a.o: in function `f':\na.c:(.text+0x5): undefined reference to `sin'\n\
-                   ld: b.c:3: undefined reference to `sin'\n";
-        assert_eq!(undefined(gnu), ["sin"]);
-        assert_eq!(
-            undefined("ld.lld: error: undefined symbol: cos\n>>> referenced by a.c\n"),
-            ["cos"]
-        );
-        assert!(undefined("ld: cannot open a.o").is_empty());
-    }
 }

@@ -12,7 +12,9 @@ mod declared;
 mod elf;
 mod lines;
 mod linker;
+mod names;
 mod objects;
+mod undefined;
 
 use std::path::{Path, PathBuf};
 
@@ -35,8 +37,34 @@ pub enum LinkError {
     Run { linker: PathBuf, source: std::io::Error },
     #[error("{} failed:\n{output}", .linker.display())]
     Linker { linker: PathBuf, output: String },
-    #[error("these functions and variables are used but nowhere defined: {}{hint}", .symbols.join(", "))]
-    Unresolved { symbols: Vec<String>, hint: &'static str },
+    #[error("these functions and variables are used but nowhere defined: {}{hints}", .symbols.join(", "))]
+    Unresolved { symbols: Vec<String>, hints: String },
+    #[error(
+        "these functions and variables are weak and nowhere defined: {}; their address would be 0, and a call a fault. Define \
+         them, or leave out what uses them",
+        .symbols.join(", ")
+    )]
+    Weak { symbols: Vec<String> },
+    #[error(
+        "the program has functions whose code is chosen when it is loaded (ifunc): {}; the kernel loads no such functions. \
+         Link a library without them",
+        .functions.join(", ")
+    )]
+    Chosen { functions: Vec<String> },
+    #[error(
+        "{} has no code, only what gcc or clang keep for link-time optimisation; compile without -flto, or with -ffat-lto-objects",
+        .path.display()
+    )]
+    Optimisation { path: PathBuf },
+    #[error(
+        "{} is a thin archive, which has no object files but their paths; make it without `T` (ar rcs), or give the object files",
+        .path.display()
+    )]
+    Thin { path: PathBuf },
+    #[error("output `{first}`, which task `{}` writes, and output `{second}`, which task `{}` writes, have a bit in common", .tasks.0, .tasks.1)]
+    Shared { first: String, second: String, tasks: (String, String) },
+    #[error("{what}, {field}: {defect}")]
+    Rule { what: String, field: &'static str, defect: takt_program::Defect },
     #[error("the linked program cannot be read: {0}")]
     Elf(#[from] object::Error),
     #[error(
@@ -90,12 +118,12 @@ pub enum LinkError {
 pub fn build(inputs: &[PathBuf]) -> Result<Vec<u8>, LinkError> {
     let linked = linker::link(inputs)?;
     let program = elf::read(&linked)?;
-    let mut builder = declarations::builder(&program)?;
+    let (mut builder, names) = declarations::builder(&program)?;
     let here = std::env::current_dir().unwrap_or_default();
     for line in lines::of(&program, &here) {
         builder.line(line);
     }
-    Ok(builder.build()?)
+    builder.build().map_err(|error| names.error(error))
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, LinkError> {
