@@ -129,6 +129,10 @@ fn constants_and_state_are_where_the_program_looks_for_them_whatever_their_align
             folder.takt_plc(&["test", "q.plc", "t.csv"]).expect(0, "");
         }
     }
+    // Only what is needed is filled.
+    let built = folder.c_program("p", &source.replace("ALIGNMENT", "4096"));
+    assert!(!built.text.contains(" 4096 bytes of code"), "{}", built.text);
+    folder.c_program("p", &source.replace("ALIGNMENT", "8192")).expect(0, " 8192 bytes of code");
     let ended = folder.c_program("p", &source.replace("ALIGNMENT", "2097152"));
     ended.expect(2, "aligned to 2097152 bytes; allowed is up to 1048576").expect(2, "p.o: section");
 }

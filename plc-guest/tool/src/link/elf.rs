@@ -69,11 +69,11 @@ pub fn read(file: &[u8]) -> Result<Program, LinkError> {
     let mut code = section(".text")?;
     // Constants that are aligned to more than a page do not begin on the page after the code. The code fills the gap.
     let constants = elf.section_by_name(".rodata").filter(|section| section.size() > 0);
-    if let Some(gap) = constants.and_then(|section| section.address().checked_sub(address::CODE))
-        && gap <= u64::from(limit::CODE_BYTES)
-        && gap > code.len() as u64
+    if let Some(at) = constants.map(|section| section.address())
+        && at > address::constants(code.len() as u32)
+        && at - address::CODE <= u64::from(limit::CODE_BYTES)
     {
-        code.resize(gap as usize, BREAKPOINT);
+        code.resize((at - address::CODE) as usize, BREAKPOINT);
     }
     check_addresses(&elf, code.len() as u32)?;
     Ok(Program {
