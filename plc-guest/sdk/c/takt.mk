@@ -1,5 +1,5 @@
-# Makes objects of control programs in C: build/NAME.o of NAME.c, and build/takt.o, which each program needs. For the
-# end of a Makefile.
+# Makes objects of control programs in C: build/NAME.o of NAME.c, build/takt.o, which each program needs, and
+# build/takt_math.o, which has functions of math.h. For the end of a Makefile.
 TAKT ?= takt
 CC ?= gcc
 CFLAGS ?= -O2 -g -Wall -Wextra
@@ -13,7 +13,7 @@ build/%.o: %.c $(SDK)/takt.h
 	@mkdir -p build
 	$(CC) $(CFLAGS) $(FREESTANDING) -c $< -o $@
 
-# gcc would make calls of memcpy of the loops that memcpy is made of.
-build/takt.o: $(SDK)/takt.c $(SDK)/takt.h
+# gcc would make calls of memcpy of the loops that memcpy is made of, and of sqrt of what sqrt is made of.
+build/takt.o build/takt_math.o: build/%.o: $(SDK)/%.c $(SDK)/takt.h
 	@mkdir -p build
 	$(CC) $(CFLAGS) $(FREESTANDING) -fno-builtin -fno-tree-loop-distribute-patterns -c $< -o $@

@@ -94,6 +94,64 @@ TAKT_CYCLIC(control, .period = TAKT_MS(10));
 }
 
 #[test]
+fn the_exact_functions_of_math_h_are_used_in_c() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "roots", "--lang", "c"]).expect(0, "");
+    let source = r#"#include "takt.h"
+#include <math.h>
+TAKT_PROGRAM("roots", 0, 1, 0, 0);
+TAKT_INPUT(LREAL, x, 0);
+TAKT_INPUT(LREAL, y, 8);
+TAKT_OUTPUT(LREAL, root, 0);
+TAKT_OUTPUT(LREAL, whole, 8);
+TAKT_OUTPUT(LREAL, up, 16);
+TAKT_OUTPUT(LREAL, cut, 24);
+TAKT_OUTPUT(LREAL, nearest, 32);
+TAKT_OUTPUT(LREAL, rest, 40);
+TAKT_OUTPUT(REAL, small, 48);
+static void control(const takt_job *job) {
+    (void)job;
+    root = sqrt(fabs(x));
+    whole = floor(x);
+    up = ceil(x);
+    cut = trunc(x);
+    nearest = round(x);
+    rest = fmod(x, y);
+    small = fmodf((float)x, 0.5f) + fmaxf(fminf(sqrtf(4.0f), 3.0f), 1.0f);
+}
+TAKT_CYCLIC(control, .period = TAKT_MS(10));
+"#;
+    folder.write("roots/tank.c", source);
+    let table = "x,y,root,whole,up,cut,nearest,rest,small\n\
+                 6.25,4,2.5,6,7,6,6,2.25,2.25\n\
+                 -2.25,-1,1.5,-3,-2,-2,-2,-0.25,1.75\n\
+                 0.49999999999999994,1e-300,,0,1,0,0,,\n\
+                 -2.5,1,,-3,-2,-2,-3,-0.5,2\n\
+                 4503599627370497,10,67108864,4503599627370497,4503599627370497,4503599627370497,4503599627370497,7,2\n\
+                 1e300,7,1e150,1e300,1e300,1e300,1e300,1,\n\
+                 1e-310,3e-320,,0,1,0,0,,2\n";
+    folder.write("roots/tests/tank.csv", table);
+    folder.run("make", &["-C", "roots", "test"]).expect(0, "7 cycles");
+    // A library's goes before; what is in none is told with its line.
+    folder.write(
+        "roots/tank.c",
+        &source
+            .replace("control(const", "other(const")
+            .replace("CYCLIC(control", "CYCLIC(other")
+            .replace(
+                "#include <math.h>",
+                "#include <math.h>\ndouble floor(double v) { return v; }",
+            ),
+    );
+    folder.write("roots/tests/tank.csv", "x,whole\n1.5,1.5\n");
+    folder.run("make", &["-C", "roots", "test"]).expect(0, "1 cycles");
+    folder.write("roots/tank.c", &source.replace("floor(x)", "sin(x)"));
+    folder
+        .run("make", &["-C", "roots"])
+        .expect(2, "sin (tank.c:16). There is no mathematical library");
+}
+
+#[test]
 fn function_blocks_are_used_in_rust() {
     let folder = Folder::new();
     folder.takt_plc(&["new", "filter", "--lang", "rust"]).expect(0, "");

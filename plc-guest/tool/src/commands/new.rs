@@ -80,6 +80,7 @@ const C: &[File] = &[
     ("README.md", include_str!("../templates/c/README.md")),
     ("takt-sdk/takt.h", include_str!("../../../sdk/c/takt.h")),
     ("takt-sdk/takt.c", include_str!("../../../sdk/c/takt.c")),
+    ("takt-sdk/takt_math.c", include_str!("../../../sdk/c/takt_math.c")),
     ("takt-sdk/takt.mk", include_str!("../../../sdk/c/takt.mk")),
     ("takt-sdk/blocks.h", include_str!("../../../blocks/c/blocks.h")),
 ];

@@ -57,7 +57,7 @@ fn in_source(place: &str) -> Option<String> {
 }
 
 fn hints(symbols: &[&str]) -> String {
-    const HINTS: [(&[&str], &str); 6] = [
+    const HINTS: [(&[&str], &str); 7] = [
         (
             &["memcpy", "memmove", "memset", "memcmp", "takt_logf"],
             "The memory functions and takt_logf are in takt.c of the SDK: compile and link it too",
@@ -90,11 +90,18 @@ fn hints(symbols: &[&str]) -> String {
         ),
         (
             &[
-                "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh",
-                "exp", "exp2", "log", "log2", "log10", "pow", "sqrt", "cbrt", "hypot", "fmod",
-                "floor", "ceil", "round", "trunc", "fabs", "rint", "ldexp", "frexp", "modf",
+                "sqrt", "fabs", "copysign", "trunc", "floor", "ceil", "round", "fmin", "fmax",
+                "fmod",
             ],
-            "There is no mathematical library: link object files that have these functions",
+            "The exact functions of math.h are in takt_math.c of the SDK: compile and link it too",
+        ),
+        (
+            &[
+                "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh",
+                "exp", "exp2", "log", "log2", "log10", "pow", "cbrt", "hypot", "rint", "ldexp",
+                "frexp", "modf",
+            ],
+            "There is no mathematical library for these functions: link object files that have them",
         ),
         (
             &[
@@ -163,6 +170,7 @@ mod tests {
             "{both}"
         );
         assert!(hints(&["__udivti3"]).contains("-print-libgcc-file-name"));
+        assert!(hints(&["sqrtf"]).contains("takt_math.c"));
         assert_eq!(hints(&["mine"]), "");
     }
 }
