@@ -1,6 +1,9 @@
-//! Programs and tasks as rows of a table, and what is forced.
+//! Programs with their versions and tasks as rows of tables, and what is forced.
 
-use takt_protocol::{PartitionStatus, ProgramState, ProgramStatus, TaskState, TaskStatus};
+use takt_protocol::{
+    ImageVersion, PartitionStatus, ProgramState, ProgramStatus, TaskState, TaskStatus,
+    VersionStatus,
+};
 
 use crate::text::plain;
 
@@ -51,6 +54,29 @@ fn state(program: &ProgramStatus) -> &'static str {
         Some(ProgramState::Running) => "running",
         Some(ProgramState::Faulted) => "faulted",
     }
+}
+
+/// Titles of the table of versions.
+pub const VERSION_COLUMNS: [&str; 4] = ["program", "runs", "other", "change"];
+
+/// The version of a program, and how far a change is.
+pub fn version_row(partition: &str, status: &VersionStatus) -> [String; 4] {
+    let image = |image: &ImageVersion| {
+        let digits: String = image.hash.chars().take(8).collect();
+        plain(&format!("{} ({digits})", image.version))
+    };
+    let change = match (status.phase.as_str(), &status.reason) {
+        ("none", None) => "-".to_owned(),
+        ("trial", _) => format!("trial, {} jobs", status.jobs),
+        (phase, Some(reason)) => format!("{phase}: {reason}"),
+        (phase, None) => phase.to_owned(),
+    };
+    [
+        plain(&format!("{partition}:{}", status.program)),
+        image(&status.running),
+        status.other.as_ref().map_or("-".to_owned(), image),
+        plain(&change),
+    ]
 }
 
 /// A line for each value that is forced.

@@ -34,21 +34,27 @@ pub fn screen(frame: &mut Frame<'_>, view: &View) {
     let forced: Vec<String> = status.partitions.iter().flat_map(programs::forced).collect();
     let head_rows = Constraint::Length(rows(forced.len()).saturating_add(2));
     let [head, rest] = Layout::vertical([head_rows, Constraint::Min(0)]).areas(frame.area());
-    let [table, windows, tasks_area, channels, latencies, events] = Layout::vertical([
-        Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
-        Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
-        Constraint::Length(match tasks {
-            0 => 0,
-            count => rows(count).saturating_add(2),
-        }),
-        Constraint::Length(match status.channels.len() {
-            0 => 0,
-            count => rows(count).saturating_add(2),
-        }),
-        Constraint::Length(rows(measured().count()).saturating_mul(LATENCY_ROWS)),
-        Constraint::Min(0),
-    ])
-    .areas(rest);
+    let versions = view.versions.values().map(Vec::len).sum::<usize>();
+    let [table, windows, versions_area, tasks_area, channels, latencies, events] =
+        Layout::vertical([
+            Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
+            Constraint::Length(rows(status.partitions.len()).saturating_add(2)),
+            Constraint::Length(match versions {
+                0 => 0,
+                count => rows(count).saturating_add(2),
+            }),
+            Constraint::Length(match tasks {
+                0 => 0,
+                count => rows(count).saturating_add(2),
+            }),
+            Constraint::Length(match status.channels.len() {
+                0 => 0,
+                count => rows(count).saturating_add(2),
+            }),
+            Constraint::Length(rows(measured().count()).saturating_mul(LATENCY_ROWS)),
+            Constraint::Min(0),
+        ])
+        .areas(rest);
     draw_head(frame, head, status, view);
     // At the top: a plant with forced values is not in its normal state.
     let forced = forced.into_iter().map(|line| Line::from(line).bold().yellow());
@@ -56,6 +62,7 @@ pub fn screen(frame: &mut Frame<'_>, view: &View) {
     frame.render_widget(Paragraph::new(forced.collect::<Vec<_>>()), below.intersection(head));
     draw_table(frame, table, status);
     draw_windows(frame, windows, status);
+    draw_versions(frame, versions_area, view);
     draw_tasks(frame, tasks_area, status);
     draw_channels(frame, channels, status);
     for (partition, i) in measured().zip(0u16..) {
@@ -88,6 +95,17 @@ fn draw_table(frame: &mut Frame<'_>, area: Rect, status: &Status) {
     };
     let rows = status.partitions.iter().map(|p| (text::row(p), style(p)));
     draw_rows(frame, area, text::COLUMNS, rows.collect());
+}
+
+fn draw_versions(frame: &mut Frame<'_>, area: Rect, view: &View) {
+    let style = |phase: &str| match phase {
+        "none" | "held" => Style::new(),
+        _ => Style::new().yellow(),
+    };
+    let rows = view.versions.iter().flat_map(|(partition, versions)| {
+        versions.iter().map(|v| (programs::version_row(partition, v), style(&v.phase)))
+    });
+    draw_rows(frame, area, programs::VERSION_COLUMNS, rows.collect());
 }
 
 fn draw_tasks(frame: &mut Frame<'_>, area: Rect, status: &Status) {

@@ -95,20 +95,42 @@ fn connect(socket: &Path, view: &mut View) -> Result<Connection, ClientError> {
     Ok(takt)
 }
 
-/// Asks for the status, and takes the events that come before it.
+/// Asks for the status and for the versions of programs, and takes the events that come in between.
 fn update(takt: &mut Connection, view: &mut View) -> Result<(), ClientError> {
     takt.send(&Request::Status)?;
-    loop {
-        match takt.receive()?.1 {
-            Answer::Status { status } => {
-                view.status(*status);
-                return Ok(());
-            }
-            Answer::Events { events } => view.events(events),
-            Answer::Event { event } => view.event(event),
+    let status = loop {
+        match next(takt, view)? {
+            Answer::Status { status } => break status,
             Answer::Error(refusal) => return Err(ClientError::Refused(refusal)),
             // Not asked for.
             _ => {}
+        }
+    };
+    let with_programs = status.partitions.iter().filter(|partition| !partition.programs.is_empty());
+    let names: Vec<String> = with_programs.map(|partition| partition.name.clone()).collect();
+    view.status(*status);
+    for name in names {
+        takt.send(&Request::Versions(name.clone()))?;
+        let versions = loop {
+            match next(takt, view)? {
+                Answer::Versions { versions } => break versions,
+                // A partition that is being started anew has none.
+                Answer::Error(_) => break Vec::new(),
+                _ => {}
+            }
+        };
+        view.versions.insert(name, versions);
+    }
+    Ok(())
+}
+
+/// The next answer that is no event.
+fn next(takt: &mut Connection, view: &mut View) -> Result<Answer, ClientError> {
+    loop {
+        match takt.receive()?.1 {
+            Answer::Events { events } => view.events(events),
+            Answer::Event { event } => view.event(event),
+            answer => return Ok(answer),
         }
     }
 }

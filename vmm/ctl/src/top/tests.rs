@@ -4,9 +4,9 @@ use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use takt_figures::report::Summary;
 use takt_protocol::{
-    ChannelStatus, Contents, Event, EventKind, ForcedStatus, Mode, PartitionStatus, ProgramState,
-    ProgramStatus, ReleaseStatus, ScheduleStatus, State, Status, TaskState, TaskStatus,
-    WindowStatus,
+    ChannelStatus, Contents, Event, EventKind, ForcedStatus, ImageVersion, Mode, PartitionStatus,
+    ProgramState, ProgramStatus, ReleaseStatus, ScheduleStatus, State, Status, TaskState,
+    TaskStatus, VersionStatus, WindowStatus,
 };
 
 use super::draw;
@@ -206,6 +206,47 @@ task           state    jobs  missed  overruns  longest  response  slack
 plc:tank.main  waiting  1000  0       2         1.5 us   20.0 us   -
 plc:mixer      running  -     -       -         -        -         -";
     assert_eq!(shown[11..14].join("\n"), expected, "{shown:#?}");
+}
+
+#[test]
+fn each_program_has_a_row_with_its_version_and_its_change() {
+    let image = |version: &str, digit: &str| ImageVersion {
+        version: version.into(),
+        hash: digit.repeat(64),
+    };
+    let version = |program: &str,
+                   other: Option<ImageVersion>,
+                   phase: &str,
+                   reason: Option<&str>| VersionStatus {
+        program: program.into(),
+        running: image("1.2.0", "a"),
+        other,
+        phase: phase.into(),
+        reason: reason.map(Into::into),
+        jobs: 37,
+        references_gone: 0,
+        took_ns: 0,
+        at_ns: 0,
+        cycle: 0,
+    };
+    let mut view = View::default();
+    view.status(status(1_000_000_000, 1_000, 5_000));
+    let versions = vec![
+        version("tank", Some(image("1.3.0", "b")), "trial", None),
+        version("mixer", None, "none", None),
+        version("press", None, "refused", Some("state\x07")),
+    ];
+    view.versions.insert("plc".into(), versions);
+    let expected = "\
+program    runs              other             change
+plc:tank   1.2.0 (aaaaaaaa)  1.3.0 (bbbbbbbb)  trial, 37 jobs
+plc:mixer  1.2.0 (aaaaaaaa)  -                 -
+plc:press  1.2.0 (aaaaaaaa)  -                 refused: state\\u{7}";
+    let shown = shown(&view, 90, 24);
+    assert_eq!(shown[10..14].join("\n"), expected, "{shown:#?}");
+    // Those of another run are gone.
+    view.status(status(1, 0, 0));
+    assert!(view.versions.is_empty());
 }
 
 #[test]

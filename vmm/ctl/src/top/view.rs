@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use takt_protocol::{Event, Status};
+use takt_protocol::{Event, Status, VersionStatus};
 
 /// Half seconds that are kept: more than a screen is wide.
 const SAMPLES: usize = 256;
@@ -18,6 +18,8 @@ pub struct View {
     pub events: VecDeque<Event>,
     /// Mean release latency between two answers in nanoseconds, by partition; the oldest first.
     pub latencies: BTreeMap<String, VecDeque<u64>>,
+    /// Versions of programs, by partition.
+    pub versions: BTreeMap<String, Vec<VersionStatus>>,
     /// Why the status is old.
     pub problem: Option<String>,
 }
@@ -29,6 +31,7 @@ impl View {
         if self.status.as_ref().is_some_and(|old| old.uptime_ns > new.uptime_ns) {
             // Another run.
             self.latencies.clear();
+            self.versions.clear();
             self.status = None;
         }
         for partition in &new.partitions {
