@@ -7,9 +7,10 @@ use std::path::{Path, PathBuf};
 use takt_tests::{File, Outcome, Value, initrd_with, long, parse, silent_kernel, target};
 
 /// A PLC of the built-in kind at 1 kHz, and a Linux with stress-ng.
-fn beside_stress(name: &str, duration: &'static str, at_the_end: u64) -> Outcome {
+fn beside_stress(name: &str, guard: &str, duration: &'static str, at_the_end: u64) -> Outcome {
     let exec = format!("takt-load stress & sleep {at_the_end}; grep LOC: /proc/interrupts");
-    let file = File::new("1ms").plc("plc", None, "").stressed_linux(name, &exec);
+    let guard = format!("release_guard = {guard:?}");
+    let file = File::new("1ms").plc("plc", None, &guard).stressed_linux(name, &exec);
     file.schedule("normal").window("plc", 0, 300).run(name).lasting(duration).run()
 }
 
@@ -27,18 +28,41 @@ fn largest(outcome: &Outcome, before: &str) -> u64 {
 #[test]
 fn a_linux_full_of_timers_lives_and_the_plc_keeps_its_time() {
     let (duration, end, releases) = if long() { ("60s", 57, 59_990) } else { ("6s", 2, 5_990) };
-    let outcome = beside_stress("stress", duration, end);
-    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    let outcome = beside_stress("stress", "20us", duration, end);
     outcome.assert_shows("emulated by QEMU ");
     outcome.assert_shows(": each interrupt is delivered once");
-    let forks = largest(&outcome, "takt-load: stress ");
+    assert_stressed(&outcome, end);
+    outcome.assert_kept_its_time("plc", releases);
+    outcome.assert_punctual("plc");
+}
+
+/// The guard is as narrow as the wake-ups of a host whose timers and processes are busy allow, and none is too late for it.
+#[test]
+fn a_guard_that_follows_its_host_is_wide_enough_beside_a_linux_full_of_timers() {
+    // It has to narrow first, in steps of seconds.
+    if !long() {
+        return;
+    }
+    let outcome = beside_stress("stress-guard", "auto", "60s", 57);
+    assert_stressed(&outcome, 57);
+    outcome.assert_kept_its_time("plc", 59_990);
+    outcome.assert_punctual("plc");
+    let [narrow, wide] =
+        ["min", "max"].map(|key| outcome.number("plc", &format!("release_guard_ns.{key}")));
+    assert_eq!(wide, 40_000, "it begins with its bound\n{}", outcome.output);
+    assert!(narrow < 20_000, "{narrow} ns\n{}", outcome.output);
+    println!("a guard of {narrow} ns at its narrowest");
+}
+
+/// Linux has lived, with many processes and timers up to `end` seconds.
+fn assert_stressed(outcome: &Outcome, end: u64) {
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    let forks = largest(outcome, "takt-load: stress ");
     // Processes that fork have what the timers leave: 28 a second on Linux 6.12.
     assert!(forks > 20, "{forks} forks\n{}", outcome.output);
     // Of 20,000 a second, some fall together while Linux starts processes.
-    let timers = largest(&outcome, "LOC: ");
+    let timers = largest(outcome, "LOC: ");
     assert!(timers > (end - 1) * 10_000, "{timers} interrupts of timers\n{}", outcome.output);
-    outcome.assert_kept_its_time("plc", releases);
-    outcome.assert_punctual("plc");
 }
 
 /// A doorbell's handler takes a lock, and a second delivery waits for it for ever.
