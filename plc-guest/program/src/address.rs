@@ -3,7 +3,7 @@
 //! Fixed addresses spare the kernel a dynamic linker: the file's pages are mapped as they are. Each
 //! program has page tables of its own, so programs do not meet.
 
-use crate::limit;
+use crate::{TaskId, TaskInformation, limit};
 
 /// Size of a page, the unit of mapping and of access rights.
 pub const PAGE: u64 = 4096;
@@ -23,7 +23,7 @@ pub const INPUT: u64 = 0x6800_0000;
 pub const OUTPUT: u64 = 0x6810_0000;
 /// The markers `%M`: readable and writable.
 pub const MARKER: u64 = 0x6820_0000;
-/// The page with [`TaskInformation`](crate::TaskInformation): readable.
+/// The page with a [`TaskInformation`] for each task, see [`task_information`]: readable.
 pub const TASK_INFORMATION: u64 = 0x6fff_f000;
 
 /// Where the constants of a program with so many bytes of code begin.
@@ -34,8 +34,19 @@ pub const fn constants(code_bytes: u32) -> u64 {
 
 /// The end of the stack of this task: the address that its stack pointer starts below.
 #[must_use]
-pub const fn stack_end(task: crate::TaskId) -> u64 {
+pub const fn stack_end(task: TaskId) -> u64 {
     STACKS + (task.0 as u64 + 1) * STACK_SLOT
+}
+
+/// Where a task finds its [`TaskInformation`], or `init` where it is none. Tasks preempt each other, so each has its own
+/// place: in the order of the tasks, and behind those of the most tasks that there can be that of `init`.
+#[must_use]
+pub const fn task_information(task: Option<TaskId>) -> u64 {
+    let place = match task {
+        Some(task) => task.0 as u64,
+        None => limit::TASKS as u64,
+    };
+    TASK_INFORMATION + place * size_of::<TaskInformation>() as u64
 }
 
 /// `bytes`, rounded up to whole pages.
@@ -53,5 +64,7 @@ const _: () = {
     assert!(INPUT + limit::PROCESS_IMAGE_BYTES as u64 <= OUTPUT);
     assert!(OUTPUT + limit::PROCESS_IMAGE_BYTES as u64 <= MARKER);
     assert!(MARKER + limit::PROCESS_IMAGE_BYTES as u64 <= TASK_INFORMATION);
+    let information = (limit::TASKS as u64 + 1) * size_of::<TaskInformation>() as u64;
+    assert!(information <= PAGE);
     assert!(limit::STACK_BYTES as u64 == STACK_SLOT - PAGE);
 };

@@ -13,8 +13,8 @@ codes! {
     }
 }
 
-/// 64 bytes of the page at [`address::TASK_INFORMATION`](crate::address::TASK_INFORMATION). Tasks preempt each
-/// other, so each has its own: a function finds them by its argument only.
+/// 64 bytes at [`address::task_information`](crate::address::task_information): each task has its own. A function finds
+/// them by its argument, and code without it by the slot of its stack.
 ///
 /// The kernel writes it before each job; a program can only read it. The argument of `init` and of
 /// each task's function points to it. All fields are native numbers of x86-64.

@@ -277,3 +277,46 @@ END_CONFIGURATION
     );
     folder.takt_plc(&["test", "main.plc", "t.csv"]).expect(0, "as expected");
 }
+
+/// Blocks and functions are called by several tasks, and each call is of the task that it runs in.
+#[test]
+fn each_task_has_its_own_release_interval_and_count() {
+    let folder = Folder::new();
+    folder.write(
+        "m.st",
+        "FUNCTION Interval : LINT
+Interval := TIME_TO_LINT(RELEASE_INTERVAL()) / 1000000;
+END_FUNCTION
+VAR_GLOBAL seldom_ms, often_ms, seldom_count, often_count, seldom_at_ms, often_at_ms : LINT; END_VAR
+PROGRAM Seldom
+seldom_ms := Interval();
+seldom_count := ULINT_TO_LINT(RELEASE_COUNT());
+seldom_at_ms := TIME_TO_LINT(RELEASE_TIME()) / 1000000;
+END_PROGRAM
+PROGRAM Often
+often_ms := Interval();
+often_count := ULINT_TO_LINT(RELEASE_COUNT());
+often_at_ms := TIME_TO_LINT(RELEASE_TIME()) / 1000000;
+END_PROGRAM
+CONFIGURATION c
+TASK first (INTERVAL := T#10ms, PRIORITY := 5);
+TASK second (INTERVAL := T#2ms, PRIORITY := 0);
+PROGRAM x WITH first : Seldom;
+PROGRAM y WITH second : Often;
+END_CONFIGURATION
+",
+    );
+    folder.takt_plc(&["build", "m.st", "-o", "m.plc"]).expect(0, "2 tasks");
+    // A row is 2 ms.
+    let table = "seldom_ms, often_ms, seldom_count, often_count, seldom_at_ms, often_at_ms
+0,  0, 0, 0,  0,  0
+0,  2, 0, 1,  0,  2
+0,  2, 0, 2,  0,  4
+0,  2, 0, 3,  0,  6
+0,  2, 0, 4,  0,  8
+10, 2, 1, 5, 10, 10
+10, 2, 1, 6, 10, 12
+";
+    folder.write("m.csv", table);
+    folder.takt_plc(&["test", "m.plc", "m.csv"]).expect(0, "all as expected");
+}

@@ -16,7 +16,7 @@ use takt_change::cost::{GATHER_BYTES, SAVED_BYTES};
 use takt_kernel::scheduler::OBJECTS_EACH_MAX;
 use takt_kernel::task::ProgramId;
 use takt_program::{
-    Area as Kind, Image, ImageError, ObjectKind, SectionKind, Start, TaskInformation,
+    Area as Kind, Image, ImageError, ObjectKind, SectionKind, Start, TaskId, TaskInformation,
 };
 use takt_program::{address, limit};
 
@@ -24,10 +24,6 @@ use takt_program::{address, limit};
 const CALL_PAGE: [u8; 6] = [0x31, 0xc0, 0x0f, 0x05, 0x0f, 0x0b];
 /// What is copied at a time of the state of a program that starts anew.
 const STEP: u64 = PAGE;
-/// Places of [`TaskInformation`] in their page: one for each task, and one for the initialisation.
-const INFORMATION_BYTES: u64 = size_of::<TaskInformation>() as u64;
-const INITIALISATION: u64 = limit::TASKS as u64;
-const _: () = assert!((INITIALISATION + 1) * INFORMATION_BYTES <= PAGE);
 
 /// Memory of a program, where the program sees it.
 #[derive(Clone, Copy, Debug)]
@@ -303,7 +299,8 @@ impl Program {
 
     /// Tells a task about its job; returns where the task finds it.
     pub fn inform(&self, number: Option<u16>, information: &TaskInformation) -> u64 {
-        let offset = number.map_or(INITIALISATION, u64::from) * INFORMATION_BYTES;
+        let at = address::task_information(number.map(TaskId));
+        let offset = at - address::TASK_INFORMATION;
         let words = [
             u64::from(information.version) | u64::from(information.task) << 32,
             information.cycle,
@@ -314,14 +311,14 @@ impl Program {
         for (place, word) in words.into_iter().enumerate() {
             self.information.set_word(offset + 8 * place as u64, word);
         }
-        address::TASK_INFORMATION + offset
+        at
     }
 
     /// The stack pointer at the beginning of a job: on top of it lies the address to return to.
     pub fn begin_stack(&self, number: u16) -> u64 {
         let stack = self.stack(number);
         stack.set_word(stack.bytes() - 8, address::CALL_PAGE);
-        address::stack_end(takt_program::TaskId(number)) - 8
+        address::stack_end(TaskId(number)) - 8
     }
 
     /// Its state is to be set up again, after the window of this release.

@@ -2,6 +2,7 @@
 
 use cranelift_codegen::ir::condcodes::{FloatCC, IntCC};
 use cranelift_codegen::ir::{InstBuilder, Value, types};
+use takt_program::TaskInformation;
 
 use super::lower::{Home, Lower};
 use super::target::{MEMORY, address, register};
@@ -228,9 +229,17 @@ impl Lower<'_> {
         }
     }
 
+    /// A word of what the kernel tells the task that this runs in. Which one that is, the slot of its stack says: a block or a
+    /// function may be called by several.
     fn information(&mut self, offset: i32) -> Value {
-        let base = self.builder.ins().iconst(types::I64, address::TASK_INFORMATION as i64);
-        self.builder.ins().load(types::I64, MEMORY, base, offset)
+        const FIRST: u64 = address::STACKS / address::STACK_SLOT;
+        const BYTES: u64 = size_of::<TaskInformation>() as u64;
+        let stack = self.builder.ins().get_stack_pointer(types::I64);
+        let slot =
+            self.builder.ins().ushr_imm_u(stack, i64::from(address::STACK_SLOT.trailing_zeros()));
+        let place = self.builder.ins().ishl_imm_u(slot, i64::from(BYTES.trailing_zeros()));
+        let first = (address::TASK_INFORMATION - FIRST * BYTES) as i32;
+        self.builder.ins().load(types::I64, MEMORY, place, first + offset)
     }
 }
 

@@ -10,7 +10,9 @@ use crate::hir::{Class, Elementary};
 
 /// Where the areas of every program lie; the same numbers as in the crate of the program image.
 pub mod address {
-    pub use takt_program::address::{CODE, INPUT, MARKER, OUTPUT, STATE, TASK_INFORMATION};
+    pub use takt_program::address::{
+        CODE, INPUT, MARKER, OUTPUT, STACK_SLOT, STACKS, STATE, TASK_INFORMATION,
+    };
 }
 
 /// The settings of the code generator.

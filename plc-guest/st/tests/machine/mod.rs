@@ -7,7 +7,7 @@ use std::ptr;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
-use takt_program::{TaskInformation, address};
+use takt_program::{TaskId, TaskInformation, address};
 use takt_st::hir::Trap;
 use takt_st::native::Native;
 
@@ -20,12 +20,14 @@ global_asm!(
     "takt_st_test_enter:",
     "push rbx; push rbp; push r12; push r13; push r14; push r15; sub rsp, 8",
     "mov [rip + takt_st_test_stack], rsp",
+    // On the stack of the first task.
+    "mov rsp, rdx",
     "mov rax, rdi; mov rdi, rsi; call rax",
     "xor eax, eax; jmp 1f",
     "takt_st_test_leave:",
-    "mov rsp, [rip + takt_st_test_stack]",
     "mov eax, 1",
-    "1: add rsp, 8; pop r15; pop r14; pop r13; pop r12; pop rbp; pop rbx; ret",
+    "1: mov rsp, [rip + takt_st_test_stack]",
+    "add rsp, 8; pop r15; pop r14; pop r13; pop r12; pop rbp; pop rbx; ret",
     ".bss",
     ".balign 8",
     "takt_st_test_stack: .skip 8",
@@ -33,8 +35,24 @@ global_asm!(
 );
 
 unsafe extern "C" {
-    fn takt_st_test_enter(function: u64, information: u64) -> u32;
+    fn takt_st_test_enter(function: u64, information: u64, stack: u64) -> u32;
     fn takt_st_test_leave();
+}
+
+/// Calls a function of the program as the first task; 1 if it trapped.
+///
+/// # Safety
+/// The function must be in code that is loaded, and write to the areas and its stack only.
+unsafe fn enter(function: u64) -> u32 {
+    let task = TaskId(0);
+    // SAFETY: as the caller says.
+    unsafe {
+        takt_st_test_enter(
+            function,
+            address::task_information(Some(task)),
+            address::stack_end(task),
+        )
+    }
 }
 
 /// Where the last trap was.
@@ -75,6 +93,7 @@ fn set_up() -> &'static Mutex<()> {
         map(address::CODE, CODE_BYTES);
         map(address::STATE, STATE_BYTES);
         map(address::TASK_INFORMATION, 4096);
+        map(address::STACKS, address::STACK_SLOT as usize);
         for area in [address::INPUT, address::OUTPUT, address::MARKER] {
             map(area, PROCESS_IMAGE_BYTES);
         }
@@ -125,7 +144,7 @@ impl Machine {
     /// Runs `init`, as the kernel does before the first job.
     pub fn start(&mut self) {
         // SAFETY: as in `run`.
-        let trapped = unsafe { takt_st_test_enter(self.init, address::TASK_INFORMATION) };
+        let trapped = unsafe { enter(self.init) };
         assert_eq!(trapped, 0, "no initial value traps");
     }
 
@@ -147,8 +166,7 @@ impl Machine {
         // SAFETY: the page is mapped and aligned.
         unsafe { page.write(information) }
         // SAFETY: the code is the compiler's, which is what is tested: it writes to the areas and its stack only.
-        let trapped =
-            unsafe { takt_st_test_enter(self.entries[routine], address::TASK_INFORMATION) };
+        let trapped = unsafe { enter(self.entries[routine]) };
         if trapped == 0 {
             return Ok(());
         }

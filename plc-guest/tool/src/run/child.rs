@@ -83,6 +83,7 @@ impl Child {
         }
         child.ptrace(libc::PTRACE_CONT, 0, 0, "PTRACE_CONT")?;
         child.expect_stop(libc::SIGTRAP)?;
+        memory.put(address::TASK_INFORMATION, &[0; 8 * 3]);
         Ok(child)
     }
 

@@ -161,6 +161,15 @@ impl<'a> Machine<'a> {
         }
     }
 
+    /// Tells a task about its job; returns where the task finds it.
+    pub(super) fn inform(&mut self, information: &TaskInformation) -> u64 {
+        let task =
+            (information.task != TaskInformation::INIT).then_some(TaskId(information.task as u16));
+        let at = address::task_information(task);
+        self.memory.put(at, &bytes(information));
+        at
+    }
+
     /// The registers with which a job begins.
     pub(super) fn enter(
         &mut self,
@@ -168,13 +177,12 @@ impl<'a> Machine<'a> {
         entry: CodeOffset,
         information: &TaskInformation,
     ) -> Result<Registers, HostError> {
-        self.memory.put(address::TASK_INFORMATION, &bytes(information));
+        let argument = self.inform(information);
         let stack = address::stack_end(task.id) - 8;
         self.memory.put(stack, &address::CALL_PAGE.to_le_bytes());
         self.child.set_vectors(&self.vectors)?;
         let mut registers = self.registers;
-        (registers.rip, registers.rsp, registers.rdi) =
-            (entry.address(), stack, address::TASK_INFORMATION);
+        (registers.rip, registers.rsp, registers.rdi) = (entry.address(), stack, argument);
         // No system call was interrupted, so the kernel has none to restart.
         (registers.eflags, registers.rbp, registers.orig_rax) = (FLAGS, 0, u64::MAX);
         Ok(registers)
@@ -288,7 +296,7 @@ impl<'a> Machine<'a> {
 }
 
 /// The page's content, as the program finds it.
-pub(super) fn bytes(information: &TaskInformation) -> [u8; 64] {
+fn bytes(information: &TaskInformation) -> [u8; 64] {
     let mut page = [0; 64];
     let TaskInformation { version, task, cycle, now, period, start, flags, .. } = information;
     page[0..4].copy_from_slice(&version.to_le_bytes());

@@ -5,13 +5,13 @@
 
 use std::time::Duration;
 
-use takt_program::{Task, TaskInformation, address};
+use takt_program::{Task, TaskInformation};
 use takt_st::hir::Simulation;
 
 use super::child::Registers;
 use super::fault::Failed;
 use super::kernel::Caller;
-use super::machine::{Machine, Paused, bytes};
+use super::machine::{Machine, Paused};
 use super::schedule::{Logged, Schedule};
 
 /// How a test ended.
@@ -106,7 +106,7 @@ impl<'m, 'a> TestRun<'m, 'a> {
         self.information.now += nanoseconds;
         self.information.period = nanoseconds;
         self.information.cycle += 1;
-        self.machine.put(address::TASK_INFORMATION, &bytes(&self.information));
+        self.machine.inform(&self.information);
         Ok(at)
     }
 }
