@@ -73,9 +73,12 @@ pub fn time() -> u64 {
     unsafe { call(1, [0; 4]) }.unwrap_or(0)
 }
 
-/// Logs a line of at most 120 bytes; what is longer is cut.
+/// The most bytes of a line of the log.
+pub const LOG_BYTES: usize = 120;
+
+/// Logs a line; what is longer than [`LOG_BYTES`] is cut. [`log!`](crate::log) takes numbers too.
 pub fn log(text: &str) {
-    let text = &text.as_bytes()[..text.len().min(120)];
+    let text = &text.as_bytes()[..text.floor_char_boundary(LOG_BYTES)];
     // SAFETY: the text is readable. A line that the kernel drops is counted there.
     let _ = unsafe { call(2, [text.as_ptr() as u64, text.len() as u64, 0, 0]) };
 }

@@ -25,6 +25,8 @@
 pub mod call;
 pub mod declaration;
 mod job;
+#[doc(hidden)]
+pub mod line;
 mod local;
 mod macros;
 mod object;

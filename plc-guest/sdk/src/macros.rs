@@ -76,8 +76,8 @@ macro_rules! __variable {
 /// Declares a value at a byte of the input image: `input!(LEVEL: f32, "level", 4);`
 #[macro_export]
 macro_rules! input {
-    ($ident:ident: $ty:ty, $name:literal, $byte:expr) => {
-        static $ident: $crate::Input<$ty> = $crate::Input::at($byte);
+    ($vis:vis $ident:ident: $ty:ty, $name:literal, $byte:expr) => {
+        $vis static $ident: $crate::Input<$ty> = $crate::Input::at($byte);
         $crate::__variable!(
             $name,
             $crate::declaration::INPUT + $byte,
@@ -92,8 +92,8 @@ macro_rules! input {
 /// Declares a value at a byte of the output image: `output!(VALVE: f32, "valve", 0);`
 #[macro_export]
 macro_rules! output {
-    ($ident:ident: $ty:ty, $name:literal, $byte:expr) => {
-        static $ident: $crate::Output<$ty> = $crate::Output::at($byte);
+    ($vis:vis $ident:ident: $ty:ty, $name:literal, $byte:expr) => {
+        $vis static $ident: $crate::Output<$ty> = $crate::Output::at($byte);
         $crate::__variable!(
             $name,
             $crate::declaration::OUTPUT + $byte,
@@ -120,8 +120,8 @@ macro_rules! writes {
 /// Declares a bit of the input image: `input_bit!(START, "start", 8, 0);` is `%IX8.0`.
 #[macro_export]
 macro_rules! input_bit {
-    ($ident:ident, $name:literal, $byte:expr, $bit:expr) => {
-        static $ident: $crate::InputBit = $crate::InputBit::at($byte, $bit);
+    ($vis:vis $ident:ident, $name:literal, $byte:expr, $bit:expr) => {
+        $vis static $ident: $crate::InputBit = $crate::InputBit::at($byte, $bit);
         $crate::__variable!(
             $name,
             $crate::declaration::INPUT + $byte,
@@ -136,8 +136,8 @@ macro_rules! input_bit {
 /// Declares a bit of the output image: `output_bit!(PUMP, "pump", 4, 0);` is `%QX4.0`.
 #[macro_export]
 macro_rules! output_bit {
-    ($ident:ident, $name:literal, $byte:expr, $bit:expr) => {
-        static $ident: $crate::OutputBit = $crate::OutputBit::at($byte, $bit);
+    ($vis:vis $ident:ident, $name:literal, $byte:expr, $bit:expr) => {
+        $vis static $ident: $crate::OutputBit = $crate::OutputBit::at($byte, $bit);
         $crate::__variable!(
             $name,
             $crate::declaration::OUTPUT + $byte,
@@ -153,8 +153,8 @@ macro_rules! output_bit {
 /// [`declaration::flag`](crate::declaration::flag): `point!(SETPOINT: f32 = 2.0, "setpoint", RETAIN | FORCEABLE);`
 #[macro_export]
 macro_rules! point {
-    ($ident:ident: $ty:ty = $value:expr, $name:literal $(, $($flag:ident)|+)?) => {
-        static $ident: $crate::Point<$ty> = $crate::Point::new($value);
+    ($vis:vis $ident:ident: $ty:ty = $value:expr, $name:literal $(, $($flag:ident)|+)?) => {
+        $vis static $ident: $crate::Point<$ty> = $crate::Point::new($value);
         $crate::__variable!(
             $name,
             &raw const $ident,
@@ -169,8 +169,8 @@ macro_rules! point {
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __object {
-    ($ident:ident: $ty:ident, $kind:ident, $name:literal, $a:expr, $b:expr) => {
-        static $ident: $crate::$ty = $crate::$ty::new();
+    ($vis:vis $ident:ident: $ty:ident, $kind:ident, $name:literal, $a:expr, $b:expr) => {
+        $vis static $ident: $crate::$ty = $crate::$ty::new();
         $crate::__declare!(
             $crate::declaration::Declaration::new($crate::declaration::kind::$kind, $name)
                 .at(&raw const $ident as *const ())
@@ -183,47 +183,55 @@ macro_rules! __object {
 /// that takes it.
 #[macro_export]
 macro_rules! semaphore {
-    ($ident:ident, $name:literal, ceiling = $ceiling:expr) => {
-        $crate::__object!($ident: Semaphore, SEMAPHORE, $name, $ceiling, 0);
+    ($vis:vis $ident:ident, $name:literal, ceiling = $ceiling:expr) => {
+        $crate::__object!($vis $ident: Semaphore, SEMAPHORE, $name, $ceiling, 0);
     };
 }
 
 /// Declares a queue: `queue!(JOBS, "jobs", bytes = 16, depth = 4);`
 #[macro_export]
 macro_rules! queue {
-    ($ident:ident, $name:literal, bytes = $bytes:expr, depth = $depth:expr) => {
-        $crate::__object!($ident: Queue, QUEUE, $name, $bytes, $depth);
+    ($vis:vis $ident:ident, $name:literal, bytes = $bytes:expr, depth = $depth:expr) => {
+        $crate::__object!($vis $ident: Queue, QUEUE, $name, $bytes, $depth);
     };
 }
 
 /// Declares a mailbox: `mailbox!(LAST, "last", bytes = 8);`
 #[macro_export]
 macro_rules! mailbox {
-    ($ident:ident, $name:literal, bytes = $bytes:expr) => {
-        $crate::__object!($ident: Mailbox, MAILBOX, $name, $bytes, 0);
+    ($vis:vis $ident:ident, $name:literal, bytes = $bytes:expr) => {
+        $crate::__object!($vis $ident: Mailbox, MAILBOX, $name, $bytes, 0);
     };
 }
 
 /// Declares event flags: `flags!(EVENTS, "events");`
 #[macro_export]
 macro_rules! flags {
-    ($ident:ident, $name:literal) => {
-        $crate::__object!($ident: Flags, FLAGS, $name, 0, 0);
+    ($vis:vis $ident:ident, $name:literal) => {
+        $crate::__object!($vis $ident: Flags, FLAGS, $name, 0, 0);
     };
 }
 
 /// Declares a channel port that the program reads: `port_in!(ORDERS, "orders", bytes = 64);`
 #[macro_export]
 macro_rules! port_in {
-    ($ident:ident, $name:literal, bytes = $bytes:expr) => {
-        $crate::__object!($ident: PortIn, PORT_IN, $name, $bytes, 0);
+    ($vis:vis $ident:ident, $name:literal, bytes = $bytes:expr) => {
+        $crate::__object!($vis $ident: PortIn, PORT_IN, $name, $bytes, 0);
     };
 }
 
 /// Declares a channel port that the program writes: `port_out!(STATUS, "status", bytes = 64);`
 #[macro_export]
 macro_rules! port_out {
-    ($ident:ident, $name:literal, bytes = $bytes:expr) => {
-        $crate::__object!($ident: PortOut, PORT_OUT, $name, $bytes, 0);
+    ($vis:vis $ident:ident, $name:literal, bytes = $bytes:expr) => {
+        $crate::__object!($vis $ident: PortOut, PORT_OUT, $name, $bytes, 0);
+    };
+}
+
+/// Logs a line with numbers: `log!("level {level:.2} m");`. What is longer than a line of the log is cut.
+#[macro_export]
+macro_rules! log {
+    ($($arguments:tt)+) => {
+        $crate::line::Line::log(::core::format_args!($($arguments)+))
     };
 }

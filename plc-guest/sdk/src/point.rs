@@ -40,7 +40,11 @@ values! {
 // SAFETY: as its elements.
 unsafe impl<T: Value, const N: usize> Value for [T; N] {
     const KEYWORD: &'static str = T::KEYWORD;
-    const ELEMENTS: u64 = N as u64;
+    // Of nested arrays all elements, one row behind the other.
+    const ELEMENTS: u64 = {
+        assert!(N > 0, "a point has one element at least");
+        N as u64 * if T::ELEMENTS == 0 { 1 } else { T::ELEMENTS }
+    };
 }
 
 /// A value in the input image.
@@ -76,9 +80,14 @@ impl<T: Value> Input<T> {
     pub fn get(&self) -> T {
         // SAFETY: the tool has checked that it is inside of the input image, which is mapped while the
         // program runs. Any bits are a value.
-        unsafe { read_volatile(self.0 as *const T) }
+        unsafe { read_volatile(self.0 as *const Anywhere<T>) }.0
     }
 }
+
+/// A value at a byte that need not be a multiple of its size: an input or output lies where its device has it.
+#[repr(C, packed)]
+#[derive(Clone, Copy)]
+struct Anywhere<T: Copy>(T);
 
 impl<T: Value> Output<T> {
     /// At this byte of `%Q`. Made by [`output!`](crate::output), which also declares it.
@@ -91,13 +100,13 @@ impl<T: Value> Output<T> {
     #[must_use]
     pub fn get(&self) -> T {
         // SAFETY: as for `Input::get`, of the output image.
-        unsafe { read_volatile(self.0 as *const T) }
+        unsafe { read_volatile(self.0 as *const Anywhere<T>) }.0
     }
 
     /// Sets it. It goes out when the task is done.
     pub fn set(&self, value: T) {
         // SAFETY: as for `get`; the output image is writable.
-        unsafe { write_volatile(self.0 as *mut T, value) }
+        unsafe { write_volatile(self.0 as *mut Anywhere<T>, Anywhere(value)) }
     }
 }
 

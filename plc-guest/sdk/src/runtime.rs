@@ -1,10 +1,10 @@
-//! What the compiler expects to be there: memory functions, and somewhere to go when a program panics.
+//! What the compiler expects to be there: memory functions, and somewhere to go when a program panics. Nothing unwinds, but
+//! parts of the library of Rust name the functions for it, as they were compiled for programs that do.
 
 use core::arch::{asm, global_asm};
-use core::fmt::{self, Write};
 use core::panic::PanicInfo;
 
-use crate::call::log;
+use crate::line::Line;
 
 // `rep movsb` and `rep stosb` are as fast as any loop on processors of the last ten years (Intel's optimisation
 // manual, "Enhanced REP MOVSB and STOSB"), and cannot be turned into a call of themselves by the compiler.
@@ -57,6 +57,11 @@ global_asm!(
     "je 2b",
     "3:",
     "ret",
+    ".section .text.takt_unwind, \"ax\", @progbits",
+    ".weak rust_eh_personality, _Unwind_Resume",
+    "rust_eh_personality:",
+    "_Unwind_Resume:",
+    "jmp takt_trap_user",
     // The tool knows this name: a fault here is the program's own decision.
     ".section .text.takt_trap_user, \"ax\", @progbits",
     ".globl takt_trap_user",
@@ -65,33 +70,14 @@ global_asm!(
     ".text",
 );
 
-/// A line of the log in the making; what is longer is cut.
-struct Line {
-    bytes: [u8; 120],
-    length: usize,
-}
-
-impl Write for Line {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        for character in text.chars() {
-            let rest = &mut self.bytes[self.length..];
-            if rest.len() < character.len_utf8() {
-                return Err(fmt::Error);
-            }
-            self.length += character.encode_utf8(rest).len();
-        }
-        Ok(())
-    }
-}
-
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
-    let mut line = Line { bytes: [0; 120], length: 0 };
-    let _ = match info.location() {
-        Some(place) => write!(line, "{}:{}: {}", place.file(), place.line(), info.message()),
-        None => write!(line, "{}", info.message()),
-    };
-    log(core::str::from_utf8(&line.bytes[..line.length]).unwrap_or_default());
+    match info.location() {
+        Some(place) => {
+            Line::log(format_args!("{}:{}: {}", place.file(), place.line(), info.message()));
+        }
+        None => Line::log(format_args!("{}", info.message())),
+    }
     // SAFETY: goes to an illegal instruction, which ends the program.
     unsafe { asm!("jmp takt_trap_user", options(noreturn)) }
 }

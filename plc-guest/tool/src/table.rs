@@ -106,7 +106,11 @@ fn column(image: &Image<'_>, text: &str) -> Result<Column, String> {
     let (name, tolerance) = match text.split_once("+-") {
         None => (text, None),
         Some((name, number)) => {
-            let parsed = number.trim().parse().ok().filter(|number: &f64| *number >= 0.0);
+            let parsed = number
+                .trim()
+                .parse()
+                .ok()
+                .filter(|number: &f64| *number >= 0.0 && number.is_finite());
             let wrong = || format!("found `{}` after +-, which is no tolerance", number.trim());
             (name.trim(), Some(parsed.ok_or_else(wrong)?))
         }

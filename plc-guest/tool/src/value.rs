@@ -170,7 +170,20 @@ impl Value {
                     || (want - is).abs() <= 5e-7 * want.abs()
             }
             (want, is, None) => want == is,
-            (want, is, Some(tolerance)) => (want.number() - is.number()).abs() <= tolerance,
+            (want, is, Some(tolerance)) => match (want.integer(), is.integer()) {
+                // Numbers of 64 bits would lose digits as floating-point ones.
+                (Some(want), Some(is)) => want.abs_diff(is) as f64 <= tolerance,
+                _ => (want.number() - is.number()).abs() <= tolerance,
+            },
+        }
+    }
+
+    fn integer(self) -> Option<i128> {
+        match self {
+            Self::Bool(on) => Some(on.into()),
+            Self::Signed(number) | Self::Duration(number) => Some(number.into()),
+            Self::Unsigned(number) => Some(number.into()),
+            Self::Float(_) => None,
         }
     }
 

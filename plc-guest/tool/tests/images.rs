@@ -32,7 +32,17 @@ fn an_image_is_signed_by_a_key_and_no_other() {
         .takt_plc(&["verify", "p.plc", "--key", "b.pub", "--key", "a.pub"])
         .expect(0, "signed by");
     folder.takt_plc(&["verify", "p.plc", "--key", "b.pub"]).expect(1, "none of the keys");
-    folder.takt_plc(&["sign", "p.plc", "--key", "p.plc"]).expect(2, "no private key");
+    folder
+        .takt_plc(&["sign", "p.plc", "--key", "p.plc"])
+        .expect(2, "allowed: a file with `takt private key`");
+    // What is public signs nothing, and what is private is shown to nobody.
+    folder
+        .takt_plc(&["sign", "p.plc", "--key", "b.pub"])
+        .expect(2, "b.pub: found a takt public key");
+    folder.takt_plc(&["verify", "p.plc", "--key", "a.pub"]).expect(0, "signed by");
+    folder
+        .takt_plc(&["verify", "p.plc", "--key", "a.key"])
+        .expect(2, "a.key: found a takt private key");
     let mut bytes = folder.read("p.plc");
     *bytes.last_mut().unwrap() ^= 1;
     std::fs::write(folder.path().join("q.plc"), bytes).unwrap();
@@ -59,6 +69,10 @@ fn tables_set_inputs_and_compare_outputs() {
     folder.write("t.csv", "x,on,y\n1,1,0.1\n1,1,0.3\n");
     let ended = folder.takt_plc(&["test", "p.plc", "t.csv"]);
     ended.expect(1, "1 values are not as expected").expect(1, "line 3: y is 0.1");
+    folder.write("t.csv", "x,on,y\n");
+    folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(2, "t.csv has no row");
+    folder.write("t.csv", "x,on,y +-inf\n1,1,0.1\n");
+    folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(2, "found `inf` after +-");
 }
 
 #[test]

@@ -176,6 +176,57 @@ fn control(job: &Job) {
     folder.run("make", &["-C", "filter", "test"]).expect(0, "2 cycles");
 }
 
+/// The library of Rust names functions for unwinding, and calls those for numbers of 128 bits.
+#[test]
+fn what_the_library_of_rust_needs_is_there_and_numbers_are_logged() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "numbers", "--lang", "rust"]).expect(0, "");
+    let source = r#"#![no_std]
+use takt_sdk::{Cyclic, Error, Job};
+takt_sdk::program!("numbers", 0, 1, 0);
+mod io {
+    takt_sdk::input!(pub STEP: f64, "step", 1);
+    takt_sdk::output!(pub SAW: f64, "saw", 0);
+}
+takt_sdk::point!(MATRIX: [[f32; 2]; 3] = [[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]], "matrix", RETAIN);
+takt_sdk::queue!(ORDERS, "orders", bytes = 8, depth = 2);
+takt_sdk::mailbox!(LAST, "last", bytes = 8);
+takt_sdk::flags!(SEEN, "seen");
+takt_sdk::task!("control", control, Cyclic::DEFAULT);
+fn control(job: &Job) {
+    io::SAW.set((io::SAW.get() + io::STEP.get()) % 0.5);
+    if job.is_first() {
+        takt_sdk::log!("{} {:.3} {:?}", u128::MAX, 2.0_f64 / 3.0, job.interval());
+        // A buffer has room for the longest message.
+        let mut small = [0; 7];
+        assert_eq!(ORDERS.receive(&mut small, 0), Err(Error::TooLong));
+        assert_eq!(ORDERS.receive(&mut [0; 8], 0), Err(Error::Empty));
+        assert_eq!(ORDERS.receive(&mut [0; 8], 3_600_000_000_001), Err(Error::NotAllowed));
+        assert_eq!(LAST.read(&mut small), Err(Error::TooLong));
+        assert_eq!(SEEN.wait_any(0, 0), Err(Error::NotAllowed));
+        assert_eq!(SEEN.wait_any(1, 0), Err(Error::Empty));
+        (0..40).for_each(|line| takt_sdk::log!("line {line}"));
+    }
+}
+"#;
+    folder.write("numbers/src/lib.rs", source);
+    folder.write("t.csv", "step,saw +-1e-9,matrix[5]\n0.4,0.4,6\n0.4,0.3,6\n");
+    for profile in ["release", "dev"] {
+        let words =
+            ["build", "--profile", profile, "--offline", "--manifest-path", "numbers/Cargo.toml"];
+        folder.run("cargo", &words).expect(0, "Finished");
+        let place = if profile == "dev" { "debug" } else { profile };
+        let library = format!("numbers/target/{place}/libnumbers.a");
+        folder.takt_plc(&["build", &library, "-o", "n.plc"]).expect(0, "");
+        folder.takt_plc(&["inspect", "n.plc"]).expect(0, "ARRAY[0..5] OF REAL");
+        let ended = folder.takt_plc(&["test", "n.plc", "t.csv"]).expect(0, "all as expected");
+        let ended = ended.expect(0, "340282366920938463463374607431768211455 0.667 0ns");
+        // 32 lines at once are what the kernel lets a program log.
+        let ended = ended.expect(0, "line 30");
+        assert!(!ended.text.contains("line 31"), "{}", ended.text);
+    }
+}
+
 #[test]
 fn the_rust_project_is_tested_by_make() {
     let folder = Folder::new();

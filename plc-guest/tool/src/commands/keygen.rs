@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use takt_program::signature;
 
-use super::hex;
+use super::{PRIVATE, PUBLIC, hex};
 use crate::{Failure, status};
 
 /// Arguments of `keygen`.
@@ -28,8 +28,8 @@ impl Keygen {
         )?;
         let public = signature::public(&private);
         let (key, public_key) = (with(&self.name, ".key"), with(&self.name, ".pub"));
-        create(&key, &hex(&private), 0o600)?;
-        create(&public_key, &hex(&public), 0o644)?;
+        create(&key, &format!("{PRIVATE} {}", hex(&private)), 0o600)?;
+        create(&public_key, &format!("{PUBLIC} {}", hex(&public)), 0o644)?;
         println!(
             "private key {}, public key {}: {}",
             key.display(),

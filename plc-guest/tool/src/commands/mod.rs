@@ -63,6 +63,24 @@ pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
+/// What stands in front of the digits of a key in its file.
+const PRIVATE: &str = "takt private key";
+const PUBLIC: &str = "takt public key";
+
+/// The key in a file of this kind. The public key and the private one have as many digits, and only one of them may be shown to others.
+fn key(path: &Path, kind: &str) -> Result<[u8; 32], Failure> {
+    let text = String::from_utf8(read(path)?).unwrap_or_default();
+    let digits = text.trim().strip_prefix(kind).map(str::trim_start);
+    digits.and_then(from_hex).ok_or_else(|| {
+        let found = [PRIVATE, PUBLIC].into_iter().find(|other| text.trim().starts_with(other));
+        let found = found.map_or_else(String::new, |other| format!("found a {other}; "));
+        Failure::input(format!(
+            "{}: {found}allowed: a file with `{kind}` and 64 hexadecimal digits, as `takt plc keygen` makes it",
+            path.display()
+        ))
+    })
+}
+
 /// 32 bytes from hexadecimal digits.
 fn from_hex(text: &str) -> Option<[u8; 32]> {
     let text = text.trim();

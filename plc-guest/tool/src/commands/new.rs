@@ -41,6 +41,7 @@ const RUST: &[File] = &[
     ("takt-sdk/src/call.rs", include_str!("../../../sdk/src/call.rs")),
     ("takt-sdk/src/declaration.rs", include_str!("../../../sdk/src/declaration.rs")),
     ("takt-sdk/src/job.rs", include_str!("../../../sdk/src/job.rs")),
+    ("takt-sdk/src/line.rs", include_str!("../../../sdk/src/line.rs")),
     ("takt-sdk/src/local.rs", include_str!("../../../sdk/src/local.rs")),
     ("takt-sdk/src/macros.rs", include_str!("../../../sdk/src/macros.rs")),
     ("takt-sdk/src/object.rs", include_str!("../../../sdk/src/object.rs")),

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use takt_program::signature;
 
-use super::{from_hex, hex, read, write};
+use super::{PRIVATE, hex, key, read, write};
 use crate::Failure;
 
 /// Arguments of `sign`.
@@ -19,9 +19,7 @@ pub struct Sign {
 
 impl Sign {
     pub fn run(self) -> Result<(), Failure> {
-        let text = String::from_utf8(read(&self.key)?).unwrap_or_default();
-        let wrong = || format!("{} has no private key: 64 hexadecimal digits", self.key.display());
-        let key = from_hex(&text).ok_or_else(|| Failure::input(wrong()))?;
+        let key = key(&self.key, PRIVATE)?;
         let mut bytes = read(&self.image)?;
         signature::sign(&mut bytes, &key)
             .map_err(|error| Failure::input(format!("{}: {error}", self.image.display())))?;

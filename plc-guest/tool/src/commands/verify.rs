@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::{from_hex, hex, image, read};
+use super::{PUBLIC, hex, image, key, read};
 use crate::{Failure, status};
 
 /// Arguments of `verify`.
@@ -22,10 +22,7 @@ impl Verify {
         let path = self.image.display();
         let mut accepted = Vec::new();
         for file in &self.keys {
-            let text = String::from_utf8(read(file)?).unwrap_or_default();
-            let key = from_hex(&text);
-            let wrong = || format!("{} has no public key: 64 hexadecimal digits", file.display());
-            accepted.push(key.ok_or_else(|| Failure::input(wrong()))?);
+            accepted.push(key(file, PUBLIC)?);
         }
         let not_signed = |message| Failure { status: status::NOT_AS_EXPECTED, message };
         match image.key() {

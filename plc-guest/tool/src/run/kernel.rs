@@ -36,10 +36,19 @@ struct Port {
 /// Messages that wait at a port. Of what the program writes the oldest are dropped then: most tests read none.
 const MESSAGES: usize = 1024;
 
+/// Longest wait of a call.
+const WAIT_MAX_NS: u64 = 3_600_000_000_000;
+
+/// Lines that a program may log at once, and the time after which it may log one more.
+const LINES: u64 = 32;
+const LINE_NS: u64 = 20_000_000;
+
 /// The objects of a program and its log.
 pub struct Kernel {
     objects: Vec<Object>,
     ports: Vec<Port>,
+    /// Lines that may be logged, and since when.
+    lines: (u64, u64),
     /// Lines logged in this job.
     pub log: Vec<String>,
 }
@@ -79,6 +88,7 @@ impl Kernel {
         Self {
             objects: image.objects().map(|found| object(found.kind)).collect(),
             ports: image.ports().map(port).collect(),
+            lines: (LINES, 0),
             log: Vec::new(),
         }
     }
@@ -97,7 +107,7 @@ impl Kernel {
             Some(Call::End) => return Outcome::End,
             Some(Call::Stop) => return Outcome::Stop(arguments[0]),
             Some(Call::Time) => Ok(caller.now.cast_signed()),
-            Some(Call::Log) => self.log(memory, arguments),
+            Some(Call::Log) => self.log(memory, caller, arguments),
             Some(Call::ChannelRead | Call::ChannelWrite) => self.channel(memory, call, arguments),
             Some(call) => self.object(memory, caller, call, arguments),
         };
@@ -115,12 +125,22 @@ impl Kernel {
         }
     }
 
-    fn log(&mut self, memory: &Memory, [at, bytes, ..]: [u64; 4]) -> Result<i64, Error> {
+    fn log(
+        &mut self,
+        memory: &Memory,
+        caller: &Caller,
+        [at, bytes, ..]: [u64; 4],
+    ) -> Result<i64, Error> {
         if bytes > limit::LOG_BYTES.into() {
             return Err(Error::TooLong);
         }
-        let text = memory.get(at, bytes).ok_or(Error::BadPointer)?;
-        self.log.push(String::from_utf8_lossy(&text).chars().filter(|c| !c.is_control()).collect());
+        let mut text = memory.get(at, bytes).ok_or(Error::BadPointer)?;
+        text.iter_mut().filter(|byte| byte.is_ascii_control()).for_each(|byte| *byte = b' ');
+        let (left, since) = self.lines;
+        let more = caller.now.saturating_sub(since) / LINE_NS;
+        let left = left.saturating_add(more).min(LINES).checked_sub(1).ok_or(Error::Full)?;
+        self.lines = (left, since + more * LINE_NS);
+        self.log.push(String::from_utf8(text).unwrap_or_else(|_| "(not UTF-8)".to_owned()));
         Ok(0)
     }
 
@@ -212,6 +232,8 @@ impl Kernel {
         call: Call,
         [id, a, b, c]: [u64; 4],
     ) -> Result<i64, Error> {
+        let of_caller = |object: &Object| matches!(object, Object::Semaphore { holder, .. } if *holder == Some(caller.task));
+        let holds = self.objects.iter().any(of_caller);
         let object = usize::try_from(id).ok().and_then(|id| self.objects.get_mut(id));
         match (call, object.ok_or(Error::BadId)?) {
             (Call::SemaphoreTake, Object::Semaphore { ceiling, holder }) => match holder {
@@ -238,20 +260,19 @@ impl Kernel {
                 messages.push_back(message);
                 Ok(0)
             }
-            (Call::QueueReceive, Object::Queue { messages, .. }) => {
-                let none = if c == 0 { Error::Empty } else { Error::TimedOut };
-                let message = messages.front().ok_or(none)?;
-                let length = deliver(memory, a, b, message)?;
-                messages.pop_front();
-                Ok(length)
+            (Call::QueueReceive, Object::Queue { bytes, messages, .. }) => {
+                let room = buffer(memory, a, b, *bytes)?;
+                let message = messages.pop_front().ok_or_else(|| waits(c, holds))?;
+                Ok(deliver(memory, room, &message))
             }
             (Call::MailboxWrite, Object::Mailbox { bytes, value, seen }) => {
                 *value = Some(message(memory, a, b, *bytes)?);
                 seen.clear();
                 Ok(0)
             }
-            (Call::MailboxRead, Object::Mailbox { value, seen, .. }) => {
-                let length = deliver(memory, a, b, value.as_ref().ok_or(Error::Empty)?)?;
+            (Call::MailboxRead, Object::Mailbox { bytes, value, seen }) => {
+                let room = buffer(memory, a, b, *bytes)?;
+                let length = deliver(memory, room, value.as_ref().ok_or(Error::Empty)?);
                 let fresh = !seen.contains(&caller.task);
                 if fresh {
                     seen.push(caller.task);
@@ -259,17 +280,23 @@ impl Kernel {
                 Ok(length | if fresh { FRESH } else { 0 })
             }
             (Call::FlagsSet, Object::Flags(flags)) => {
-                *flags |= a as u32;
+                *flags |= mask(a)?;
                 Ok(0)
             }
             (Call::FlagsClear, Object::Flags(flags)) => {
-                *flags &= !(a as u32);
+                *flags &= !mask(a)?;
                 Ok(0)
             }
             (Call::FlagsWait, Object::Flags(flags)) => {
-                let (mask, found) = (a as u32, *flags & a as u32);
-                let enough = if b == 1 { found == mask } else { found != 0 };
-                enough.then_some(found.into()).ok_or(Error::TimedOut)
+                let mask = mask(a)?;
+                let found = *flags & mask;
+                let enough = match b {
+                    _ if mask == 0 => return Err(Error::NotAllowed),
+                    0 => found != 0,
+                    1 => found == mask,
+                    _ => return Err(Error::NotAllowed),
+                };
+                enough.then_some(found.into()).ok_or_else(|| waits(c, holds))
             }
             _ => Err(Error::BadId),
         }
@@ -283,14 +310,29 @@ fn message(memory: &Memory, at: u64, bytes: u64, limit: u64) -> Result<Vec<u8>, 
     memory.get(at, bytes).ok_or(Error::BadPointer)
 }
 
-fn deliver(memory: &Memory, at: u64, room: u64, message: &[u8]) -> Result<i64, Error> {
-    let length = message.len() as u64;
-    if !memory.allows(at, room, true) {
-        return Err(Error::BadPointer);
-    }
-    if length > room {
+/// Where a buffer with room for the longest message is.
+fn buffer(memory: &Memory, at: u64, room: u64, longest: u64) -> Result<u64, Error> {
+    if room < longest {
         return Err(Error::TooLong);
     }
+    memory.allows(at, room, true).then_some(at).ok_or(Error::BadPointer)
+}
+
+fn deliver(memory: &Memory, at: u64, message: &[u8]) -> i64 {
     memory.put(at, message);
-    Ok(length.cast_signed())
+    (message.len() as u64).cast_signed()
+}
+
+fn mask(flags: u64) -> Result<u32, Error> {
+    u32::try_from(flags).map_err(|_| Error::NotAllowed)
+}
+
+/// What a wait ends with, which nothing ends earlier.
+fn waits(timeout: u64, holds_semaphore: bool) -> Error {
+    match timeout {
+        0 => Error::Empty,
+        1..=WAIT_MAX_NS if holds_semaphore => Error::Ceiling,
+        1..=WAIT_MAX_NS => Error::TimedOut,
+        _ => Error::NotAllowed,
+    }
 }

@@ -52,8 +52,15 @@ fn table(image: &Image<'_>, path: Option<&PathBuf>, cycles: u64) -> Result<Table
     };
     let text = String::from_utf8(read(path)?)
         .map_err(|_| Failure::input(format!("{} is not UTF-8", path.display())))?;
-    Table::parse(image, &text)
-        .map_err(|error| Failure::input(format!("{}, {error}", path.display())))
+    let table = Table::parse(image, &text)
+        .map_err(|error| Failure::input(format!("{}, {error}", path.display())))?;
+    if table.rows.is_empty() {
+        return Err(Failure::input(format!(
+            "{} has no row: nothing would be tested",
+            path.display()
+        )));
+    }
+    Ok(table)
 }
 
 fn set(table: &Table, row: &Row, machine: &Machine<'_>) {
