@@ -35,7 +35,7 @@ fn an_image_is_signed_by_a_key_and_no_other() {
     folder
         .takt_plc(&["sign", "p.plc", "--key", "p.plc"])
         .expect(2, "allowed: a file with `takt private key`");
-    // What is public signs nothing, and what is private is shown to nobody.
+    // A public key signs nothing, and a private one checks nothing.
     folder
         .takt_plc(&["sign", "p.plc", "--key", "b.pub"])
         .expect(2, "b.pub: found a takt public key");
