@@ -44,8 +44,8 @@ impl<T> Local<T> {
         let taken = free
             && self.user.compare_exchange(user, own, Ordering::Acquire, Ordering::Relaxed).is_ok();
         assert!(taken, "a Local is used by two tasks at a time, or twice by one");
-        // SAFETY: no other user has it, nor will until the reference is gone: whoever asks finds this job in `user`. A job
-        // that was abandoned does not run again, so it uses its reference no more.
+        // SAFETY: no other user has it, nor will until the reference is gone: each looks at `user` first, and finds this job.
+        // A job that was abandoned does not run again, so it uses its reference no more.
         let result = f(unsafe { &mut *self.value.get() });
         self.user.store(FREE, Ordering::Release);
         result
