@@ -58,10 +58,13 @@ fn writable_code_is_refused() {
 
 #[test]
 fn declarations_that_break_a_rule_are_refused() {
-    refused("TAKT_OUTPUT(REAL, level, 65533);", &["point `level`", "in no memory of the program"]);
+    refused(
+        "TAKT_OUTPUT(REAL, level, 65533);",
+        &["p.c:3: point `level`", "in no memory of the program"],
+    );
     refused(
         "static void b(const takt_job *j) { (void)j; } TAKT_CYCLIC(b, .priority = 3);",
-        &["task `b`, period: a cyclic task has a period"],
+        &["p.c:3: task `b`, period: a cyclic task has a period"],
     );
     refused(
         "static void b(const takt_job *j) { (void)j; } TAKT_EVENT(b, \"sun:rise\", .period = 1);",
@@ -69,7 +72,7 @@ fn declarations_that_break_a_rule_are_refused() {
     );
     refused(
         "TAKT_QUEUE(jobs, 5000, 1);",
-        &["object `jobs`, message bytes: found 5000, the limit is 4096"],
+        &["p.c:3: object `jobs`, message bytes: found 5000, the limit is 4096"],
     );
 }
 
@@ -180,7 +183,7 @@ fn two_tasks_write_no_bit_in_common() {
     for outputs in common {
         refused(
             &format!("{outputs}{tasks}"),
-            &["output `one`, which task `run`", "`two`", "a bit in common"],
+            &["p.c:3: output `one`, which task `run`", "`two`", "a bit in common"],
         );
     }
     for outputs in [

@@ -43,7 +43,7 @@ pub fn builder(program: &Program) -> Result<(Builder, Names), LinkError> {
     maker.check_writers()?;
     let (mut builder, mut names) = (maker.builder, maker.names);
     // As the image has them.
-    names.points.sort_by_key(|name| name.to_ascii_lowercase());
+    names.points.sort_by_key(|point| point.name.to_ascii_lowercase());
     for at in program.user_traps.iter().filter_map(|&address| code_offset(program, address)) {
         builder.trap(Trap { at, kind: TrapKind::User, place: None });
     }
@@ -127,7 +127,7 @@ impl Maker<'_> {
         let told = self.writers.iter_mut().find(|writer| writer.point == declared.name);
         if let Some(writer) = told {
             writer.found = true;
-            let index = self.names.tasks.iter().position(|task| *task == writer.task);
+            let index = self.names.tasks.iter().position(|task| task.name == writer.task);
             let unknown = || format!("there is no task `{}` to write it", writer.task);
             let index = index.ok_or_else(|| declared.error("point", unknown()))?;
             return Ok(Some(TaskId(index as u16)));
@@ -153,7 +153,7 @@ impl Maker<'_> {
                 let incoming = declared.kind == kind::PORT_IN;
                 let direction = if incoming { Direction::In } else { Direction::Out };
                 let name = declared.name.clone();
-                self.names.ports.push(name.clone());
+                self.names.ports.push(declared.into());
                 let id = self.builder.port(Port { name, direction, message_bytes: bytes(a)? });
                 return self.number(declared, id);
             }
@@ -167,7 +167,7 @@ impl Maker<'_> {
                 return Err(declared.error("declaration", format!("there is no kind {other}")));
             }
         };
-        self.names.objects.push(declared.name.clone());
+        self.names.objects.push(declared.into());
         let id = self.builder.object(Object { name: declared.name.clone(), kind: object });
         self.number(declared, id)
     }
@@ -182,7 +182,7 @@ impl Maker<'_> {
             kind::EVENT => When::Event { source: source(declared)?, minimum: Nanoseconds(period) },
             _ => When::Freewheeling,
         };
-        self.names.tasks.push(declared.name.clone());
+        self.names.tasks.push(declared.into());
         self.builder.task(Task {
             name: declared.name.clone(),
             when,
@@ -223,7 +223,7 @@ impl Maker<'_> {
             let count = if bit == 0 { bytes as u32 * 8 } else { 1 };
             self.write(declared, first..first + count, task)?;
         }
-        self.names.points.push(declared.name.clone());
+        self.names.points.push(declared.into());
         let variable = Variable::new(&declared.name, ty, area, offset).with(flags);
         self.builder.variable(Variable { bit: bit.checked_sub(1), writer, ..variable });
         let end = offset + bytes as u32;
@@ -248,12 +248,13 @@ impl Maker<'_> {
             other.task != task && other.bits.start < bits.end && bits.start < other.bits.end
         };
         if let Some(other) = self.written.iter().find(common) {
-            let name = |task: TaskId| self.names.tasks[usize::from(task.0)].clone();
-            return Err(LinkError::Shared {
+            let name = |task: TaskId| self.names.tasks[usize::from(task.0)].name.clone();
+            let shared = LinkError::Shared {
                 first: other.name.clone(),
                 second: declared.name.clone(),
                 tasks: (name(other.task), name(task)),
-            });
+            };
+            return Err(shared.at(declared.place.as_ref()));
         }
         self.written.push(Written { name: declared.name.clone(), bits, task });
         Ok(())

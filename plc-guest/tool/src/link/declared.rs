@@ -2,8 +2,8 @@
 
 use takt_sdk::declaration::{self, Declaration};
 
-use super::LinkError;
 use super::elf::Program;
+use super::{LinkError, places};
 
 const RECORD: usize = size_of::<Declaration>();
 
@@ -14,12 +14,14 @@ pub struct Declared {
     pub text: String,
     pub address: u64,
     pub numbers: [u64; 8],
+    /// File and line, if they are known.
+    pub place: Option<String>,
 }
 
 impl Declared {
     /// An error about it.
     pub fn error(&self, what: &'static str, why: String) -> LinkError {
-        LinkError::Declared { what, name: self.name.clone(), why }
+        LinkError::Declared { what, name: self.name.clone(), why }.at(self.place.as_ref())
     }
 
     /// One of its numbers as a narrower type.
@@ -37,7 +39,16 @@ impl Declared {
 /// All records.
 pub fn read(program: &Program) -> Result<Vec<Declared>, LinkError> {
     let records = program.declarations.chunks(RECORD).enumerate();
-    records.map(|(index, bytes)| one(program, index, bytes)).collect()
+    let mut declared = records
+        .map(|(index, bytes)| one(program, index, bytes))
+        .collect::<Result<Vec<_>, LinkError>>()?;
+    let first = program.declared_at;
+    let here = std::env::current_dir().unwrap_or_default();
+    let places = places::of(program, first..first + program.declarations.len() as u64, &here);
+    for (declared, at) in declared.iter_mut().zip((first..).step_by(RECORD)) {
+        declared.place = places.get(&at).cloned();
+    }
+    Ok(declared)
 }
 
 fn one(program: &Program, index: usize, bytes: &[u8]) -> Result<Declared, LinkError> {
@@ -65,6 +76,7 @@ fn one(program: &Program, index: usize, bytes: &[u8]) -> Result<Declared, LinkEr
         name: string(word(8), word(16), "name")?,
         address: word(24),
         text: string(word(32), word(40), "text")?,
+        place: None,
         numbers: std::array::from_fn(|number| word(48 + 8 * number)),
     })
 }

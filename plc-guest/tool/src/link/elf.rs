@@ -22,6 +22,8 @@ pub struct Program {
     pub state_bytes: u64,
     /// The records of the section `takt_declare`.
     pub declarations: Vec<u8>,
+    /// Where the first of them lies.
+    pub declared_at: u64,
     /// Where a fault is the program's own decision.
     pub user_traps: Vec<u64>,
     /// The sections with debug information, by name.
@@ -82,6 +84,9 @@ pub fn read(file: &[u8]) -> Result<Program, LinkError> {
         state: section(".data")?,
         state_bytes: state_end - address::STATE,
         declarations: section(takt_sdk::declaration::SECTION)?,
+        declared_at: elf
+            .section_by_name(takt_sdk::declaration::SECTION)
+            .map_or(0, |section| section.address()),
         user_traps: traps.map(|symbol| symbol.address()).collect(),
         debug,
     })

@@ -64,7 +64,7 @@ fn caller<'a>(context: &'a Context<'a>, at: u64) -> Option<(&'a str, u32)> {
 }
 
 /// Whether a file is of the SDK, of Rust's libraries, or of a crate that was fetched. A line there tells an author nothing.
-fn of_library(file: &str) -> bool {
+pub fn of_library(file: &str) -> bool {
     const FOLDERS: [&str; 5] =
         ["/rustc/", "/lib/rustlib/", "/.cargo/registry/", "takt-sdk/", "takt-blocks/"];
     const HEADERS: [&str; 2] = ["takt.h", "blocks.h"];

@@ -14,6 +14,7 @@ mod lines;
 mod linker;
 mod names;
 mod objects;
+mod places;
 mod undefined;
 
 use std::path::{Path, PathBuf};
@@ -63,6 +64,9 @@ pub enum LinkError {
     Thin { path: PathBuf },
     #[error("output `{first}`, which task `{}` writes, and output `{second}`, which task `{}` writes, have a bit in common", .tasks.0, .tasks.1)]
     Shared { first: String, second: String, tasks: (String, String) },
+    /// An error about what is declared there.
+    #[error("{place}: {error}")]
+    At { place: String, error: Box<LinkError> },
     #[error("{what}, {field}: {defect}")]
     Rule { what: String, field: &'static str, defect: takt_program::Defect },
     #[error("the linked program cannot be read: {0}")]
@@ -112,6 +116,16 @@ pub enum LinkError {
     Declared { what: &'static str, name: String, why: String },
     #[error("the program breaks a rule of images: {0}")]
     Image(#[from] ImageError),
+}
+
+impl LinkError {
+    /// The same error, with the place that it is about.
+    fn at(self, place: Option<&String>) -> Self {
+        match place {
+            None => self,
+            Some(place) => Self::At { place: place.clone(), error: Box::new(self) },
+        }
+    }
 }
 
 /// Links these files and gives the image.

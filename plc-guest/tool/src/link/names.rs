@@ -3,14 +3,27 @@
 use takt_program::ImageError;
 
 use super::LinkError;
+use super::declared::Declared;
 
 /// The names of what is declared, in the order of the image's tables.
 #[derive(Default)]
 pub struct Names {
-    pub tasks: Vec<String>,
-    pub objects: Vec<String>,
-    pub ports: Vec<String>,
-    pub points: Vec<String>,
+    pub tasks: Vec<Named>,
+    pub objects: Vec<Named>,
+    pub ports: Vec<Named>,
+    pub points: Vec<Named>,
+}
+
+/// A name, and file and line of the declaration.
+pub struct Named {
+    pub name: String,
+    place: Option<String>,
+}
+
+impl From<&Declared> for Named {
+    fn from(declared: &Declared) -> Self {
+        Self { name: declared.name.clone(), place: declared.place.clone() }
+    }
 }
 
 impl Names {
@@ -26,11 +39,11 @@ impl Names {
         };
         match names.get(error.index as usize) {
             None => error.into(),
-            Some(name) => LinkError::Rule {
-                what: format!("{what} `{name}`"),
-                field: error.field,
-                defect: error.defect,
-            },
+            Some(Named { name, place }) => {
+                let what = format!("{what} `{name}`");
+                LinkError::Rule { what, field: error.field, defect: error.defect }
+                    .at(place.as_ref())
+            }
         }
     }
 }
