@@ -145,10 +145,53 @@ TAKT_CYCLIC(control, .period = TAKT_MS(10));
     );
     folder.write("roots/tests/tank.csv", "x,whole\n1.5,1.5\n");
     folder.run("make", &["-C", "roots", "test"]).expect(0, "1 cycles");
-    folder.write("roots/tank.c", &source.replace("floor(x)", "sin(x)"));
-    folder
-        .run("make", &["-C", "roots"])
-        .expect(2, "sin (tank.c:16). There is no mathematical library");
+    folder.write(
+        "roots/tank.c",
+        &source
+            .replace("floor(x)", "nowhere(x)")
+            .replace("static void", "double nowhere(double v);\nstatic void"),
+    );
+    folder.run("make", &["-C", "roots"]).expect(2, "nowhere (tank.c:17)");
+}
+
+#[test]
+fn the_other_functions_of_math_h_are_linked_where_they_are_used() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "waves", "--lang", "c"]).expect(0, "");
+    let source = r#"#include "takt.h"
+#include <math.h>
+TAKT_PROGRAM("waves", 0, 1, 0, 0);
+TAKT_INPUT(LREAL, x, 0);
+TAKT_OUTPUT(LREAL, sine, 0);
+TAKT_OUTPUT(LREAL, power, 8);
+TAKT_OUTPUT(LREAL, grown, 16);
+TAKT_OUTPUT(LREAL, logarithm, 24);
+TAKT_OUTPUT(LREAL, angle, 32);
+TAKT_OUTPUT(REAL, small, 40);
+static void control(const takt_job *job) {
+    (void)job;
+    sine = sin(x);
+    power = pow(x, 1.5);
+    grown = exp(x);
+    logarithm = log(x);
+    angle = atan2(x, 2.0);
+    small = cosf((float)x) + sqrtf(4.0f);
+}
+TAKT_CYCLIC(control, .period = TAKT_MS(10));
+"#;
+    folder.write("waves/tank.c", source);
+    let table = "x,sine,power,grown,logarithm,angle,small\n\
+                 1,0.8414709848078965,1,2.718281828459045,0,0.4636476090008061,2.5403023\n\
+                 1e6,-0.3499935021712930,1e9,,13.815510557964274,1.5707943267948966,\n\
+                 2,0.9092974268256817,2.8284271247461903,7.38905609893065,0.6931471805599453,0.7853981633974483,1.5838532\n";
+    folder.write("waves/tests/tank.csv", table);
+    folder.run("make", &["-C", "waves", "test"]).expect(0, "3 cycles");
+    // The program's own function goes before; only what is used is linked.
+    let own = source
+        .replace("#include <math.h>", "#include <math.h>\ndouble sin(double v) { return v; }");
+    folder.write("waves/tank.c", &own);
+    folder.write("waves/tests/tank.csv", "x,sine,angle\n2,2,0.7853981633974483\n");
+    folder.run("make", &["-C", "waves", "test"]).expect(0, "1 cycles");
 }
 
 #[test]

@@ -11,6 +11,9 @@ use super::{LinkError, read, undefined};
 
 const SCRIPT: &str = include_str!("program.ld");
 
+/// Functions of `math.h` that no compiler makes an instruction of.
+const MATH: &[u8] = include_bytes!(env!("TAKT_MATH"));
+
 const FLAGS: &[&str] = &[
     "-static",
     "--entry=0",
@@ -44,16 +47,34 @@ pub fn link(inputs: &[PathBuf]) -> Result<Vec<u8>, LinkError> {
         }
     }
     let inputs = inputs.iter().map(|input| as_file(input));
-    command.arg("--start-group").args(inputs).arg("--end-group");
-    let run = |source| LinkError::Run { linker: linker.clone(), source };
-    let result = command.env("LC_ALL", "C").output().map_err(run)?;
-    if result.status.success() {
-        let linked = read(&output)?;
-        weak.check(&linked)?;
-        return Ok(linked);
+    command.env("LC_ALL", "C").arg("--start-group").args(inputs).arg("--end-group");
+    let mut said = run(&mut command)?;
+    // Of what the files define, too, theirs is taken. They may not define it twice themselves.
+    let twice =
+        |said: &str| said.contains("multiple definition") || said.contains("duplicate symbol");
+    if said.as_ref().is_some_and(|said| undefined::of_math(said) && !twice(said)) {
+        let object = folder.path().join("math.o");
+        std::fs::write(&object, MATH).map_err(LinkError::Temporary)?;
+        said = run(command.arg("--allow-multiple-definition").arg(&object))?;
     }
-    let text = String::from_utf8_lossy(&result.stderr).into_owned();
-    Err(undefined::error(&text).unwrap_or(LinkError::Linker { linker, output: text }))
+    match said {
+        None => {
+            let linked = read(&output)?;
+            weak.check(&linked)?;
+            Ok(linked)
+        }
+        Some(text) => {
+            Err(undefined::error(&text).unwrap_or(LinkError::Linker { linker, output: text }))
+        }
+    }
+}
+
+/// Runs the linker, and gives what it says if it fails.
+fn run(command: &mut Command) -> Result<Option<String>, LinkError> {
+    let linker = PathBuf::from(command.get_program());
+    let result = command.output().map_err(|source| LinkError::Run { linker, source })?;
+    let text = || String::from_utf8_lossy(&result.stderr).into_owned();
+    Ok((!result.status.success()).then(text))
 }
 
 /// A path that a linker takes for a file: not for an option (`-x.o`), and not for a file with options (`@x.o`).
