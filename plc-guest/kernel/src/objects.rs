@@ -19,6 +19,7 @@ use crate::task::{ProgramId, State, TaskId, Wait, Wake};
 use crate::time::{Instant, Span};
 use core::ops::Range;
 use takt_program::call::Error;
+use takt_program::limit;
 
 /// Place of an object in the scheduler.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -32,7 +33,7 @@ impl ObjectId {
 
 /// Longest wait of a call: an hour. A longer one is refused, so that a wait without end cannot be
 /// written by mistake.
-pub const WAIT_MAX: Span = Span(3_600_000_000_000);
+pub const WAIT_MAX: Span = Span(limit::WAIT_NS);
 
 /// A kernel object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

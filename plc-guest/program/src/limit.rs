@@ -38,3 +38,9 @@ pub const QUEUE_DEPTH: u32 = 1024;
 pub const PERIOD_NS: u64 = 3_600_000_000_000;
 /// Longest line that a program may log at once, in bytes.
 pub const LOG_BYTES: u32 = 120;
+/// Lines that a program may log one after the other.
+pub const LOG_LINES: u32 = 32;
+/// Time after which a program may log one line more, in nanoseconds.
+pub const LOG_STEP_NS: u64 = 20_000_000;
+/// Longest wait of a call: one hour, in nanoseconds.
+pub const WAIT_NS: u64 = 3_600_000_000_000;

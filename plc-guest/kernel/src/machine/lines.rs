@@ -4,11 +4,12 @@
 //! its neighbours. Each program has some lines in stock, and gets one more in each step of time.
 
 use takt_kernel::time::{Instant, Span};
+use takt_program::limit;
 
 /// Lines at once.
-const STOCK: u32 = 32;
+const STOCK: u32 = limit::LOG_LINES;
 /// One more after this time.
-const STEP: Span = Span(20_000_000);
+const STEP: Span = Span(limit::LOG_STEP_NS);
 
 /// The lines that a program may log.
 #[derive(Clone, Copy, Debug)]

@@ -43,7 +43,14 @@ struct Properties {
 
 impl<'a> Checker<'a> {
     pub(super) fn configurations(&mut self) {
-        let Some(configuration) = self.configurations.first().copied() else { return };
+        // There may be one only. What is wrong in another one is told too.
+        for (place, configuration) in self.configurations.clone().into_iter().enumerate() {
+            self.configuration(configuration, place == 0);
+        }
+    }
+
+    fn configuration(&mut self, configuration: &'a ast::Configuration, first: bool) {
+        let before = self.program.tasks.len();
         if let [_, second, ..] = &configuration.resources[..] {
             let one =
                 Diagnostic::new(Code::NotSupported, second.span.before(), "a second RESOURCE");
@@ -64,10 +71,13 @@ impl<'a> Checker<'a> {
             self.resource(resource, &mut placements);
             self.warn_of_shared_outputs(resource);
         }
-        self.refuse_unplaced(&placements);
-        if self.program.tasks.len() > TASKS {
+        if first {
+            self.refuse_unplaced(&placements);
+        }
+        let tasks = self.program.tasks.len() - before;
+        if tasks > TASKS {
             let span = configuration.name.span;
-            let found = format!("{} tasks", self.program.tasks.len());
+            let found = format!("{tasks} tasks");
             let one = Diagnostic::new(Code::InvalidTask, span, found);
             self.tell(one.allowed(format!("at most {TASKS}")));
         }
@@ -103,11 +113,11 @@ impl<'a> Checker<'a> {
         let mut by_task: HashMap<&str, Vec<Instance<'a>>> = HashMap::new();
         let mut free = Vec::new();
         for program in &resource.programs {
-            let Some(instance) = self.instance(program) else { continue };
+            let instance = self.instance(program);
             match &program.task {
-                None => free.push(instance),
+                None => free.extend(instance),
                 Some(task) if resource.tasks.iter().any(|known| known.name.key == task.key) => {
-                    by_task.entry(&task.key).or_default().push(instance);
+                    by_task.entry(&task.key).or_default().extend(instance);
                 }
                 Some(task) => {
                     let found = format!("there is no task `{}`", task.text);

@@ -36,19 +36,12 @@ struct Port {
 /// Messages that wait at a port. Of what the program writes the oldest are dropped then: most tests read none.
 const MESSAGES: usize = 1024;
 
-/// Longest wait of a call.
-const WAIT_MAX_NS: u64 = 3_600_000_000_000;
-
-/// Lines that a program may log at once, and the time after which it may log one more.
-const LINES: u64 = 32;
-const LINE_NS: u64 = 20_000_000;
-
 /// The objects of a program and its log.
 pub struct Kernel {
     objects: Vec<Object>,
     ports: Vec<Port>,
     /// Lines that may be logged, and since when.
-    lines: (u64, u64),
+    lines: (u32, u64),
     /// Lines logged in this job.
     pub log: Vec<String>,
 }
@@ -88,7 +81,7 @@ impl Kernel {
         Self {
             objects: image.objects().map(|found| object(found.kind)).collect(),
             ports: image.ports().map(port).collect(),
-            lines: (LINES, 0),
+            lines: (limit::LOG_LINES, 0),
             log: Vec::new(),
         }
     }
@@ -137,9 +130,10 @@ impl Kernel {
         let mut text = memory.get(at, bytes).ok_or(Error::BadPointer)?;
         text.iter_mut().filter(|byte| byte.is_ascii_control()).for_each(|byte| *byte = b' ');
         let (left, since) = self.lines;
-        let more = caller.now.saturating_sub(since) / LINE_NS;
-        let left = left.saturating_add(more).min(LINES).checked_sub(1).ok_or(Error::Full)?;
-        self.lines = (left, since + more * LINE_NS);
+        let more = caller.now.saturating_sub(since) / limit::LOG_STEP_NS;
+        let left = left.saturating_add(u32::try_from(more).unwrap_or(u32::MAX));
+        let left = left.min(limit::LOG_LINES).checked_sub(1).ok_or(Error::Full)?;
+        self.lines = (left, since + more * limit::LOG_STEP_NS);
         self.log.push(String::from_utf8(text).unwrap_or_else(|_| "(not UTF-8)".to_owned()));
         Ok(0)
     }
@@ -331,8 +325,8 @@ fn mask(flags: u64) -> Result<u32, Error> {
 fn waits(timeout: u64, holds_semaphore: bool) -> Error {
     match timeout {
         0 => Error::Empty,
-        1..=WAIT_MAX_NS if holds_semaphore => Error::Ceiling,
-        1..=WAIT_MAX_NS => Error::TimedOut,
+        1..=limit::WAIT_NS if holds_semaphore => Error::Ceiling,
+        1..=limit::WAIT_NS => Error::TimedOut,
         _ => Error::NotAllowed,
     }
 }
