@@ -81,7 +81,7 @@ pub(super) fn connect(socket: &Path) -> UnixStream {
 }
 
 /// What one of the user's programs prints.
-fn client(program: &str, arguments: &[&str]) -> String {
+pub(super) fn client(program: &str, arguments: &[&str]) -> String {
     typing_client(program, arguments, b"")
 }
 

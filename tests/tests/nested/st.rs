@@ -1,5 +1,9 @@
 //! Structured Text in a PLC of the lab, from the source to the report.
 
+mod speed;
+
+use std::path::Path;
+
 use takt_st::source::Sources;
 use takt_st::{build, project, stack};
 use takt_tests::{File, long, plc_image, root, save_bytes};
@@ -18,8 +22,16 @@ pub(super) fn image(name: &str, file: &str, text: &str) -> Vec<u8> {
 
 /// The lines of a PLC with the kernel and these programs.
 fn programs(test: &str, programs: &[(&str, &str, &str)]) -> String {
-    let tables = programs.iter().map(|(name, file, text)| {
-        let image = save_bytes(&format!("{test}-{name}.plc"), &image(name, file, text));
+    let images = programs.iter().map(|(name, file, text)| {
+        (*name, save_bytes(&format!("{test}-{name}.plc"), &image(name, file, text)))
+    });
+    let images: Vec<_> = images.collect();
+    programs_of(images.iter().map(|(name, image)| (*name, image.as_path())))
+}
+
+/// The same of programs whose images are in files.
+fn programs_of<'a>(images: impl Iterator<Item = (&'a str, &'a Path)>) -> String {
+    let tables = images.map(|(name, image)| {
         format!("[[partition.program]]\nimage = {image:?}\nname = {name:?}\n")
     });
     let tables: String = tables.collect();
