@@ -5,11 +5,11 @@ use std::io::Read;
 
 use lsp_types::{Location, Position, Range, Uri};
 use takt_st::diagnostic::Diagnostic;
-use takt_st::limits;
+use takt_st::hir::Program;
 use takt_st::manifest::Mistakes;
-use takt_st::project;
 use takt_st::query::Index;
 use takt_st::source::{FileId, Sources, Span};
+use takt_st::{build, limits, project, stack};
 
 use crate::documents::Documents;
 use crate::position::Lines;
@@ -18,6 +18,9 @@ use crate::workspace::{Project, Texts, Workspace};
 
 /// The bytes of all texts of a project that are read.
 const PROJECT_BYTES: usize = 64 << 20;
+
+/// The bytes of all texts up to which a project is compiled too after each change: a tenth of a second.
+const COMPILED_BYTES: usize = 256 << 10;
 
 /// One text of the project.
 #[derive(Debug)]
@@ -97,7 +100,10 @@ impl Analysis {
         let checked = project::check_all("check", &mut sources)?;
         let index = Index::new(&sources, files.len())?;
         let mistakes = mistakes.zip(project.file()).map(|(mistakes, uri)| (uri, mistakes));
-        let diagnostics = checked.diagnostics;
+        let mut diagnostics = checked.diagnostics;
+        if let Some(program) = checked.program.filter(|_| PROJECT_BYTES - room <= COMPILED_BYTES) {
+            diagnostics.extend(beyond_check(&program, &sources)?);
+        }
         Ok(Self { sources, files, index, diagnostics, left_out, problem, mistakes })
     }
 
@@ -127,6 +133,12 @@ impl Analysis {
         let file = self.file_of(span)?;
         Some(Location { uri: file.uri.clone(), range: self.range(file, span) })
     }
+}
+
+/// What only compiling finds, such as a stack that is too large.
+fn beyond_check(program: &Program, sources: &Sources) -> std::io::Result<Option<Diagnostic>> {
+    let built = stack::with_room(|| build::try_build(program))?;
+    Ok(built.err().map(|error| error.diagnostic(program, sources)))
 }
 
 /// The bytes of a file that is not open.

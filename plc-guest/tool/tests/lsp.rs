@@ -344,6 +344,33 @@ fn a_project_file_says_what_belongs_together() {
 }
 
 #[test]
+fn what_only_compiling_finds_is_shown_too() {
+    let mut client = Client::start(Folder::new());
+    client.initialize();
+    let large = "FUNCTION Large : INT\n\
+                 VAR a : ARRAY[1..800000] OF INT; i : INT; END_VAR\n\
+                 a[i + 1] := i; Large := a[i + 2];\nEND_FUNCTION\n\
+                 PROGRAM Main\nVAR x AT %QW0 : INT; END_VAR\nx := Large();\nEND_PROGRAM\n\
+                 CONFIGURATION c\nTASK t (INTERVAL := T#1ms, PRIORITY := 1);\n\
+                 PROGRAM p WITH t : Main;\nEND_CONFIGURATION\n";
+    client.open("main.st", large);
+    let found = client.diagnostics("main.st");
+    assert!(found.contains(&("stack-too-large".to_owned(), 9, 5)), "{found:?}");
+    client.tell(
+        "textDocument/didChange",
+        json!({
+            "textDocument": { "uri": client.uri("main.st"), "version": 2 },
+            "contentChanges": [{ "text": large.replace("800000", "8") }],
+        }),
+    );
+    let found = client.diagnostics("main.st");
+    assert!(!found.iter().any(|(code, ..)| code == "stack-too-large"), "{found:?}");
+    assert_eq!(client.ask("shutdown", Value::Null), Value::Null);
+    client.tell("exit", Value::Null);
+    assert_eq!(client.end(), 0);
+}
+
+#[test]
 fn a_session_without_shutdown_ends_with_an_error() {
     let mut client = Client::start(Folder::new());
     client.initialize();
