@@ -9,7 +9,7 @@ use super::{Checker, Entry, Input};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::Elementary;
 use crate::source::Span;
-use crate::syntax::ast::{self, Declaration, Name, TypeKind, UnitKind};
+use crate::syntax::ast::{self, Declaration, Name, UnitKind};
 
 /// The names at the top: those of the project, and behind them those of the library.
 ///
@@ -58,13 +58,9 @@ impl<'a> Checker<'a> {
                 match declaration {
                     Declaration::Type(declaration) => {
                         let entry = Entry::Type(self.types.len());
-                        let known = self.declare_top(&declaration.name, entry, file.library);
-                        // What is wrong in a second one is told too. The values of an enumeration have to
-                        // be of one type.
-                        let values = matches!(declaration.spec.kind, TypeKind::Enumeration { .. });
-                        if known || !values {
-                            self.types.push(TypeEntry::new(declaration, file.library));
-                        }
+                        // What is wrong in a second one is told too.
+                        self.declare_top(&declaration.name, entry, file.library);
+                        self.types.push(TypeEntry::new(declaration, file.library));
                     }
                     Declaration::Unit(unit) => self.collect_unit(unit, file.library),
                     Declaration::Globals(section) => self.collect_globals(section, file.library),
@@ -148,6 +144,14 @@ impl<'a> Checker<'a> {
         };
         self.duplicate(name, other);
         false
+    }
+
+    /// Whether the name of this declaration of a type means another declaration.
+    pub(super) fn is_declared_twice(&self, name: &Name) -> bool {
+        match self.names.get(&name.key) {
+            Some(Entry::Type(index)) => self.types[*index].ast.name.span != name.span,
+            _ => true,
+        }
     }
 
     pub(super) fn duplicate(&mut self, name: &Name, other: Span) {

@@ -39,7 +39,8 @@ impl<'a> Body<'_, 'a> {
             }
             TypeKind::Enumeration { base, values } => {
                 let shown = shown.to_owned();
-                self.enumeration(base.as_ref(), values, &shown)
+                let twice = name.is_some_and(|name| self.checker.is_declared_twice(name));
+                self.enumeration(base.as_ref(), values, &shown, twice)
             }
             TypeKind::Structure { .. } => {
                 self.checker.tell(
@@ -181,6 +182,7 @@ impl<'a> Body<'_, 'a> {
         base: Option<&'a Name>,
         values: &'a [ast::EnumerationValue],
         shown: &str,
+        twice: bool,
     ) -> Option<Resolved> {
         let base = match base {
             Some(base) => self.integer_base(base, "an enumeration", true)?,
@@ -212,7 +214,8 @@ impl<'a> Body<'_, 'a> {
             next += 1;
         }
         let ty = self.checker.program.types.enumeration(shown, base, list.clone());
-        for (name, value) in list {
+        // Values of a second type of the same name would be ambiguous with those of the first.
+        for (name, value) in list.into_iter().filter(|_| !twice) {
             let key = name.to_ascii_uppercase();
             self.checker.enumeration_values.entry(key).or_default().push((ty, value));
         }

@@ -91,7 +91,9 @@ impl<'a> Checker<'a> {
         // Before its own initial value, which may name values of an enumeration.
         self.types[index].progress = Progress::Done;
         if let Some(resolved) = resolved {
-            let initial = match &ast.initial {
+            // That of a second type of the same name would mean values of the first.
+            let initial = ast.initial.as_ref().filter(|_| !self.is_declared_twice(&ast.name));
+            let initial = match initial {
                 Some(initial) => {
                     let mut constants = Body::of_constants(self);
                     constants.initial(initial, resolved.ty).unwrap_or(Constant::Default)
