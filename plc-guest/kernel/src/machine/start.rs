@@ -71,10 +71,11 @@ impl Kernel {
                 port::exit(CANNOT_START);
             }
         }
+        let images = || self.programs.iter().flatten().map(|program| &program.image);
         print(format_args!(
             "Takt PLC kernel: {count} programs, {} tasks, {} objects",
-            self.scheduler.ids().count(),
-            self.programs.iter().flatten().map(|p| p.image.objects().len()).sum::<usize>()
+            images().map(|image| image.tasks().len()).sum::<usize>(),
+            images().map(|image| image.objects().len()).sum::<usize>()
         ));
         port::write(takt_abi::port::TICK, TICK_VECTOR.into());
         self.run()
