@@ -98,6 +98,13 @@ impl Schedules {
         Ok(this)
     }
 
+    /// The same schedules, with CPUs that background partitions have beyond those of their placements, each of them
+    /// once. They change no window, so nothing is to be checked anew.
+    #[must_use]
+    pub fn with_further(self, further: &[(PartitionId, Cpu)]) -> Schedules {
+        Schedules { tables: self.tables.into_iter().map(|t| t.with_further(further)).collect() }
+    }
+
     fn check_everyone_runs(&self) -> Result<(), SchedulesError> {
         let runs = |partition: PartitionId| {
             self.placements()[partition.0].role == Role::Background
@@ -176,10 +183,7 @@ impl Schedules {
     /// The CPUs that the partitions use, in order, each once.
     #[must_use]
     pub fn cpus(&self) -> Vec<Cpu> {
-        let mut cpus: Vec<Cpu> = self.placements().iter().map(|p| p.cpu).collect();
-        cpus.sort();
-        cpus.dedup();
-        cpus
+        self.tables[0].cpus()
     }
 
     /// When a partition runs; `None` for a background partition, which has no releases.

@@ -64,7 +64,8 @@ pub enum Role {
 /// Where and how one partition runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Placement {
-    /// The CPU that its vCPU thread is pinned to.
+    /// The CPU that its vCPU thread is pinned to. A background partition may have
+    /// [further ones](Table::processors_of).
     pub cpu: Cpu,
     /// Windows or background.
     pub role: Role,
@@ -194,6 +195,8 @@ pub enum TableError {
 pub struct Table {
     frame: Nanos,
     placements: Box<[Placement]>,
+    /// CPUs of background partitions beyond those of their placements.
+    further: Box<[(PartitionId, Cpu)]>,
     /// By CPU, then by offset.
     windows: Box<[Window]>,
 }
@@ -231,8 +234,14 @@ impl Table {
         Ok(Table {
             frame,
             placements: placements.into(),
+            further: Box::default(),
             windows: expanded.into_iter().map(|(_, w)| w).collect(),
         })
+    }
+
+    /// The same table, with further CPUs of background partitions, each of them once.
+    pub(crate) fn with_further(self, further: &[(PartitionId, Cpu)]) -> Table {
+        Table { further: further.into(), ..self }
     }
 
     /// Length of the major frame.
@@ -255,17 +264,25 @@ impl Table {
     /// The CPUs that the schedule uses, in order, each once.
     #[must_use]
     pub fn cpus(&self) -> Vec<Cpu> {
-        let mut cpus: Vec<Cpu> = self.placements.iter().map(|p| p.cpu).collect();
+        let first = self.placements.iter().map(|p| p.cpu);
+        let mut cpus: Vec<Cpu> = first.chain(self.further.iter().map(|(_, cpu)| *cpu)).collect();
         cpus.sort();
         cpus.dedup();
         cpus
     }
 
+    /// The CPUs of a partition, one for each of its processors; that of its placement first.
+    pub fn processors_of(&self, partition: PartitionId) -> impl Iterator<Item = Cpu> {
+        let further = self.further.iter().filter(move |(owner, _)| *owner == partition);
+        let first = self.placements.get(partition.0).map(|p| p.cpu);
+        first.into_iter().chain(further.map(|(_, cpu)| *cpu))
+    }
+
     /// The background partitions of a CPU, which share what its windows leave.
     pub fn backgrounds_of(&self, cpu: Cpu) -> impl Iterator<Item = PartitionId> {
-        let role = move |p: &Placement| p.cpu == cpu && p.role == Role::Background;
-        let all = self.placements.iter().enumerate();
-        all.filter(move |(_, p)| role(p)).map(|(i, _)| PartitionId(i))
+        let all = self.placements.iter().enumerate().map(|(i, p)| (PartitionId(i), p.role));
+        let here = move |id| self.processors_of(id).any(|own| own == cpu);
+        all.filter(move |(id, role)| *role == Role::Background && here(*id)).map(|(id, _)| id)
     }
 
     /// The windows of a partition, in order of time.
@@ -273,9 +290,18 @@ impl Table {
         self.windows.iter().filter(move |w| w.partition == partition)
     }
 
+    /// Time per frame that the windows of a CPU, their guards and the cost of ending them ([`WINDOW_COST`])
+    /// leave.
+    #[must_use]
+    pub fn left_on(&self, cpu: Cpu) -> Nanos {
+        let claimed = self.windows_on(cpu).fold(Nanos::ZERO, |sum, w| {
+            sum.plus(w.duration).plus(guard_of(&self.placements, w)).plus(WINDOW_COST)
+        });
+        self.frame.less(claimed)
+    }
+
     /// Time per frame that is a partition's own, whatever the others do: its windows, or for a
-    /// background partition what the windows of its CPU, their guards and the cost of ending them
-    /// ([`WINDOW_COST`]) leave. Several on one CPU have that together.
+    /// background partition what is [left](Self::left_on) on its CPUs. Several on one CPU have that together.
     #[must_use]
     pub fn guaranteed(&self, partition: PartitionId) -> Nanos {
         let placement = self.placements[partition.0];
@@ -283,12 +309,9 @@ impl Table {
             Role::Windowed { .. } => {
                 self.windows_of(partition).fold(Nanos::ZERO, |sum, w| sum.plus(w.duration))
             }
-            Role::Background => {
-                let claimed = self.windows_on(placement.cpu).fold(Nanos::ZERO, |sum, w| {
-                    sum.plus(w.duration).plus(guard_of(&self.placements, w)).plus(WINDOW_COST)
-                });
-                self.frame.less(claimed)
-            }
+            Role::Background => self
+                .processors_of(partition)
+                .fold(Nanos::ZERO, |sum, cpu| sum.plus(self.left_on(cpu))),
         }
     }
 }

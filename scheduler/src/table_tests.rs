@@ -99,6 +99,22 @@ fn several_backgrounds_have_together_what_windows_leave() {
 }
 
 #[test]
+fn a_background_partition_with_further_cpus_has_what_is_left_on_all() {
+    let windows = [window(0, 0, 200)];
+    let placements = [plc(0), background(0), background(2)];
+    let table = Table::new(us(1000), &placements, &windows).unwrap();
+    let left = table.guaranteed(PartitionId(1));
+    let table = table.with_further(&[(PartitionId(1), Cpu(3)), (PartitionId(1), Cpu(2))]);
+    assert_eq!(table.guaranteed(PartitionId(1)), left.plus(us(2000)));
+    assert_eq!((table.left_on(Cpu(0)), table.left_on(Cpu(3))), (left, us(1000)));
+    assert_eq!(table.cpus(), [0, 2, 3].map(Cpu));
+    let processors = |id| table.processors_of(PartitionId(id)).collect::<Vec<_>>();
+    assert_eq!((processors(0), processors(1)), (vec![Cpu(0)], [0, 3, 2].map(Cpu).to_vec()));
+    let of = |cpu| table.backgrounds_of(Cpu(cpu)).map(|id| id.0).collect::<Vec<_>>();
+    assert_eq!((of(0), of(2), of(3)), (vec![1], vec![1, 2], vec![1]));
+}
+
+#[test]
 fn a_background_has_no_window() {
     assert_eq!(
         Table::new(us(1000), &[background(0)], &[window(0, 0, 100)]),

@@ -1,9 +1,9 @@
 //! How background partitions share a CPU.
 //!
 //! What windows leave goes to the host's ordinary scheduler, which gives each thread that wants to run the same, over
-//! some milliseconds. A Linux has a thread for its processor, one for each disk and one for each network interface.
-//! So a Linux whose processor alone is busy has at least one part in as many as there are threads of all Linuxes on its
-//! CPU, less its own other ones.
+//! some milliseconds. A Linux has a thread for each of its processors, on the CPU of that, and on its first CPU one for
+//! each disk and one for each network interface. So a processor that is busy, of a Linux that does nothing else, has at
+//! least one part in as many as there are threads of all Linuxes on its CPU, less its own Linux's other ones.
 
 use takt_scheduler::table::{Cpu, PartitionId, Role, Table};
 use takt_scheduler::time::Nanos;
@@ -11,24 +11,33 @@ use takt_scheduler::time::Nanos;
 use super::{Partition, PartitionFile};
 
 impl Partition {
-    /// Threads of the ordinary class that it keeps busy at most.
+    /// Threads of the ordinary class that it keeps busy at most on one of its CPUs.
     #[must_use]
-    pub fn background_threads(&self) -> u64 {
-        1 + (self.disks.len() + self.nets.len()) as u64
+    pub fn background_threads(&self, cpu: Cpu) -> u64 {
+        let others = if cpu == self.cpu { self.disks.len() + self.nets.len() } else { 0 };
+        1 + others as u64
     }
 }
 
 impl PartitionFile {
     /// Time per frame that a partition has under a schedule, whatever the others do; of one in the background over
-    /// many frames.
+    /// many frames, on all of its CPUs together.
     #[must_use]
     pub fn own_time(&self, table: &Table, partition: PartitionId) -> Nanos {
-        let whole = table.guaranteed(partition);
-        let placement = table.placements()[partition.0];
-        match placement.role {
-            Role::Windowed { .. } => whole,
-            Role::Background => Nanos(whole.0 / (1 + self.rivals(table, placement.cpu, partition))),
+        match table.placements()[partition.0].role {
+            Role::Windowed { .. } => table.guaranteed(partition),
+            Role::Background => table
+                .processors_of(partition)
+                .fold(Nanos::ZERO, |sum, cpu| sum.plus(self.own_time_on(table, partition, cpu))),
         }
+    }
+
+    /// The part of [`own_time`](Self::own_time) that a background partition has on one of its CPUs.
+    #[must_use]
+    pub fn own_time_on(&self, table: &Table, partition: PartitionId, cpu: Cpu) -> Nanos {
+        let others = table.backgrounds_of(cpu).filter(|id| *id != partition);
+        let rivals: u64 = others.map(|id| self.partitions[id.0].background_threads(cpu)).sum();
+        Nanos(table.left_on(cpu).0 / (1 + rivals))
     }
 
     /// The least of these times in any schedule.
@@ -36,11 +45,5 @@ impl PartitionFile {
     pub fn least_own_time(&self, partition: PartitionId) -> Nanos {
         let times = self.schedules.tables().iter().map(|t| self.own_time(t, partition));
         times.min().unwrap_or(Nanos::ZERO)
-    }
-
-    /// Threads of others that want what the windows of a CPU leave.
-    fn rivals(&self, table: &Table, cpu: Cpu, partition: PartitionId) -> u64 {
-        let others = table.backgrounds_of(cpu).filter(|id| *id != partition);
-        others.map(|id| self.partitions[id.0].background_threads()).sum()
     }
 }

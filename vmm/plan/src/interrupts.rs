@@ -5,7 +5,7 @@
 //!
 //! * the host's tick. Its place is chosen, but a clock that is steered carries it into windows sooner or
 //!   later;
-//! * a Linux on the same CPU whose kernel means harm: it has one timer that Takt does not see (the one-shot
+//! * a processor of a Linux on the same CPU whose kernel means harm: it has one timer that Takt does not see (the one-shot
 //!   and periodic modes of its local APIC), and does not run while a window is used. So it goes off once, or
 //!   each time that KVM lets a periodic one (`min_timer_period_us`).
 //!
@@ -55,10 +55,10 @@ pub fn allowance(
     kinds: &[&Kind],
     released: &[Nanos],
 ) -> Allowance {
-    let placements = schedules.placements();
-    let own = placements[partition.0].cpu;
-    let beside = kinds.iter().zip(placements).enumerate().filter(|(i, (kind, placement))| {
-        *i != partition.0 && placement.cpu == own && matches!(kind, Kind::Linux { .. })
+    let own = schedules.placements()[partition.0].cpu;
+    let here = |id: PartitionId| schedules.tables()[0].processors_of(id).any(|cpu| cpu == own);
+    let beside = kinds.iter().enumerate().filter(|(i, kind)| {
+        *i != partition.0 && here(PartitionId(*i)) && matches!(kind, Kind::Linux { .. })
     });
     let longest = schedules.timetable_of(partition).map_or(Nanos::ZERO, |t| t.longest());
     let within = |period: Nanos| 1 + longest.0 / period.0;

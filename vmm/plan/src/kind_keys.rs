@@ -24,10 +24,11 @@ use Form::{Table, Value};
 use Owner::{Both, Linux, Plc};
 
 /// All keys of a partition, in the order in which messages name them. A test compares them with the raw form.
-const KEYS: [(&str, Owner, Form); 28] = [
+const KEYS: [(&str, Owner, Form); 29] = [
     ("name", Both, Value(|p| Some(p.name.span()))),
     ("kind", Both, Value(|p| Some(p.kind.span()))),
-    ("cpu", Both, Value(|p| Some(p.cpu.span()))),
+    ("cpu", Both, Value(|p| value(&p.cpu))),
+    ("cpus", Linux, Value(|p| value(&p.cpus))),
     ("memory", Both, Value(|p| Some(p.memory.span()))),
     ("huge_pages", Both, Value(|p| value(&p.huge_pages))),
     ("bus_locks", Both, Value(|p| value(&p.bus_locks))),

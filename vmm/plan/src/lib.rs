@@ -47,6 +47,7 @@ mod periods;
 mod placement;
 mod points;
 mod ports;
+mod processors;
 mod program_tasks;
 mod programs;
 mod raw;
@@ -90,6 +91,7 @@ pub use passthrough::{
 };
 pub use placement::table as program_table;
 pub use ports::{CHANNEL_AREA_PAGES, region_bytes};
+pub use processors::PROCESSORS_MAX;
 pub use program_tasks::{ProgramTask, Release};
 pub use programs::{AcceptedKeys, Program, Trust};
 pub use retain::{PIECES_MAX, RetainFile};
@@ -171,6 +173,7 @@ pub struct Partition {
     id: PartitionId,
     name: String,
     cpu: Cpu,
+    further: Vec<Cpu>,
     memory: Bytes,
     hardware: Hardware,
     kind: Kind,
@@ -205,10 +208,15 @@ impl Partition {
         &self.name
     }
 
-    /// The host CPU that its vCPU runs on.
+    /// The host CPU that its first vCPU runs on, and its other threads.
     #[must_use]
     pub fn cpu(&self) -> Cpu {
         self.cpu
+    }
+
+    /// The host CPUs of its vCPUs, in their order, each once. Only a background Linux has several.
+    pub fn cpus(&self) -> impl Iterator<Item = Cpu> {
+        [self.cpu].into_iter().chain(self.further.iter().copied())
     }
 
     /// Size of its memory in bytes, a multiple of the page size within the limits of its kind.

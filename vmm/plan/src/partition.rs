@@ -18,6 +18,7 @@ use super::names::{HOST, check_name};
 use super::nets::{self, CheckedNet};
 use super::passthrough::Passthrough;
 use super::points;
+use super::processors;
 use super::program_tasks;
 use super::programs::{self, CheckedProgram};
 use super::raw::{self, Keys};
@@ -113,7 +114,7 @@ fn check(
         let allowed = "another name: as the end of a channel, \"host\" is Takt itself";
         return Err(Diagnostic::new(raw.name.span(), "a partition is named \"host\"", allowed));
     }
-    let cpu = values::cpu(&raw.cpu, around.host_cpus)?;
+    let (cpu, further) = processors::check(raw, table.span(), around.host_cpus)?;
     let (kind, role, images) = match raw.kind.get_ref().as_str() {
         "plc" => check_plc(raw, name, around)?,
         "linux" => check_linux(raw, name, table.span(), around)?,
@@ -146,6 +147,7 @@ fn check(
         id,
         name: name.to_owned(),
         cpu,
+        further,
         memory,
         hardware,
         kind,

@@ -51,7 +51,8 @@ pub struct System {
 pub struct Partition {
     pub name: Spanned<String>,
     pub kind: Spanned<String>,
-    pub cpu: Spanned<i64>,
+    pub cpu: Option<Spanned<i64>>,
+    pub cpus: Option<Spanned<Vec<Spanned<i64>>>>,
     pub memory: Spanned<Bytes>,
     pub huge_pages: Option<Spanned<String>>,
     pub bus_locks: Option<Spanned<Keys<BusLocks>>>,

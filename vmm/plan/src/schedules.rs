@@ -122,7 +122,12 @@ impl<'a> Draft<'a> {
             periods::check(self, &schedules, cpu)?;
             self.check_bandwidth(&schedules, cpu)?;
         }
-        Ok(schedules)
+        let further = |p: &Checked| {
+            let id = p.partition.id;
+            p.partition.cpus().skip(1).map(|cpu| (id, cpu)).collect::<Vec<_>>()
+        };
+        let further: Vec<(PartitionId, Cpu)> = self.partitions.iter().flat_map(further).collect();
+        Ok(schedules.with_further(&further))
     }
 
     /// The names, by [`ScheduleId`].

@@ -53,7 +53,7 @@ const PLAIN: &[(&str, &str)] = &[
     ("i64", "a whole number"),
     ("a boolean", "true or false"),
     ("a string", "a text in quotes"),
-    ("a sequence", "a list in square brackets, such as `[\"axis:setpoints\"]`"),
+    ("a sequence", "a list in square brackets, such as `[0, 1]` or `[\"axis:setpoints\"]`"),
     ("literal string", "a value: a text in quotes, a whole number, true or false"),
     ("`nan`", "a value: a text in quotes, a whole number, true or false"),
     ("`\"`", "a text that ends with `\"` on the same line"),

@@ -301,6 +301,33 @@ CPU 0: 42.9 % reserved, of at most 90.0 %; 20us every 340us to end windows
 }
 
 #[test]
+fn each_processor_of_a_linux_is_drawn_on_its_cpu_and_has_its_share() {
+    let (_, file) = example("several-processors.toml");
+    let report = check::report(&file);
+    for line in [
+        "  linux  ----------------------------------------------------------------",
+        "linux on CPU 0  background  650us               65.0 %",
+        "linux on CPU 1  background  1ms                 100.0 %",
+        "linux      linux  0, 1  256MiB  -      -       1650us, 165.0 %  -",
+    ] {
+        assert!(report.lines().any(|shown| shown == line), "{line}\n{report}");
+    }
+    let needs = check::needs(&file);
+    assert!(needs.lines().any(|line| line == "cpus 2"), "{needs}");
+    // What they share with another Linux they have a part of.
+    let path = Path::new(FOLDER).join("good/linux-with-two-processors.toml");
+    let file = config::load(&path, HOST_CPUS).unwrap_or_else(|error| panic!("{error}"));
+    let report = check::report(&file);
+    for line in [
+        "linux on CPU 1  background of 2  500us               50.0 %",
+        "second          background of 2  500us               50.0 %",
+        "CPU 1: linux, second share what windows leave; each of their 2 threads weighs the same",
+    ] {
+        assert!(report.lines().any(|shown| shown == line), "{line}\n{report}");
+    }
+}
+
+#[test]
 fn a_guard_that_follows_the_host_is_as_wide_as_the_gaps_allow_and_loses_what_its_shortest_does() {
     let path = Path::new(FOLDER).join("good/auto-guard.toml");
     let file = config::load(&path, HOST_CPUS).unwrap_or_else(|error| panic!("{error}"));

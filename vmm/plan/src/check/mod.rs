@@ -68,7 +68,7 @@ pub fn report(file: &PartitionFile) -> String {
 #[must_use]
 pub fn needs(file: &PartitionFile) -> String {
     let memory: u64 = file.partitions().iter().map(Partition::memory_bytes).sum();
-    let cpus = file.partitions().iter().map(|p| p.cpu().0 + 1).max().unwrap_or(0);
+    let cpus = file.schedules().cpus().last().map(|cpu| cpu.0 + 1).unwrap_or(0);
     let mut out = format!("memory {memory}\ncpus {cpus}\nfile {}\n", file.path().display());
     for partition in file.partitions() {
         let images = match partition.kind() {

@@ -3,7 +3,7 @@
 use takt_scheduler::analysis::Method;
 use takt_scheduler::reservation::{CEILING_PERMILLE, CpuReservations, Reservation};
 use takt_scheduler::schedules::ScheduleId;
-use takt_scheduler::table::{PartitionId, Role, Table};
+use takt_scheduler::table::{Cpu, PartitionId, Role, Table};
 use takt_scheduler::time::Nanos;
 
 use super::{line, programs};
@@ -11,11 +11,15 @@ use crate::{Allowance, Bytes, INTERRUPT, Kind, Met, NamedTask, Partition, Partit
 
 /// What each partition has under one schedule, whatever the others do.
 pub fn shares(out: &mut String, file: &PartitionFile, table: &Table) {
-    let row = |partition: &Partition| {
+    let row = |partition: &Partition, cpu: Cpu| {
         let id = partition.id();
-        let own = file.own_time(table, id);
-        let runs = match (table.placements()[id.0].role, table.windows_of(id).count()) {
-            (Role::Background, _) => match table.backgrounds_of(partition.cpu()).count() {
+        let role = table.placements()[id.0].role;
+        let own = match role {
+            Role::Background => file.own_time_on(table, id, cpu),
+            Role::Windowed { .. } => file.own_time(table, id),
+        };
+        let runs = match (role, table.windows_of(id).count()) {
+            (Role::Background, _) => match table.backgrounds_of(cpu).count() {
                 1 => "background".to_owned(),
                 several => format!("background of {several}"),
             },
@@ -24,9 +28,14 @@ pub fn shares(out: &mut String, file: &PartitionFile, table: &Table) {
             (Role::Windowed { .. }, count) => format!("{count} windows"),
         };
         let share = percent(permille(own, table.frame()));
-        [partition.name().to_owned(), runs, own.to_string(), share]
+        let name = match partition.cpus().count() {
+            1 => partition.name().to_owned(),
+            _ => format!("{} on CPU {}", partition.name(), cpu.0),
+        };
+        [name, runs, own.to_string(), share]
     };
-    let rows = file.partitions().iter().map(row).collect();
+    let rows =
+        file.partitions().iter().flat_map(|p| p.cpus().map(move |cpu| row(p, cpu))).collect();
     columns(out, "", ["partition", "runs", "own time per frame", "share"], rows);
 }
 
@@ -117,7 +126,7 @@ pub fn partitions(out: &mut String, file: &PartitionFile) {
         [
             partition.name().to_owned(),
             kind.to_owned(),
-            partition.cpu().0.to_string(),
+            partition.cpus().map(|cpu| cpu.0.to_string()).collect::<Vec<_>>().join(", "),
             Bytes(partition.memory_bytes()).to_string(),
             guard,
             change,
@@ -163,7 +172,7 @@ pub fn sharing(out: &mut String, file: &PartitionFile) {
         let own = |id: PartitionId| &file.partitions()[id.0];
         let all: Vec<&Partition> = table.backgrounds_of(cpu).map(own).collect();
         if all.len() > 1 {
-            let threads: u64 = all.iter().map(|p| p.background_threads()).sum();
+            let threads: u64 = all.iter().map(|p| p.background_threads(cpu)).sum();
             let names: Vec<&str> = all.iter().map(|p| p.name()).collect();
             let text = format!(
                 "CPU {}: {} share what windows leave; each of their {threads} threads weighs the same",

@@ -24,15 +24,15 @@ pub fn draw(out: &mut String, file: &PartitionFile, table: &Table, cpu: Cpu) {
     line(out, &format!("\nCPU {}", cpu.0));
     line(out, &format!("  {:margin$}  {labels}", ""));
     line(out, &format!("  {:margin$}  {ticks}", ""));
-    for partition in file.partitions().iter().filter(|p| p.cpu() == cpu) {
-        let row: String = (0..WIDTH).map(|column| cell(table, partition, column)).collect();
+    for partition in file.partitions().iter().filter(|p| p.cpus().any(|own| own == cpu)) {
+        let row: String = (0..WIDTH).map(|column| cell(table, partition, cpu, column)).collect();
         line(out, &format!("  {:margin$}  {row}", partition.name()));
     }
 }
 
 /// What a partition does in one column. A window or a guard shows in every column that it touches,
 /// so that none is too short to be seen; the background gets the columns that it has mostly.
-fn cell(table: &Table, partition: &Partition, column: u64) -> char {
+fn cell(table: &Table, partition: &Partition, cpu: Cpu, column: u64) -> char {
     let frame = table.frame().0;
     let (from, to) = (frame * column / WIDTH, frame * (column + 1) / WIDTH);
     match table.placements()[partition.id().0].role {
@@ -48,7 +48,7 @@ fn cell(table: &Table, partition: &Partition, column: u64) -> char {
         }
         Role::Background => {
             let taken: u64 = table
-                .windows_on(partition.cpu())
+                .windows_on(cpu)
                 .map(|w| shared(from, to, w.offset.0, w.end().0) + guard_in(table, w, from, to))
                 .sum();
             if taken * 2 < to - from { '-' } else { ' ' }
