@@ -118,6 +118,13 @@ impl File {
         self
     }
 
+    /// Adds words to the kernel's command line of each Linux so far.
+    #[must_use]
+    pub fn words(mut self, words: &str) -> Self {
+        self.text = self.text.replace("console=ttyS0", &format!("console=ttyS0 {words}"));
+        self
+    }
+
     /// Adds lines to the last table.
     #[must_use]
     pub fn lines(mut self, lines: &str) -> Self {

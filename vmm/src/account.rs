@@ -33,6 +33,8 @@ pub struct Account {
     pub name: String,
     /// For stopping it.
     pub control: Arc<Control>,
+    /// The same of the threads of further processors, which come and go with the first.
+    pub further: Vec<Arc<Control>>,
     /// Console output.
     pub output: OutputEnd,
     /// Bytes of it that were taken out of the ring and not shown.
@@ -63,8 +65,8 @@ pub struct Account {
     pub watchdog: Option<Timer>,
     /// What notices that its kernel does nothing any more; only of a Linux.
     pub kernel: Option<KernelWatch>,
-    /// Where the deadlines of its timer are placed, if it has one and Takt does that.
-    pub deadlines: Option<Arc<Deadlines>>,
+    /// Where the deadlines of its processors' timers are placed; empty if Takt does not do that.
+    pub deadlines: Vec<Arc<Deadlines>>,
     /// Where other versions of its programs are put; `None` if it has no programs.
     pub banks: Option<Banks>,
     /// For asking it to switch itself off, if its file wants that.

@@ -10,7 +10,7 @@
 //! price of a system call there. A taker that only looks ([`Taker::take`]) is never woken.
 
 use std::sync::atomic::{Ordering, fence};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::{self, Thread};
 use std::time::Duration;
 
@@ -64,6 +64,11 @@ impl<T> Drop for Giver<T> {
         drop(self.things.take());
         self.wake();
     }
+}
+
+/// Locks what nothing that happens under the lock leaves half-done. Not on the path of a window.
+pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Nothing comes any more: the giver is gone, and what it gave has been taken.

@@ -48,6 +48,7 @@ pub mod screen;
 pub mod steering;
 pub mod supervisor;
 pub mod terminal;
+pub mod topology;
 pub mod unix_socket;
 pub mod vcpu;
 pub mod virtio;

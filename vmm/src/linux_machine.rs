@@ -4,7 +4,7 @@
 //! start gets a new one; memory, console and images stay. The machine that was is taken apart
 //! first, since its interrupts hang on the same event descriptors.
 
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, LazyLock, Mutex};
 use std::time::Instant;
 
 use kvm_ioctls::{Kvm, VcpuFd, VmFd};
@@ -33,7 +33,7 @@ use crate::net::Interface;
 use crate::pci::{PciError, PciPortDevice};
 use crate::vcpu::guest_timer::{Deadlines, GuestTimer};
 use crate::vcpu::kick;
-use crate::vcpu::linux::LinuxGuest;
+use crate::vcpu::linux::{Board, LinuxGuest};
 
 /// A Linux's machine could not be made.
 #[derive(Debug, Error)]
@@ -64,6 +64,9 @@ pub fn clock() -> u64 {
     static START: LazyLock<Instant> = LazyLock::new(Instant::now);
     u64::try_from(START.elapsed().as_nanos()).unwrap_or(u64::MAX)
 }
+
+/// A processor, and the guest as its thread knows it.
+pub type Processor = (VcpuFd, LinuxGuest);
 
 /// What outlives a start.
 pub struct LinuxMachine {
@@ -97,25 +100,29 @@ pub struct LinuxMachine {
     pub frequency: Option<TscFrequency>,
     /// What notices that the guest is silent.
     pub watchdog: Option<Timer>,
-    /// Where its timer's deadlines are placed, if there are windows of others on its CPU.
-    pub deadlines: Option<Arc<Deadlines>>,
+    /// How many processors it has.
+    pub processors: usize,
+    /// Where the deadlines of each processor's timer are placed; empty if there are no windows of others on any of
+    /// its CPUs.
+    pub deadlines: Vec<Arc<Deadlines>>,
     /// The machine of the last start. Its processor keeps it alive, but its interrupts go with this.
     pub vm: Option<VmFd>,
 }
 
 impl LinuxMachine {
-    /// Loads the images into memory, which is zero, and makes the machine for them. Returns its
-    /// processor, about to execute the first instruction.
+    /// Loads the images into memory, which is zero, and makes the machine for them. Returns its first
+    /// processor, about to execute the first instruction, and further ones, which wait for the first to start them.
     ///
     /// # Errors
     /// See [`LinuxMachineError`].
-    pub fn start(&mut self) -> Result<(VcpuFd, LinuxGuest), LinuxMachineError> {
+    pub fn start(&mut self) -> Result<(Processor, Vec<Processor>), LinuxMachineError> {
         self.vm = None;
         let fittings = AcpiConfig {
             pci: self.card.as_ref().map(|_| PCI_WINDOW),
             virtio: (self.drives.len() + self.interfaces.len()) as u32,
             watchdog: self.watchdog.as_ref().map(Timer::most),
             power_button: self.button.is_some(),
+            processors: self.processors,
         };
         let entry = boot::linux::load(
             &self.memory,
@@ -125,8 +132,9 @@ impl LinuxMachine {
             fittings,
         )
         .map_err(|source| LinuxMachineError::Image { partition: self.partition.clone(), source })?;
-        let owner = if self.deadlines.is_some() { TimerOwner::Takt } else { TimerOwner::Kvm };
-        let Machine { vcpu, vm, tsc } = machine::for_linux(&self.kvm, &self.memory, owner)?;
+        let owner = if self.deadlines.is_empty() { TimerOwner::Kvm } else { TimerOwner::Takt };
+        let Machine { vcpu, further, vm, tsc } =
+            machine::for_linux(&self.kvm, &self.memory, owner, self.processors)?;
         long_mode::start(&vcpu, self.memory.regions(), entry)?;
         vm.register_irqfd(&self.irq, SERIAL_IRQ).map_err(|source| MachineError::Call {
             what: "attach the serial port's interrupt",
@@ -158,27 +166,32 @@ impl LinuxMachine {
             ports.attach(WATCHDOG_PORT..=last, Box::new(registers))?;
             timer.start(clock());
         }
-        let guest = LinuxGuest::new(ports, power).with_virtio(virtio);
-        let guest_timer = self.deadlines.clone().and_then(GuestTimer::new);
-        Ok((vcpu, guest.watched_by(self.watchdog.clone()).with_timer(guest_timer)))
+        let board = Arc::new(Mutex::new(Board { ports, power, virtio }));
+        let guest = |number| {
+            let deadlines: Option<&Arc<Deadlines>> = self.deadlines.get(number);
+            let timer = deadlines.cloned().and_then(GuestTimer::new);
+            LinuxGuest::on(board.clone()).with_timer(timer)
+        };
+        let further = (1..).zip(further).map(|(number, vcpu)| (vcpu, guest(number))).collect();
+        Ok(((vcpu, guest(0).watched_by(self.watchdog.clone())), further))
     }
 
     /// As [`start`](Self::start), after a guest has run there. The guest must not run any more.
     ///
     /// # Errors
     /// See [`LinuxMachineError`].
-    pub fn start_anew(&mut self) -> Result<(VcpuFd, LinuxGuest), LinuxMachineError> {
+    pub fn start_anew(&mut self) -> Result<(Processor, Vec<Processor>), LinuxMachineError> {
         self.vm = None;
         self.console.reset();
         // What a disk still read, or a packet that came, would lie in the new guest's memory.
         self.drives.iter().for_each(Drive::reset);
         self.interfaces.iter().for_each(Interface::reset);
         self.clear().map_err(StartError::from)?;
-        let (mut vcpu, guest) = self.start()?;
+        let (mut first, further) = self.start()?;
         // Here, since the partition's own thread may be a deadline thread.
-        kick::prime(&mut vcpu)
+        kick::prime(&mut first.0)
             .map_err(|source| MachineError::Call { what: "run a vCPU at all", source })?;
-        Ok((vcpu, guest))
+        Ok((first, further))
     }
 
     /// Clears all RAM; what lies in the hole of devices belongs to others too.

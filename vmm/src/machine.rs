@@ -7,9 +7,9 @@
 //! performance counters ([`cpuid`]).
 
 use kvm_bindings::{
-    CpuId, KVM_CAP_SPLIT_IRQCHIP, KVM_CAP_X86_USER_SPACE_MSR, KVM_CPUID_FLAG_SIGNIFCANT_INDEX,
-    KVM_MAX_CPUID_ENTRIES, KVM_VCPU_TSC_CTRL, KVM_VCPU_TSC_OFFSET, Msrs, kvm_device_attr,
-    kvm_enable_cap, kvm_lapic_state, kvm_msr_entry,
+    CpuId, KVM_CAP_SPLIT_IRQCHIP, KVM_CAP_X86_USER_SPACE_MSR, KVM_MAX_CPUID_ENTRIES,
+    KVM_VCPU_TSC_CTRL, KVM_VCPU_TSC_OFFSET, Msrs, kvm_device_attr, kvm_enable_cap, kvm_lapic_state,
+    kvm_msr_entry,
 };
 use kvm_ioctls::{
     Cap, Kvm, MsrExitReason, MsrFilterDefaultAction, MsrFilterRange, MsrFilterRangeFlags, VcpuFd,
@@ -24,6 +24,7 @@ use crate::cpuid;
 use crate::event::EventError;
 use crate::health::bus_locks;
 use crate::memory::{GuestMemory, MemoryError};
+use crate::topology;
 
 /// `KVM_CAP_HALT_POLL` of `include/uapi/linux/kvm.h`; kvm-ioctls has no name for it.
 const KVM_CAP_HALT_POLL: u32 = 182;
@@ -106,10 +107,12 @@ pub fn missing(kvm: &Kvm) -> Vec<&'static str> {
     needed.into_iter().filter(|(cap, _)| !kvm.check_extension(*cap)).map(|(_, name)| name).collect()
 }
 
-/// A virtual machine with one virtual processor and all of its memory.
+/// A virtual machine with its virtual processors and all of its memory.
 pub struct Machine {
-    /// The processor; its thread will own it.
+    /// The processor that starts; its thread will own it.
     pub vcpu: VcpuFd,
+    /// Further ones. They wait until the guest starts them, by way of KVM's own interrupt controller.
+    pub further: Vec<VcpuFd>,
     /// The machine, for devices' interrupts.
     pub vm: VmFd,
     /// Speed of the TSC, which host and guests share.
@@ -135,7 +138,7 @@ pub fn for_plc(kvm: &Kvm, memory: &GuestMemory, interrupts: bool) -> Result<Mach
     let vcpu = vm.create_vcpu(0).map_err(cannot("create a vCPU"))?;
     vcpu.set_cpuid2(&supported(kvm)?).map_err(cannot("set the CPUID"))?;
     bound_machine_checks(&vcpu)?;
-    finish(vm, vcpu)
+    finish(vm, vec![vcpu])
 }
 
 /// Registers that KVM does not let anybody put back once a guest has set a bit: AMD's hardware
@@ -188,6 +191,7 @@ pub fn for_linux(
     kvm: &Kvm,
     memory: &GuestMemory,
     timer: TimerOwner,
+    processors: usize,
 ) -> Result<Machine, MachineError> {
     let vm = create(kvm, memory)?;
     vm.create_irq_chip().map_err(cannot("create the interrupt controllers"))?;
@@ -195,12 +199,18 @@ pub fn for_linux(
         take_timer_over(&vm)?;
     }
     switch_polling_off(&vm)?;
-    let vcpu = vm.create_vcpu(0).map_err(cannot("create a vCPU"))?;
     let mut cpuid = supported(kvm)?;
     complete_for_linux(&mut cpuid);
-    vcpu.set_cpuid2(&cpuid).map_err(cannot("set the CPUID"))?;
-    set_firmware_state(&vcpu)?;
-    finish(vm, vcpu)
+    let mut vcpus = Vec::with_capacity(processors);
+    for number in 0..processors as u32 {
+        let vcpu = vm.create_vcpu(number.into()).map_err(cannot("create a vCPU"))?;
+        topology::describe(&mut cpuid, number, processors as u32)
+            .ok_or(MachineError::Missing("room for the CPUID of a processor"))?;
+        vcpu.set_cpuid2(&cpuid).map_err(cannot("set the CPUID"))?;
+        set_firmware_state(&vcpu, number == 0)?;
+        vcpus.push(vcpu);
+    }
+    finish(vm, vcpus)
 }
 
 /// Makes the guest's writes of deadlines exits, and those to its TSC.
@@ -243,11 +253,13 @@ fn create(kvm: &Kvm, memory: &GuestMemory) -> Result<VmFd, MachineError> {
     Ok(vm)
 }
 
-fn finish(vm: VmFd, vcpu: VcpuFd) -> Result<Machine, MachineError> {
-    share_tsc(&vcpu)?;
+fn finish(vm: VmFd, vcpus: Vec<VcpuFd>) -> Result<Machine, MachineError> {
+    vcpus.iter().try_for_each(share_tsc)?;
+    let mut vcpus = vcpus.into_iter();
+    let vcpu = vcpus.next().ok_or(MachineError::Missing("a processor"))?;
     let khz = vcpu.get_tsc_khz().map_err(cannot("tell the TSC's frequency"))?;
     let tsc = TscFrequency::from_khz(khz).ok_or(MachineError::Missing("a usable TSC"))?;
-    Ok(Machine { vcpu, vm, tsc })
+    Ok(Machine { vcpu, further: vcpus.collect(), vm, tsc })
 }
 
 /// Sets the guest's TSC offset to 0: an instant stamped by any guest can be compared with one
@@ -291,25 +303,15 @@ fn complete_for_linux(cpuid: &mut CpuId) {
 
     for entry in cpuid.as_mut_slice() {
         match entry.function {
-            1 => {
-                entry.ecx |= TSC_DEADLINE_TIMER | HYPERVISOR;
-                // Initial APIC id 0, one logical processor.
-                entry.ebx = entry.ebx & 0x0000_ffff | 1 << 16;
-            }
-            // Topology: one thread in one core, with x2APIC id 0.
-            0xb | 0x1f if entry.flags & KVM_CPUID_FLAG_SIGNIFCANT_INDEX != 0 => {
-                entry.eax = 0;
-                entry.ebx = u32::from(entry.index < 2);
-                entry.edx = 0;
-            }
+            1 => entry.ecx |= TSC_DEADLINE_TIMER | HYPERVISOR,
             KVM_FEATURES => entry.eax &= !WITHHELD,
             _ => {}
         }
     }
 }
 
-/// What a firmware has done to the processor before it starts a kernel.
-fn set_firmware_state(vcpu: &VcpuFd) -> Result<(), MachineError> {
+/// What a firmware has done to a processor before it starts a kernel on the `first`.
+fn set_firmware_state(vcpu: &VcpuFd, first: bool) -> Result<(), MachineError> {
     /// `IA32_MTRR_DEF_TYPE`: memory types are on, the default is write-back. Without it Linux
     /// takes all memory for uncached.
     const MTRR_DEF_TYPE: u32 = 0x2ff;
@@ -325,7 +327,10 @@ fn set_firmware_state(vcpu: &VcpuFd) -> Result<(), MachineError> {
     if set != entries.len() {
         return Err(MachineError::Missing("a model-specific register that Linux needs"));
     }
-
+    // The guest starts the others by an interrupt that resets their controllers.
+    if !first {
+        return Ok(());
+    }
     let mut apic = vcpu.get_lapic().map_err(cannot("read the local APIC"))?;
     wire_local_interrupts(&mut apic);
     vcpu.set_lapic(&apic).map_err(cannot("set the local APIC"))
@@ -351,14 +356,16 @@ mod tests {
     use kvm_bindings::kvm_cpuid_entry2;
 
     #[test]
-    fn linux_is_told_of_its_hypervisor_and_of_one_processor() {
+    fn linux_is_told_of_its_hypervisor() {
         let leaf = |function, ebx| kvm_cpuid_entry2 { function, ebx, ..Default::default() };
         let kvm = kvm_cpuid_entry2 { function: 0x4000_0001, eax: u32::MAX, ..Default::default() };
         let mut cpuid = CpuId::from_entries(&[leaf(1, 0x0708_1234), leaf(7, 5), kvm]).unwrap();
         complete_for_linux(&mut cpuid);
         let [one, seven, kvm] = cpuid.as_slice() else { panic!() };
         assert_eq!(kvm.eax >> 6 & 1, 0, "paravirtual end of interrupt");
-        assert_eq!((one.ebx, one.ecx >> 31, one.ecx >> 24 & 1), (0x0001_1234, 1, 1));
+        // Time that it was kept from its processor, locks that give it away, flushes and interrupts by one call.
+        assert_eq!([5, 7, 9, 11].map(|bit| kvm.eax >> bit & 1), [1; 4], "what KVM says it has");
+        assert_eq!((one.ebx, one.ecx >> 31, one.ecx >> 24 & 1), (0x0708_1234, 1, 1));
         assert_eq!((seven.ebx, seven.ecx), (5, 0));
     }
 

@@ -20,9 +20,10 @@ use std::mem::ManuallyDrop;
 use std::os::fd::{AsRawFd, FromRawFd};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use crate::handoff::lock;
 use crate::sandbox::{Kind, Mode};
 use crate::vcpu::thread::{self, ThreadError};
 
@@ -174,7 +175,7 @@ impl Outlet {
     /// The first error, once.
     #[must_use]
     pub fn take_error(&self) -> Option<io::Error> {
-        self.shared.error.lock().unwrap_or_else(PoisonError::into_inner).take()
+        lock(&self.shared.error).take()
     }
 
     /// Waits until all is written that was put in before: for as long as some of it is written within
@@ -230,7 +231,7 @@ impl Shared {
         let result =
             if self.ended.load(Ordering::SeqCst) { Ok(()) } else { sink.put(bytes, &mut written) };
         if let Err(error) = result {
-            self.error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+            lock(&self.error).get_or_insert(error);
             self.ended.store(!sink.goes_on(), Ordering::SeqCst);
         }
         if left == 0 {

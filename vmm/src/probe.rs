@@ -79,7 +79,7 @@ pub enum ProbeError {
 /// See [`ProbeError`].
 fn hands_deadlines_over(kvm: &Kvm) -> Result<bool, ProbeError> {
     let memory = GuestMemory::for_linux(MEMORY, Pages::Small, &[])?;
-    let mut machine = machine::for_linux(kvm, &memory, TimerOwner::Takt)?;
+    let mut machine = machine::for_linux(kvm, &memory, TimerOwner::Takt, 1)?;
     // mov ecx, TSC_DEADLINE; xor eax, eax; xor edx, edx; wrmsr; out 0x80, al
     let [a, b, c, d] = msr::TSC_DEADLINE.to_le_bytes();
     let code = [0xb9, a, b, c, d, 0x31, 0xc0, 0x31, 0xd2, 0x0f, 0x30, 0xe6, 0x80];
@@ -118,7 +118,7 @@ fn machines(kvm: &Kvm) -> Machines {
         .and_then(|memory| machine::for_plc(kvm, &memory, false));
     let linux = GuestMemory::for_linux(MEMORY, Pages::Small, &[])
         .map_err(MachineError::from)
-        .and_then(|memory| machine::for_linux(kvm, &memory, TimerOwner::Takt));
+        .and_then(|memory| machine::for_linux(kvm, &memory, TimerOwner::Takt, 1));
     Machines {
         tsc_khz: plc.as_ref().ok().map(|plc| plc.tsc.khz()),
         plc_error: plc.err().map(|error| error.to_string()),

@@ -27,6 +27,7 @@ mod points;
 mod ports;
 mod power_off;
 mod process_image;
+mod processors;
 mod programs;
 mod quiet;
 mod retain;

@@ -28,11 +28,13 @@ impl Account {
         Some(finished.end.to_string())
     }
 
-    /// CPU time that its thread has used so far.
+    /// CPU time that the threads of its processors have used so far.
     #[must_use]
     pub fn cpu_time(&self) -> Nanos {
         let last = || self.life.finished().map_or(Nanos::ZERO, |finished| finished.cpu_time);
-        self.control.cpu_time().unwrap_or_else(last)
+        let further = self.further.iter().filter_map(|control| control.cpu_time());
+        let all = |first| further.fold(first, Nanos::plus);
+        self.control.cpu_time().map_or_else(last, all)
     }
 
     /// Does what an operator orders. Gives the outcome if that is known at once; else it comes when the partition

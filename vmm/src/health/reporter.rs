@@ -242,14 +242,15 @@ mod tests {
 
     #[test]
     fn an_access_that_nothing_answers_is_found_among_answered_ones() {
-        use crate::vcpu::linux::LinuxGuest;
+        use crate::vcpu::linux::{Board, LinuxGuest};
         use takt_devices::ports::PortBus;
         use takt_devices::power::{KeyboardController, PowerLine};
 
         let power = PowerLine::default();
         let mut ports = PortBus::default();
         ports.attach(0x60..=0x64, Box::new(KeyboardController::new(power.clone()))).unwrap();
-        let mut guest = LinuxGuest::new(ports, power);
+        let board = Board { ports, power, virtio: Vec::new() };
+        let mut guest = LinuxGuest::on(Arc::new(std::sync::Mutex::new(board)));
         let mut data = [0; 8];
         let mut illegal = |exit| Answer::to(exit, &mut guest).illegal;
         assert_eq!(illegal(VcpuExit::IoOut(0x60, &[1])), None);

@@ -1,5 +1,6 @@
 //! The hooks of a build that users get: none.
 
+use takt_scheduler::table::Cpu;
 use takt_scheduler::time::Nanos;
 
 use crate::account::Account;
@@ -28,6 +29,12 @@ impl Hooks {
     /// Windows are ended by kicks.
     pub const fn kicks(&self) -> bool {
         true
+    }
+
+    /// Processors are where the file says.
+    #[must_use]
+    pub const fn processors(&self, cpus: Vec<Cpu>) -> Vec<Cpu> {
+        cpus
     }
 
     /// No wake-up is made late.

@@ -6,6 +6,7 @@ use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
 
+use takt_scheduler::table::Cpu;
 use takt_scheduler::time::Nanos;
 
 use super::forbidden_call;
@@ -36,6 +37,9 @@ pub struct Hooks {
     /// Have this thread make a forbidden call after a second (a partition, `kicker`, or `main`).
     #[arg(long, value_name = "THREAD")]
     provoke_syscall: Option<String>,
+    /// Give each Linux as many processors more, on the CPU of its first: the lab has one CPU.
+    #[arg(long, value_name = "COUNT", default_value_t = 0)]
+    more_processors: usize,
     /// Fail after this step of the start.
     #[arg(long, value_name = "STEP")]
     fail_at: Option<u32>,
@@ -65,6 +69,14 @@ impl Hooks {
         !self.without_kick
     }
 
+    /// The CPUs of a Linux's processors, by what the file says of them.
+    #[must_use]
+    pub fn processors(&self, cpus: Vec<Cpu>) -> Vec<Cpu> {
+        let first = cpus.first().copied().into_iter();
+        let more = first.cycle().take(self.more_processors);
+        cpus.iter().copied().chain(more).collect()
+    }
+
     /// Which wake-up is made late.
     #[must_use]
     pub fn late_wake_up(&self) -> LateWakeUp {
@@ -78,10 +90,14 @@ impl Hooks {
     /// What the kernel says of a timer.
     pub fn arm(&self, accounts: &[Account], enforcers: &[WindowEnforcer]) -> Result<(), RunError> {
         let Some(name) = &self.provoke_syscall else { return Ok(()) };
-        let account = accounts.iter().find(|account| account.name == *name);
+        let (owner, processor) = name.split_once('.').unwrap_or((name, "0"));
+        let account = accounts.iter().find(|account| account.name == owner);
         let control = match name.as_str() {
             "kicker" => enforcers.first().map(|enforcer| &enforcer.control),
-            _ => account.map(|account| &account.control),
+            _ => account.and_then(|account| {
+                let mut all = [&account.control].into_iter().chain(&account.further);
+                all.nth(processor.parse().ok()?)
+            }),
         };
         // Any other name means the process itself: its first thread has its number.
         let thread = control.map_or(std::process::id() as i32, |control| control.thread());

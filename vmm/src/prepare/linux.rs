@@ -10,8 +10,9 @@ use takt_devices::serial::{IrqLine, SerialPort};
 use takt_scheduler::table::Role;
 use takt_scheduler::time::Nanos;
 
-use super::spawn::Processor;
+use super::spawn::{Processor, Seat};
 use super::{LinuxParts, Preparation, Prepared};
+use crate::account::Account;
 use crate::boot::linux::Image;
 use crate::config::{self, Partition};
 use crate::disk::Drive;
@@ -59,7 +60,7 @@ impl Preparation<'_> {
         }
         let links = self.linuxes.get(&partition.id());
         let links = links.ok_or(MachineError::Missing("a Linux's links"))?;
-        let deadlines = links.deadlines.clone();
+        let (cpus, deadlines) = (links.cpus.clone(), links.deadlines.clone());
         let bell = event::clone(&links.doorbell)?;
         let place = Place {
             cpu: partition.cpu(),
@@ -103,20 +104,27 @@ impl Preparation<'_> {
             button: button.clone(),
             frequency: self.frequency,
             watchdog: watchdog.clone(),
+            processors: cpus.len(),
             deadlines: deadlines.clone(),
             vm: None,
         };
-        let (vcpu, guest) = board.start()?;
+        let ((vcpu, guest), further) = board.start()?;
         self.frequency = board.frequency;
-        let (restart, revivals) = Restart::new(LinuxLoader(board), self.spawner)?;
-        let processor = Processor { vcpu, ready: |_: &mut VcpuFd| Ok(()) };
+        let seat = Seat::new(partition);
+        let (crew, others) = self.crew(partition, &seat, cpus.into_iter().skip(1).zip(further))?;
+        let loader = LinuxLoader { machine: board, further: others.revivals };
+        let (restart, revivals) = Restart::new(loader, self.spawner)?;
+        let processor = Processor { vcpu, ready: |_: &mut VcpuFd| Ok(()), seat, crew };
         let mut prepared = self.spawn(partition, processor, memory, guest, output, revivals)?;
+        prepared.further = others.threads;
+        prepared.account.further = others.controls;
         prepared.account.can_restart(restart);
         prepared.account.is_terminal = true;
         prepared.account.is_shown = is_shown;
         prepared.account.keyboard = Some(console);
-        if let Some(deadlines) = &deadlines {
-            deadlines.served_by(prepared.account.control.clone());
+        let Account { control, further, .. } = &prepared.account;
+        for (deadlines, control) in deadlines.iter().zip([control].into_iter().chain(further)) {
+            deadlines.served_by(control.clone());
         }
         prepared.account.deadlines = deadlines;
         prepared.account.watchdog = watchdog;

@@ -3,6 +3,7 @@
 //! A partition that is prepared has its memory, its machine, its image in place, and a thread that
 //! is pinned, has its reservation and waits for the epoch.
 
+mod crew;
 mod linux;
 mod plc;
 mod spawn;
@@ -28,7 +29,7 @@ use crate::cpuset::Domains;
 use crate::disk::DiskThread;
 use crate::event;
 use crate::health::bus_locks;
-use crate::hooks::LateWakeUp;
+use crate::hooks::Hooks;
 use crate::init_watch::{Console, InitSeen};
 use crate::interrupts::Interrupts;
 use crate::memory::Pages;
@@ -48,6 +49,8 @@ pub struct Prepared {
     pub account: Account,
     /// Its thread.
     pub thread: Ready<()>,
+    /// Those of further processors.
+    pub further: Vec<Ready<()>>,
     /// What the report asks of a Linux.
     pub linux: Option<LinuxParts>,
     /// Those that serve its disks.
@@ -109,8 +112,8 @@ pub struct Preparation<'a> {
     pub interrupts: Interrupts,
     /// Whether the clock by which threads sleep may be steered.
     pub steering: Steering,
-    /// Which wake-up a test wants late.
-    pub late_wake_up: LateWakeUp,
+    /// What a test wants.
+    pub hooks: &'a Hooks,
     /// Of the threads that end windows, which are made last.
     pub enforcers: BTreeMap<Cpu, Arc<Control>>,
     /// What follows from a system call that a thread may not make.
@@ -125,8 +128,10 @@ pub struct Preparation<'a> {
 pub struct LinuxLinks {
     /// What sources ring to wake it.
     pub doorbell: EventFd,
-    /// The deadlines of its timer, if there are windows of others on its CPU.
-    pub deadlines: Option<Arc<Deadlines>>,
+    /// The CPUs of its processors.
+    pub cpus: Vec<Cpu>,
+    /// The deadlines of each processor's timer; empty if there are windows of others on none of these CPUs.
+    pub deadlines: Vec<Arc<Deadlines>>,
 }
 
 impl LinuxLinks {
@@ -137,12 +142,20 @@ impl LinuxLinks {
     pub fn of(
         file: &PartitionFile,
         board: &Arc<ScheduleState>,
+        hooks: &Hooks,
     ) -> Result<BTreeMap<PartitionId, Self>, RunError> {
         let is_linux = |p: &&Partition| matches!(p.kind(), Kind::Linux { .. });
         let links = |p: &Partition| -> Result<_, RunError> {
-            let quiet = file.schedules().quiet_on(p.cpu(), Some(p.id()));
-            let deadlines = quiet.map(|quiet| Arc::new(Deadlines::new(quiet, board.clone())));
-            Ok((p.id(), Self { doorbell: event::eventfd()?, deadlines }))
+            let cpus = hooks.processors(p.cpus().collect());
+            let quiet = |cpu: &Cpu| file.schedules().quiet_on(*cpu, Some(p.id()));
+            let mut quiet: Vec<_> = cpus.iter().map(quiet).collect();
+            // Who has the deadlines of one processor has those of all.
+            if quiet.iter().all(Option::is_none) {
+                quiet.clear();
+            }
+            let new = |quiet| Arc::new(Deadlines::new(quiet, board.clone()));
+            let deadlines = quiet.into_iter().map(new).collect();
+            Ok((p.id(), Self { doorbell: event::eventfd()?, cpus, deadlines }))
         };
         file.partitions().iter().filter(is_linux).map(links).collect()
     }
@@ -200,10 +213,14 @@ impl Preparation<'_> {
         Finish { closing, board, console, interrupts, clearing }
     }
 
-    /// The deadlines of those Linuxes.
-    fn deadlines_of(&self, which: impl Fn(&Partition) -> bool) -> Box<[Arc<Deadlines>]> {
-        let of = |p: &Partition| self.linuxes.get(&p.id())?.deadlines.clone();
-        self.file.partitions().iter().filter(|p| which(p)).filter_map(of).collect()
+    /// The deadlines of those processors of Linuxes, by their partitions and CPUs.
+    fn deadlines_of(&self, which: impl Fn(PartitionId, Cpu) -> bool) -> Box<[Arc<Deadlines>]> {
+        let mut all = Vec::new();
+        for (id, LinuxLinks { cpus, deadlines, .. }) in &self.linuxes {
+            let own = cpus.iter().zip(deadlines).filter(|(cpu, _)| which(*id, **cpu));
+            all.extend(own.map(|(_, deadlines)| deadlines.clone()));
+        }
+        all.into()
     }
 
     /// What ends, or will end, the windows of a CPU.
@@ -233,7 +250,7 @@ impl Preparation<'_> {
                 board: self.board.clone(),
                 quiet: schedules.quiet_on(cpu, None),
                 steering: self.steering,
-                deadlines: self.deadlines_of(|_| true),
+                deadlines: self.deadlines_of(|_, _| true),
             };
             let control = self.enforcer(cpu);
             let own = control.clone();

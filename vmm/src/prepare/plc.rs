@@ -7,7 +7,8 @@ use takt_abi::PortTable;
 use takt_abi::memory::PORT_TABLE;
 use takt_devices::output;
 
-use super::spawn::Processor;
+use super::crew::Crew;
+use super::spawn::{Processor, Seat};
 use super::{Preparation, Prepared};
 use crate::boot::StartMode;
 use crate::boot::long_mode::{self, StartError};
@@ -115,7 +116,8 @@ impl Preparation<'_> {
             }
             Ok(())
         };
-        let processor = Processor { vcpu: machine.vcpu, ready };
+        let (seat, crew) = (Seat::new(partition), Crew::default());
+        let processor = Processor { vcpu: machine.vcpu, ready, seat, crew };
         let mut prepared = self.spawn(partition, processor, memory, guest, output, revivals)?;
         prepared.account.can_restart(restart);
         prepared.account.banks = banks;

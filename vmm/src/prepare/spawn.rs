@@ -1,6 +1,6 @@
 //! The thread of a partition, and what it does from the epoch to its end.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use kvm_ioctls::VcpuFd;
@@ -12,15 +12,16 @@ use takt_scheduler::table::Role;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use vmm_sys_util::eventfd::EventFd;
 
+use super::crew::{Crew, Health};
 use super::{Preparation, Prepared};
 use crate::account::Account;
 use crate::boot::StartMode;
 use crate::boot::touch::TouchError;
 use crate::config::{Partition, ScheduleChange};
 use crate::event;
-use crate::handoff::{Giver, Gone, handoff};
+use crate::handoff::{Giver, Gone, handoff, lock};
+use crate::health::Watch;
 use crate::health::bus_locks::BusLocks;
-use crate::health::{Reporter, Watch};
 use crate::life::{Finished, Life, Starts};
 use crate::memory::GuestMemory;
 use crate::restart::{Revival, Revivals};
@@ -60,6 +61,23 @@ impl Ending {
 pub(super) struct Processor<R> {
     pub vcpu: VcpuFd,
     pub ready: R,
+    pub seat: Seat,
+    pub crew: Crew,
+}
+
+/// What a partition's thread and others have in common.
+pub(super) struct Seat {
+    pub control: Arc<Control>,
+    pub health: Health,
+    watch: Watch,
+}
+
+impl Seat {
+    pub fn new(partition: &Partition) -> Self {
+        let (watch, reporter) = Watch::new(partition.health());
+        let reporter = reporter.with_bus_locks(BusLocks::new(partition.hardware().bus_locks));
+        Self { control: Arc::default(), health: Arc::new(Mutex::new(reporter)), watch }
+    }
 }
 
 /// What a guest's thread keeps for as long as the guest exists.
@@ -67,7 +85,8 @@ struct Body {
     /// The memory lives as long as the processor.
     _memory: GuestMemory,
     own: Arc<Control>,
-    health: Reporter,
+    health: Health,
+    crew: Crew,
     ending: Ending,
 }
 
@@ -76,7 +95,7 @@ impl Preparation<'_> {
     pub(super) fn spawn<G, R>(
         &mut self,
         partition: &Partition,
-        Processor { vcpu, ready }: Processor<R>,
+        Processor { vcpu, ready, seat, crew }: Processor<R>,
         memory: GuestMemory,
         guest: G,
         output: output::OutputEnd,
@@ -88,13 +107,12 @@ impl Preparation<'_> {
     {
         let (id, cpu, name) = (partition.id(), partition.cpu(), partition.name().to_owned());
         let (giver, ends) = handoff(ENDS);
-        let control: Arc<Control> = Arc::default();
-        let (health, reporter) = Watch::new(partition.health());
-        let reporter = reporter.with_bus_locks(BusLocks::new(partition.hardware().bus_locks));
+        let Seat { control, health, watch } = seat;
         let body = Body {
             _memory: memory,
             own: control.clone(),
-            health: reporter,
+            health,
+            crew,
             ending: Ending { ends: giver, bell: event::clone(&self.bell)? },
         };
         let schedules = self.file.schedules();
@@ -112,8 +130,8 @@ impl Preparation<'_> {
                 quiet: schedules.quiet_on(cpu, None),
                 steering: self.steering,
                 enforcer,
-                late_wake_up: self.late_wake_up,
-                deadlines: self.deadlines_of(|p| p.id() != id && p.cpu() == cpu),
+                late_wake_up: self.hooks.late_wake_up(),
+                deadlines: self.deadlines_of(|other, on| other != id && on == cpu),
                 on_switch: match partition.on_schedule_change() {
                     ScheduleChange::Ignore => None,
                     ScheduleChange::Warm => Some(StartMode::Warm),
@@ -149,6 +167,7 @@ impl Preparation<'_> {
         let account = Account {
             name,
             control,
+            further: Vec::new(),
             output,
             unshown: 0,
             is_terminal: false,
@@ -157,14 +176,14 @@ impl Preparation<'_> {
             records,
             assembler: WindowAssembler::default(),
             says_done,
-            health,
+            health: watch,
             releases: None,
             samples: None,
             load: None,
             occupied: Nanos::ZERO,
             watchdog: None,
             kernel: None,
-            deadlines: None,
+            deadlines: Vec::new(),
             banks: None,
             power_button: None,
             restart: None,
@@ -172,7 +191,7 @@ impl Preparation<'_> {
             ends,
             lines: Lines::default(),
         };
-        Ok(Prepared { account, thread, disks: Vec::new(), linux: None })
+        Ok(Prepared { account, thread, further: Vec::new(), disks: Vec::new(), linux: None })
     }
 }
 
@@ -185,13 +204,15 @@ impl Body {
         mut guest: G,
         revivals: &mut Revivals<G>,
     ) {
+        let health = self.health.clone();
         loop {
             self.own.enter_guest();
-            let end = windowed.run(kickable, &mut guest, &self.own, &mut self.health);
+            // For as long as the guest runs: no other thread counts for it.
+            let end = windowed.run(kickable, &mut guest, &self.own, &mut lock(&health));
             guest.left();
             self.own.leave_guest();
             let starting = guest.says_done() && windowed.starting();
-            self.tell(end, starting, windowed.unrecorded());
+            self.tell((end, Nanos::ZERO), starting, windowed.unrecorded());
             let revival = loop {
                 if !windowed.next_window(&self.own) {
                     return;
@@ -218,24 +239,14 @@ impl Body {
     ) {
         loop {
             self.own.enter_guest();
-            let end = background::run(kickable, &mut guest, &self.own, &mut self.health, base);
+            let end = background::run(kickable, &mut guest, &self.own, &self.health, base);
+            let left = self.crew.gather(&self.own, end);
             guest.left();
             self.own.leave_guest();
-            self.tell(end, false, 0);
-            let Some(revival) = self.wait(revivals) else { return };
+            self.tell(left, false, 0);
+            let Some(revival) = wait(&self.own, revivals) else { return };
             if !self.revive(kickable, &mut guest, revival) {
                 return;
-            }
-        }
-    }
-
-    /// Waits for the word to go on; `None` if there will be none, or the run is over. What loads a guest may
-    /// take longer than the end of a run, so this looks for that.
-    fn wait<G>(&self, revivals: &mut Revivals<G>) -> Option<Revival<G>> {
-        loop {
-            match revivals.wait(Some(LOOK)) {
-                Ok(None) if !self.own.ending() => {}
-                other => return other.ok().flatten(),
             }
         }
     }
@@ -249,20 +260,33 @@ impl Body {
     ) -> bool {
         let revived = revival(kickable, guest);
         if !revived {
-            self.tell(End::NotLoaded, true, 0);
+            self.tell((End::NotLoaded, Nanos::ZERO), true, 0);
         }
         revived
     }
 
-    fn tell(&mut self, end: End, starting: bool, unrecorded: u64) {
-        self.health.end(end);
+    /// Tells of the guest's end, and the CPU time that other processors of it have used.
+    fn tell(&mut self, (end, others): (End, Nanos), starting: bool, unrecorded: u64) {
+        let mut health = lock(&self.health);
+        health.end(end);
         self.ending.tell(Finished {
             end,
             at: Tsc::now(),
             starting,
-            noted: self.health.noted(),
-            cpu_time: thread::cpu_time(),
+            noted: health.noted(),
+            cpu_time: thread::cpu_time().plus(others),
             unrecorded,
         });
+    }
+}
+
+/// Waits for the word to go on; `None` if there will be none, or the run is over. What loads a guest may
+/// take longer than the end of a run, so this looks for that.
+pub(super) fn wait<G>(own: &Control, revivals: &mut Revivals<G>) -> Option<Revival<G>> {
+    loop {
+        match revivals.wait(Some(LOOK)) {
+            Ok(None) if !own.ending() => {}
+            other => return other.ok().flatten(),
+        }
     }
 }

@@ -7,7 +7,7 @@ use super::{LoadError, Loader, Revival};
 use crate::boot::Start;
 use crate::handoff::{Giver, handoff};
 use crate::life::Starts;
-use crate::linux_machine::LinuxMachine;
+use crate::linux_machine::{LinuxMachine, Processor};
 use crate::sandbox::Kind;
 use crate::vcpu::exit_count::ExitCount;
 use crate::vcpu::linux::LinuxGuest;
@@ -16,7 +16,12 @@ use crate::vcpu::linux::LinuxGuest;
 const LOOK: Duration = Duration::from_millis(100);
 
 /// What loads the Linux on a board anew.
-pub struct LinuxLoader(pub LinuxMachine);
+pub struct LinuxLoader {
+    /// The board.
+    pub machine: LinuxMachine,
+    /// The threads of its further processors.
+    pub further: Vec<Giver<Revival<LinuxGuest>>>,
+}
 
 impl Loader for LinuxLoader {
     type Guest = LinuxGuest;
@@ -24,18 +29,27 @@ impl Loader for LinuxLoader {
     const STARTS: Starts = Starts::Cold;
 
     fn load(&mut self, _: Start, thread: &mut Giver<Revival<LinuxGuest>>) -> Result<(), LoadError> {
-        let (vcpu, new) = self.0.start_anew()?;
-        let (mut replace, mut replaced) = handoff(1);
-        let exit_count = ExitCount::of(&vcpu);
-        let revival: Revival<LinuxGuest> = Box::new(move |kickable, guest| {
-            let _ = replace.give(kickable.replace(vcpu, exit_count));
-            *guest = new;
-            true
-        });
-        let _ = thread.give(revival);
-        // With its processor a machine goes, which takes the kernel longer than the guest's
-        // thread may be away from its windows. A thread that is gone replaces none.
-        while let Ok(None) = replaced.wait(Some(LOOK)) {}
+        let (first, further) = self.machine.start_anew()?;
+        // The first last: when it runs, and may end, all others are there to end with it.
+        for (processor, thread) in further.into_iter().zip(&mut self.further) {
+            pass_on(processor, thread);
+        }
+        pass_on(first, thread);
         Ok(())
     }
+}
+
+/// Gives a thread its new processor, and waits until it has it.
+fn pass_on((vcpu, new): Processor, thread: &mut Giver<Revival<LinuxGuest>>) {
+    let (mut replace, mut replaced) = handoff(1);
+    let exit_count = ExitCount::of(&vcpu);
+    let revival: Revival<LinuxGuest> = Box::new(move |kickable, guest| {
+        *guest = new;
+        let _ = replace.give(kickable.replace(vcpu, exit_count));
+        true
+    });
+    let _ = thread.give(revival);
+    // With its last processor a machine goes, which takes the kernel longer than the guest's
+    // thread may be away from its windows. A thread that is gone replaces none.
+    while let Ok(None) = replaced.wait(Some(LOOK)) {}
 }

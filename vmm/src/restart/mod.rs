@@ -12,7 +12,7 @@
 mod linux;
 mod plc;
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use thiserror::Error;
 
@@ -21,7 +21,7 @@ use crate::boot::long_mode::StartError;
 use crate::boot::plc::PlcImageError;
 use crate::boot::programs::ProgramError;
 use crate::channels::ChannelError;
-use crate::handoff::{Giver, Taker, handoff};
+use crate::handoff::{Giver, Taker, handoff, lock};
 use crate::life::Starts;
 use crate::linux_machine::LinuxMachineError;
 use crate::passthrough::error::DeviceError;
@@ -130,9 +130,4 @@ impl Restart {
     pub fn starts(&self) -> Starts {
         self.starts
     }
-}
-
-/// Nothing that happens under the lock leaves it half-done.
-fn lock(failure: &Failure) -> MutexGuard<'_, Option<LoadError>> {
-    failure.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -20,7 +20,7 @@ use crate::prepare::LinuxParts;
 use crate::report::{self, Report};
 use crate::supervisor::Supervisor;
 use crate::vcpu::Control;
-use crate::vcpu::guest_timer::{Deadlines, Told};
+use crate::vcpu::guest_timer::Told;
 
 impl Run<'_> {
     pub(super) fn report(
@@ -85,12 +85,16 @@ impl Run<'_> {
         let cpu_time = finished.map_or(Nanos::ZERO, |f| f.cpu_time);
         let donation =
             (schedules.placements()[partition.id().0].role == Role::Background).then(|| {
-                let neighbours = self.file.partitions().iter().zip(all);
-                let occupied = neighbours
-                    .filter(|(p, _)| p.cpu() == partition.cpu())
-                    .fold(Nanos::ZERO, |sum, (_, account)| sum.plus(account.occupied));
+                // What windows have left of each of its CPUs.
+                let left = |cpu| {
+                    let neighbours = self.file.partitions().iter().zip(all);
+                    let occupied = neighbours
+                        .filter(|(p, _)| p.cpu() == cpu)
+                        .fold(Nanos::ZERO, |sum, (_, account)| sum.plus(account.occupied));
+                    duration.less(occupied).0
+                };
                 report::Donation {
-                    offered_ns: duration.less(occupied).0,
+                    offered_ns: partition.cpus().map(left).sum(),
                     received_ns: cpu_time.0,
                     minimum_share: self.file.least_own_time(partition.id()).0 as f64
                         / schedules.frame().0 as f64,
@@ -117,7 +121,7 @@ impl Run<'_> {
             wake_ups: account.records.as_ref().map(|_| account.control.wake_ups().into()),
             donation,
             stuck: account.kernel.as_ref().map(KernelWatch::stuck),
-            deadlines: account.deadlines.as_deref().map(Deadlines::told).map(|told| {
+            deadlines: Told::of(&account.deadlines).map(|told| {
                 let Told { programmed, moved, put_back } = told;
                 report::Deadlines { programmed, moved, put_back }
             }),

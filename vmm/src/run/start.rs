@@ -70,9 +70,10 @@ impl Run<'_> {
     ) -> Result<Started, RunError> {
         let (mut accounts, mut linux, mut disks) = (Vec::new(), Vec::new(), Vec::new());
         let (mut windowed, mut others) = (Vec::new(), Vec::new());
-        for Prepared { account, thread, linux: parts, disks: own } in prepared {
+        for Prepared { account, thread, further, linux: parts, disks: own } in prepared {
             let kin = if account.records.is_some() { &mut windowed } else { &mut others };
             kin.push(thread);
+            others.extend(further);
             accounts.push(account);
             linux.push(parts);
             disks.extend(own);
@@ -93,7 +94,8 @@ impl Run<'_> {
             .into_iter()
             .map(|WindowEnforcer { control, thread, .. }| (thread, control))
             .unzip();
-        controls.extend(accounts.iter().map(|account| account.control.clone()));
+        let all = accounts.iter().flat_map(|a| [&a.control].into_iter().chain(&a.further));
+        controls.extend(all.cloned());
         let (mut bells, mut disk_threads) = (Vec::new(), Vec::new());
         for DiskThread { control, bell, thread } in disks {
             controls.push(control);

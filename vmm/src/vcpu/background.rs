@@ -1,5 +1,7 @@
 //! Running the partition that gets what the windows leave.
 
+use std::sync::Mutex;
+
 use kvm_ioctls::VcpuExit;
 use takt_scheduler::time::Timebase;
 
@@ -7,15 +9,18 @@ use super::Control;
 use super::guest::{End, Guest, KvmFailure, Step};
 use super::guest_timer;
 use super::kick::Kickable;
+use crate::handoff::lock;
 use crate::health::{Answer, Reporter};
 
-/// Runs the guest until it ends or is stopped. There is nothing to schedule: the thread is of the
+/// Runs one processor of the guest until it ends or is stopped. There is nothing to schedule: the thread is of the
 /// ordinary class, so it runs exactly when no window's thread does.
+///
+/// A processor that the guest has not started yet is here too: KVM waits for the guest's word in the call.
 pub fn run(
     kickable: &mut Kickable,
     guest: &mut impl Guest,
     control: &Control,
-    health: &mut Reporter,
+    health: &Mutex<Reporter>,
     base: &Timebase,
 ) -> End {
     loop {
@@ -39,7 +44,7 @@ pub fn run(
             }
             Ok(exit) => {
                 let answer = Answer::to(exit, guest);
-                if let Step::Ended(end) = health.conclude(answer, kickable.vcpu()) {
+                if let Step::Ended(end) = lock(health).conclude(answer, kickable.vcpu()) {
                     return end;
                 }
             }

@@ -25,9 +25,10 @@ use super::Control;
 use super::guest::{End, Guest, KvmFailure};
 use crate::machine::msr::TSC_DEADLINE;
 
-/// What the threads of one CPU know of a Linux's timer.
+/// What the threads of one CPU know of the timer of a Linux's processor there.
 pub struct Deadlines {
-    quiet: QuietTimes,
+    /// `None` where no deadline is to be moved: on a CPU without windows of others.
+    quiet: Option<QuietTimes>,
     board: Arc<ScheduleState>,
     /// Of the thread of Linux's vCPU, once there is one.
     thread: OnceLock<Arc<Control>>,
@@ -58,9 +59,9 @@ pub struct Told {
 }
 
 impl Deadlines {
-    /// For a Linux whose deadlines are to stay out of these times.
+    /// For a processor whose deadlines are to stay out of these times.
     #[must_use]
-    pub fn new(quiet: QuietTimes, board: Arc<ScheduleState>) -> Self {
+    pub fn new(quiet: Option<QuietTimes>, board: Arc<ScheduleState>) -> Self {
         Self {
             quiet,
             board,
@@ -99,6 +100,19 @@ impl Deadlines {
         let of = |count: &AtomicU64| count.load(Ordering::Relaxed);
         let Counts { programmed, moved, put_back } = &self.counts;
         Told { programmed: of(programmed), moved: of(moved), put_back: of(put_back) }
+    }
+}
+
+impl Told {
+    /// What became of the deadlines of all processors; `None` if Takt places none.
+    #[must_use]
+    pub fn of(all: &[Arc<Deadlines>]) -> Option<Told> {
+        let sum = |sum: Told, told: Told| Told {
+            programmed: sum.programmed + told.programmed,
+            moved: sum.moved + told.moved,
+            put_back: sum.put_back + told.put_back,
+        };
+        all.iter().map(|deadlines| deadlines.told()).reduce(sum)
     }
 }
 
@@ -164,11 +178,11 @@ impl GuestTimer {
     fn place(&self, base: &Timebase) -> Tsc {
         let (wanted, deadlines) = (self.wanted, &self.deadlines);
         // Before the epoch there are no windows.
-        let moved = (wanted > base.epoch).then(|| {
+        let moved = deadlines.quiet.as_ref().filter(|_| wanted > base.epoch).and_then(|quiet| {
             let now = base.offset(Tsc::now());
-            deadlines.quiet.defer(base.offset(wanted), now, deadlines.board.switch())
+            quiet.defer(base.offset(wanted), now, deadlines.board.switch())
         });
-        let place = moved.flatten().map_or(wanted, |at| base.instant(at).max(wanted));
+        let place = moved.map_or(wanted, |at| base.instant(at).max(wanted));
         deadlines.waiting.store(if place > wanted { wanted.0 } else { 0 }, Ordering::SeqCst);
         place
     }
@@ -246,7 +260,7 @@ mod tests {
         };
         let schedules = Schedules::new(FRAME, &[plc], &[&[window]]).unwrap();
         let quiet = schedules.quiet_on(Cpu(0), None).unwrap();
-        let deadlines = Deadlines::new(quiet, Arc::new(ScheduleState::new(FRAME, 1)));
+        let deadlines = Deadlines::new(Some(quiet), Arc::new(ScheduleState::new(FRAME, 1)));
         let frequency = TscFrequency::from_khz(2_399_987).unwrap();
         let base = Timebase { epoch: Tsc::now(), frequency };
         (GuestTimer::new(Arc::new(deadlines)).unwrap(), base)

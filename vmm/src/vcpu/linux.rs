@@ -1,7 +1,12 @@
 //! The Linux guest's side of the loop: the few devices that are emulated for it.
 //!
+//! Its processors share them, under one lock: an exit is rare beside what it costs, and devices are made for one
+//! access at a time.
+//!
 //! Of the memory of its PCI function nothing is here. The regions of channels are memory slots;
 //! what comes here is a write to one that is read-only, and any access to what is empty.
+
+use std::sync::{Arc, Mutex};
 
 use kvm_ioctls::VcpuExit;
 use takt_devices::ports::PortBus;
@@ -14,31 +19,59 @@ use takt_scheduler::timetable::{Release, Slot};
 use super::guest::{End, Guest, Step, handle_common};
 use super::guest_timer::GuestTimer;
 use super::record::Scan;
+use crate::handoff::lock;
 use crate::sandbox;
 use crate::virtio;
 
-/// A Linux guest.
-pub struct LinuxGuest {
-    ports: PortBus,
-    power: PowerLine,
+/// The devices of a guest, which one of its processors accesses at a time.
+pub struct Board {
+    /// Those with ports.
+    pub ports: PortBus,
+    /// The line that some of them pull.
+    pub power: PowerLine,
     /// By their slots.
-    virtio: Vec<Registers>,
-    stray_memory: u64,
+    pub virtio: Vec<Registers>,
+}
+
+/// A Linux guest, as the thread of one of its processors knows it.
+pub struct LinuxGuest {
+    board: Arc<Mutex<Board>>,
+    /// Accesses of this processor that nothing answered.
+    illegal: u64,
     watchdog: Option<Timer>,
     timer: Option<GuestTimer>,
 }
 
-impl LinuxGuest {
-    /// A guest with these devices; `power` is the line that some of them pull.
-    #[must_use]
-    pub fn new(ports: PortBus, power: PowerLine) -> Self {
-        Self { ports, power, virtio: Vec::new(), stray_memory: 0, watchdog: None, timer: None }
-    }
-
-    /// The same guest with virtio devices, by their slots.
-    #[must_use]
-    pub fn with_virtio(self, virtio: Vec<Registers>) -> Self {
-        Self { virtio, ..self }
+impl Board {
+    /// Answers an exit; `None` if it is none for devices. Counts the accesses that nothing answers.
+    fn answer(&mut self, exit: &mut VcpuExit<'_>, illegal: &mut u64) -> Option<Step> {
+        let unclaimed = self.ports.unclaimed();
+        let mut step = Step::Resume;
+        match exit {
+            VcpuExit::IoOut(port, data) => {
+                self.ports.write(*port, width(data.len()), data);
+                step = match self.power.request() {
+                    None => Step::Resume,
+                    Some(PowerRequest::Off) => Step::Ended(End::PoweredOff),
+                    Some(PowerRequest::Reset) => Step::Ended(End::Reset),
+                };
+            }
+            VcpuExit::IoIn(port, data) => self.ports.read(*port, width(data.len()), data),
+            VcpuExit::MmioRead(address, data) => match self.virtio(*address) {
+                Some((device, offset)) => device.read(offset, data),
+                None => {
+                    data.fill(0xff);
+                    *illegal += 1;
+                }
+            },
+            VcpuExit::MmioWrite(address, data) => match self.virtio(*address) {
+                Some((device, offset)) => device.write(offset, data),
+                None => *illegal += 1,
+            },
+            _ => return None,
+        }
+        *illegal += self.ports.unclaimed() - unclaimed;
+        Some(step)
     }
 
     /// The virtio device that an address belongs to, and where in its registers it lies. KVM splits what
@@ -47,6 +80,14 @@ impl LinuxGuest {
         let offset = address.checked_sub(virtio::Slot(0).registers().into())?;
         let device = self.virtio.get_mut(usize::try_from(offset / BYTES).ok()?)?;
         Some((device, offset % BYTES))
+    }
+}
+
+impl LinuxGuest {
+    /// A guest with these devices.
+    #[must_use]
+    pub fn on(board: Arc<Mutex<Board>>) -> Self {
+        Self { board, illegal: 0, watchdog: None, timer: None }
     }
 
     /// The same guest with a watchdog, whose registers are among the devices.
@@ -75,39 +116,9 @@ impl Guest for LinuxGuest {
     /// An unmodified Linux knows nothing of windows.
     fn announce(&mut self, _: &Release, _: &Slot, _: &Timebase) {}
 
-    fn handle(&mut self, exit: VcpuExit<'_>) -> Step {
-        match exit {
-            VcpuExit::IoOut(port, data) => {
-                self.ports.write(port, width(data.len()), data);
-                match self.power.request() {
-                    None => Step::Resume,
-                    Some(PowerRequest::Off) => Step::Ended(End::PoweredOff),
-                    Some(PowerRequest::Reset) => Step::Ended(End::Reset),
-                }
-            }
-            VcpuExit::IoIn(port, data) => {
-                self.ports.read(port, width(data.len()), data);
-                Step::Resume
-            }
-            VcpuExit::MmioRead(address, data) => {
-                match self.virtio(address) {
-                    Some((device, offset)) => device.read(offset, data),
-                    None => {
-                        data.fill(0xff);
-                        self.stray_memory += 1;
-                    }
-                }
-                Step::Resume
-            }
-            VcpuExit::MmioWrite(address, data) => {
-                match self.virtio(address) {
-                    Some((device, offset)) => device.write(offset, data),
-                    None => self.stray_memory += 1,
-                }
-                Step::Resume
-            }
-            other => handle_common(&other),
-        }
+    fn handle(&mut self, mut exit: VcpuExit<'_>) -> Step {
+        let answered = lock(&self.board).answer(&mut exit, &mut self.illegal);
+        answered.unwrap_or_else(|| handle_common(&exit))
     }
 
     fn timer(&mut self) -> Option<&mut GuestTimer> {
@@ -138,7 +149,7 @@ impl Guest for LinuxGuest {
     }
 
     fn illegal_accesses(&self) -> u64 {
-        self.ports.unclaimed() + self.stray_memory
+        self.illegal
     }
 }
 
@@ -151,13 +162,17 @@ mod tests {
     use takt_devices::power::AcpiPower;
     use takt_plan::linux_map::PCI_WINDOW;
 
+    fn guest(ports: PortBus, power: PowerLine, virtio: Vec<Registers>) -> LinuxGuest {
+        LinuxGuest::on(Arc::new(Mutex::new(Board { ports, power, virtio })))
+    }
+
     #[test]
     fn a_power_request_ends_the_guest() {
         for (offset, value, end) in [(0, 0x34, End::PoweredOff), (2, 1, End::Reset)] {
             let power = PowerLine::default();
             let mut ports = PortBus::default();
             ports.attach(0x600..=0x602, Box::new(AcpiPower(power.clone()))).unwrap();
-            let mut guest = LinuxGuest::new(ports, power);
+            let mut guest = guest(ports, power, Vec::new());
             assert_eq!(guest.handle(VcpuExit::IoOut(0x601, &[value])), Step::Resume);
             let step = guest.handle(VcpuExit::IoOut(0x600 + offset, &[value]));
             assert_eq!(step, Step::Ended(end));
@@ -166,7 +181,7 @@ mod tests {
 
     #[test]
     fn memory_without_a_device_reads_as_ones() {
-        let mut guest = LinuxGuest::new(PortBus::default(), PowerLine::default());
+        let mut guest = guest(PortBus::default(), PowerLine::default(), Vec::new());
         let mut data = [0; 4];
         assert_eq!(guest.handle(VcpuExit::MmioRead(0xd000_0000, &mut data)), Step::Resume);
         assert_eq!((data, guest.illegal_accesses()), ([0xff; 4], 1));
@@ -178,8 +193,8 @@ mod tests {
             let shape = Shape { sectors, read_only: true };
             Registers::new(DiskDevice::new(shape, Arc::default()))
         };
-        let mut guest = LinuxGuest::new(PortBus::default(), PowerLine::default())
-            .with_virtio(vec![registers(5), registers(6)]);
+        let mut guest =
+            guest(PortBus::default(), PowerLine::default(), vec![registers(5), registers(6)]);
         let mut read = |address| {
             let mut data = [0; 4];
             assert_eq!(guest.handle(VcpuExit::MmioRead(address, &mut data)), Step::Resume);
@@ -196,7 +211,7 @@ mod tests {
 
     #[test]
     fn every_access_to_empty_memory_is_counted() {
-        let mut guest = LinuxGuest::new(PortBus::default(), PowerLine::default());
+        let mut guest = guest(PortBus::default(), PowerLine::default(), Vec::new());
         let mut number = 0x2545_f491_4f6c_dd1du64;
         for count in 1..=20_000 {
             number = number.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);

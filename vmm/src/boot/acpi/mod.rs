@@ -52,9 +52,11 @@ mod absent {
     pub const CMOS_CLOCK: u16 = 1 << 5;
 }
 
-/// What a machine has beyond what all have.
+/// What machines differ in.
 #[derive(Clone, Debug, Default)]
 pub struct AcpiConfig {
+    /// How many processors there are.
+    pub processors: usize,
     /// Where the memory of PCI functions may lie, if there is a PCI bus.
     pub pci: Option<RangeInclusive<u32>>,
     /// How many virtio devices there are.
@@ -79,10 +81,10 @@ pub fn write(memory: &GuestMemoryMmap, fittings: AcpiConfig) -> Result<u64, Gues
         next = (at + bytes.len() as u64).next_multiple_of(64);
         Ok::<u64, GuestMemoryError>(at)
     };
-    let watchdog = fittings.watchdog;
+    let AcpiConfig { watchdog, processors, .. } = fittings;
     let dsdt = put(&dsdt::table(fittings))?;
     let fadt = put(&fadt(dsdt))?;
-    let madt = put(&madt())?;
+    let madt = put(&madt(processors))?;
     let mut xsdt = XSDT::new(OEM, MACHINE, REVISION);
     xsdt.add_entry(fadt);
     xsdt.add_entry(madt);
@@ -115,9 +117,13 @@ fn fadt(dsdt: u64) -> impl Aml {
     fadt.finalize()
 }
 
-fn madt() -> impl Aml {
+/// All processors are there from the start. None can be added: none is described that is not enabled, and no device that
+/// would tell of one.
+fn madt(processors: usize) -> impl Aml {
     let mut madt = MADT::new(OEM, MACHINE, REVISION, LocalInterruptController::Address(LOCAL_APIC));
-    madt.add_structure(ProcessorLocalApic::new(0, 0, EnabledStatus::Enabled));
+    for number in 0..processors as u8 {
+        madt.add_structure(ProcessorLocalApic::new(number, number, EnabledStatus::Enabled));
+    }
     madt.add_structure(IoApic::new(0, IO_APIC, 0));
     madt
 }
@@ -136,6 +142,7 @@ mod tests {
             virtio: 4,
             watchdog: Some(500),
             power_button: true,
+            processors: 3,
         };
         let rsdp = write(&memory, fittings).unwrap();
         let word = |at| memory.read_obj::<u32>(GuestAddress(at)).unwrap();
@@ -151,6 +158,13 @@ mod tests {
         let (fadt, madt) = (long(xsdt + 36), long(xsdt + 44));
         assert_eq!(check(fadt), b"FACP");
         assert_eq!(check(madt), b"APIC");
+        // Each is one of 8 bytes: its number in ACPI, that of its controller, enabled and not only to be enabled.
+        for number in 0..3 {
+            let mut entry = [0; 8];
+            memory.read_slice(&mut entry, GuestAddress(madt + 44 + 8 * number)).unwrap();
+            assert_eq!(entry, [0, 8, number as u8, number as u8, 1, 0, 0, 0]);
+        }
+        assert_eq!(word(madt + 44 + 24) & 0xffff, 0x0c01, "the I/O APIC");
         assert_eq!(check(long(fadt + 140)), b"DSDT");
         assert_eq!(check(long(xsdt + 52)), b"WDAT");
     }

@@ -36,6 +36,7 @@ fn account() -> (Account, Revivals<PlcGuest>) {
     let account = Account {
         name: "plc".into(),
         control: std::sync::Arc::default(),
+        further: Vec::new(),
         output,
         unshown: 0,
         is_terminal: false,
@@ -51,7 +52,7 @@ fn account() -> (Account, Revivals<PlcGuest>) {
         occupied: Nanos::ZERO,
         watchdog: None,
         kernel: None,
-        deadlines: None,
+        deadlines: Vec::new(),
         banks: None,
         power_button: None,
         life: Life::new(restart.starts()),
