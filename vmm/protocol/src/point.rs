@@ -56,6 +56,8 @@ pub struct Values {
     pub cycle: u64,
     /// That release, since the epoch.
     pub release_ns: u64,
+    /// The same as the programs see it: since the beginning of their tasks.
+    pub time_ns: u64,
     /// Samples before this one that were lost: the PLC had no time left, or the client did not read.
     pub missed: u64,
     /// Programs that were in the middle of something, a bit for each.

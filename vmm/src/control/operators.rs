@@ -82,6 +82,7 @@ impl Operators {
                 partition: account.name.clone(),
                 cycle: head.cycle,
                 release_ns: base.offset(Tsc(head.release_tsc)).0,
+                time_ns: head.time_ns,
                 missed,
                 unsettled: head.unsettled,
                 bytes: hex(&bytes),

@@ -6,7 +6,7 @@
 use super::bytes::{Reader, Writer};
 use super::{Buffer, MESSAGE_BYTES};
 
-const HEAD: usize = 40;
+const HEAD: usize = 48;
 /// Most bytes of a part.
 pub const PAYLOAD_BYTES: usize = MESSAGE_BYTES - HEAD;
 /// Ranges of which a part has something: a bound on the kernel's step.
@@ -23,6 +23,8 @@ pub struct SampleHead {
     pub cycle: u64,
     /// Its instant, of the time stamp counter.
     pub release_tsc: u64,
+    /// The same as the programs see it: since the beginning of their tasks, in nanoseconds.
+    pub time_ns: u64,
     /// Samples of this list that were given up before this one, for lack of time or room.
     pub missed: u32,
     /// Number of this part, from 0.
@@ -46,6 +48,7 @@ impl SampleHead {
         to_head.u32(self.serial);
         to_head.u64(self.cycle);
         to_head.u64(self.release_tsc);
+        to_head.u64(self.time_ns);
         to_head.u32(self.missed);
         to_head.u16(self.part);
         to_head.u16(self.last.into());
@@ -68,6 +71,7 @@ impl SampleHead {
             serial: from.u32()?,
             cycle: from.u64()?,
             release_tsc: from.u64()?,
+            time_ns: from.u64()?,
             missed: from.u32()?,
             part: from.u16()?,
             last: match from.u16()? {

@@ -8,6 +8,7 @@ fn a_part_is_read_as_it_was_written_and_nothing_else_is_one() {
         serial: 1,
         cycle: 2,
         release_tsc: 3,
+        time_ns: 0x1234_5678_9abc,
         missed: 4,
         part: 5,
         last: true,

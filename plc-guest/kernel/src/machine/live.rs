@@ -205,6 +205,7 @@ impl Kernel {
             serial: self.live.watch.serial(),
             cycle: release,
             release_tsc,
+            time_ns: self.clock.instant(release_tsc).0,
             missed: self.live.watch.missed(),
             part: self.live.part,
             last: self.live.watch.is_whole(),

@@ -222,6 +222,7 @@ fn who_does_not_read_misses_values_and_is_told_how_many() {
                 partition: "plc".into(),
                 cycle: made,
                 release_ns: 0,
+                time_ns: 0,
                 missed,
                 unsettled: 0,
                 bytes: "00".repeat(1000),
