@@ -7,6 +7,7 @@ mod commands;
 mod link;
 mod live;
 mod run;
+mod shadow;
 mod table;
 mod value;
 
@@ -27,8 +28,8 @@ mod status {
 
 const AFTER_HELP: &str = "\
 Exit status: 0 good; 1 a test failed or the program ran, but not as the table expects, an image is not signed as asked,
-a part of a project was refused, a source is not formatted (`fmt --check`), or a change needs a restart
-(`diff`); 2 bad file or usage; 3 the program faulted, stopped itself or did not end; 4 this machine cannot;
+a part of a project was refused, a source is not formatted (`fmt --check`), a change needs a restart
+(`diff`, `shadow`), or an output is out of tolerance (`shadow`); 2 bad file or usage; 3 the program faulted, stopped itself or did not end; 4 this machine cannot;
 5 Takt refuses; 6 no Takt answers.";
 
 /// Makes, inspects, signs and tests control programs.
@@ -81,6 +82,8 @@ enum Command {
     Load(commands::versions::Load),
     /// Show which versions the programs of a PLC that runs have, and how far a change is.
     Versions(commands::versions::Versions),
+    /// Run a new version here beside the one that runs in a PLC, on the same inputs, and compare the outputs.
+    Shadow(commands::shadow::Shadow),
     /// Change a program to the version that was loaded, between two of its cycles.
     Commit(commands::versions::Order),
     /// Change a program back, or give up the version that was loaded.
@@ -125,6 +128,7 @@ fn main() -> ExitCode {
         Command::Release(command) => command.run(),
         Command::Load(command) => command.run(),
         Command::Versions(command) => command.run(),
+        Command::Shadow(command) => command.run(),
         Command::Commit(command) => command.commit(),
         Command::Rollback(command) => command.roll_back(),
         Command::Keep(command) => command.run(),

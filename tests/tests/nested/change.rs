@@ -3,6 +3,8 @@
 //! The program checks itself: it counts its jobs, adds the counts up, and compares the sum with the formula in
 //! each job. A value that does not get to where the new version looks for it is a fault in the next cycle.
 
+mod shadow;
+
 use std::fs;
 use std::process::Command;
 

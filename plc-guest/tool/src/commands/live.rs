@@ -8,8 +8,7 @@ use takt_protocol::{Answer, Named, PointValue, Request, Values};
 
 use crate::Failure;
 use crate::live::points::Point;
-use crate::live::{Connected, Which, bytes, cut};
-use crate::status;
+use crate::live::{Connected, Which, bytes, cut, not_asked_for};
 
 /// Arguments of `points`.
 #[derive(clap::Args)]
@@ -75,10 +74,7 @@ impl Watch {
             let values = connected.values()?;
             let line = bytes(&values.bytes);
             let line = line.as_deref().and_then(|line| cut(&points, line));
-            let line = line.ok_or_else(|| Failure {
-                status: status::NO_TAKT,
-                message: "the values that came are not those that were asked for".to_owned(),
-            })?;
+            let line = line.ok_or_else(not_asked_for)?;
             print(&shown(&points, &values, &line, self.json))?;
             told += 1;
         }

@@ -13,6 +13,7 @@ pub mod live;
 pub mod lsp;
 pub mod new;
 pub mod record;
+pub mod shadow;
 pub mod sign;
 mod structured_text;
 pub mod test;

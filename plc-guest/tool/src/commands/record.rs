@@ -13,8 +13,7 @@ use crate::live::output::{Form, Writer};
 use crate::live::points::Point;
 use crate::live::recording::{Line, Recording};
 use crate::live::trigger::{Operator, Written, Wrong};
-use crate::live::{Plc, Which, bytes, cut};
-use crate::status;
+use crate::live::{Plc, Which, bytes, cut, not_asked_for};
 use crate::value::Value;
 
 /// Longest time before the trigger.
@@ -73,8 +72,7 @@ impl Record {
             let values = connected.values()?;
             let bytes = bytes(&values.bytes);
             let Some(bytes) = bytes.filter(|bytes| cut(&watched, bytes).is_some()) else {
-                let message = "the values that came are not those that were asked for".to_owned();
-                return Err(Failure { status: status::NO_TAKT, message });
+                return Err(not_asked_for());
             };
             let line = Line {
                 cycle: values.cycle,

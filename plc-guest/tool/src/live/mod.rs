@@ -15,9 +15,11 @@ use takt_client::{ClientError, Connection};
 use takt_plan::{Partition, PartitionFile};
 use takt_program::Image;
 use takt_protocol::{Answer, Request, Values};
+use takt_scheduler::table::PartitionId;
 
 use crate::Failure;
 use crate::commands::hex;
+use crate::shadow::Times;
 use crate::status;
 use points::{Point, Search};
 
@@ -81,6 +83,14 @@ impl Plc {
     /// The partition.
     pub fn partition(&self) -> &Partition {
         &self.file.partitions()[self.place]
+    }
+
+    /// Times of the partition's windows. They may differ from window to window: the shortest counts.
+    pub fn times(&self) -> Times {
+        let schedules = self.file.schedules();
+        let windows = schedules.tables().iter().flat_map(|t| t.windows_of(PartitionId(self.place)));
+        let shortest = windows.map(|window| window.duration.0).min();
+        Times { window_ns: shortest.unwrap_or_default(), frame_ns: schedules.frame().0 }
     }
 
     /// The points that these names and patterns mean, in their order. Each must mean one at least.
@@ -203,6 +213,12 @@ const ATTEMPTS: u32 = 100;
 
 fn strange() -> Failure {
     ClientError::NotUnderstood("an answer to another question".to_owned()).into()
+}
+
+/// Of a line of values that is not as long as it must be.
+pub fn not_asked_for() -> Failure {
+    let message = "the values that came are not those that were asked for".to_owned();
+    Failure { status: status::NO_TAKT, message }
 }
 
 /// The bytes of each point in a line of values.

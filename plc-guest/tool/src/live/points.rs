@@ -293,7 +293,7 @@ fn may_match(pattern: &str, name: &str) -> bool {
 }
 
 /// Whether a value of this name is meant.
-fn matches(pattern: &str, name: &str) -> bool {
+pub fn matches(pattern: &str, name: &str) -> bool {
     let (pattern, name) = (pattern.to_ascii_lowercase(), name.to_ascii_lowercase());
     if !pattern.contains('*') {
         let rest = name.strip_prefix(&pattern);

@@ -55,6 +55,24 @@ impl<'a> Schedule<'a> {
         Self { tasks: image.tasks().map(scheduled).collect(), now: 0 }
     }
 
+    /// All tasks of a program that runs for this long: releases before then are over, and what the variables of event
+    /// tasks are now is no edge.
+    pub fn at(image: &Image<'a>, now: u64, machine: &Machine<'_>) -> Self {
+        let mut schedule = Self { now, ..Self::new(image) };
+        for scheduled in &mut schedule.tasks {
+            scheduled.look(machine);
+            scheduled.pending = false;
+            if let TaskKind::Cyclic { period, .. } = scheduled.task.kind {
+                let period = period.0.max(1);
+                let over = now.saturating_sub(scheduled.next).div_ceil(period);
+                scheduled.next = scheduled.next.saturating_add(over.saturating_mul(period));
+                scheduled.cycle = over;
+                scheduled.last = (over > 0).then(|| scheduled.next.saturating_sub(period));
+            }
+        }
+        schedule
+    }
+
     /// Without a task, which is released by other means.
     pub fn without(mut self, name: &str) -> Self {
         self.tasks.retain(|scheduled| scheduled.task.name != name);

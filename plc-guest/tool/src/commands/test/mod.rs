@@ -146,12 +146,12 @@ impl Test {
     }
 }
 
-fn host(error: HostError) -> Failure {
+pub fn host(error: HostError) -> Failure {
     let message = format!("cannot run a program on this machine: {error}");
     Failure { status: status::HOST_CANNOT, message }
 }
 
-fn failed(failed: Failed) -> Failure {
+pub fn failed(failed: Failed) -> Failure {
     match failed {
         Failed::Host(error) => host(error),
         Failed::Program(fault) => {
