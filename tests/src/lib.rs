@@ -20,7 +20,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 use std::thread;
 
-pub use file::{BUSY, File, System};
+pub use file::{BUSY, File, SOON, System};
 pub use host::Host;
 pub use initrd::{archive, initrd_and, initrd_of, initrd_with};
 pub use kernel::{Aim, aiming_kernel, erring_kernel, restarting_kernel, silent_kernel};

@@ -3,7 +3,7 @@
 
 use std::fs;
 
-use takt_tests::{BUSY, File, Outcome, Run, long, plc_image, root, target};
+use takt_tests::{BUSY, File, Outcome, Run, SOON, long, plc_image, root, target};
 
 /// Two PLCs with a sampling and a queuing channel each way, and a busy Linux.
 fn two(left: &str, right: &str) -> File {
@@ -162,7 +162,7 @@ fn a_linux_finds_its_ports_and_is_woken_by_a_doorbell() {
                 echo rung, a count of $(stat -c %s /tmp/count) bytes; \
                 while :; do cat /proc/kallsyms > /dev/null; done";
     let shipped = fs::read_to_string(root().join("configs/channel-linux.toml"));
-    let kernel = format!("cmdline = \"console=ttyS0 takt.exec=\\\"{exec}\\\"\"\nkernel = ");
+    let kernel = format!("cmdline = \"{SOON} takt.exec=\\\"{exec}\\\"\"\nkernel = ");
     let text = shipped
         .expect("the example can be read")
         .replace("kernel = ", &kernel)

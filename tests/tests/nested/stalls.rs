@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use takt_tests::{File, Host, Outcome, initrd_with, long, plc_image, target};
+use takt_tests::{File, Host, Outcome, SOON, initrd_with, long, plc_image, target};
 
 /// What a test's script has left, by name.
 fn left(test: &str, name: &str) -> String {
@@ -99,7 +99,7 @@ fn with_slow_disk(test: &str, initrd: &Path, exec: &str, cues: &[&str]) -> Outco
         .plc("plc", None, "")
         .lines(&format!(
             "[[partition]]\nname = \"linux\"\nkind = \"linux\"\ncpu = 0\nmemory = \"128MiB\"\n\
-             kernel = {kernel:?}\ninitrd = {initrd:?}\ncmdline = \"console=ttyS0 takt.exec=\\\"{exec}\\\"\"\n\
+             kernel = {kernel:?}\ninitrd = {initrd:?}\ncmdline = \"{SOON} takt.exec=\\\"{exec}\\\"\"\n\
              restarts = {{ at_most = 1, within = \"60s\" }}\n\
              [[partition.disk]]\npath = \"/mnt/disk\"\nread_only = false",
         ))
