@@ -43,6 +43,7 @@ struct Plant {
 
 impl Plant {
     fn new(name: &'static str) -> Self {
+        build_clients();
         let image = save_bytes(&format!("{name}.plc"), &st::image("p", "main.st", PROGRAM));
         let program = format!(
             "image = {:?}\nmemory = \"32MiB\"\n[[partition.program]]\nimage = {image:?}\nname = \"p\"\n\
@@ -80,13 +81,8 @@ pub(super) fn connect(socket: &Path) -> UnixStream {
     panic!("there is no {}", socket.display());
 }
 
-/// What one of the user's programs prints.
-pub(super) fn client(program: &str, arguments: &[&str]) -> String {
-    typing_client(program, arguments, b"")
-}
-
-/// What one of the user's programs prints to which this is typed.
-pub(super) fn typing_client(program: &str, arguments: &[&str], typed: &[u8]) -> String {
+/// Builds the user's programs. Before a run begins: it would go on all the while.
+pub(super) fn build_clients() {
     static BUILT: OnceLock<()> = OnceLock::new();
     BUILT.get_or_init(|| {
         let mut cargo = Command::new("cargo");
@@ -94,6 +90,16 @@ pub(super) fn typing_client(program: &str, arguments: &[&str], typed: &[u8]) -> 
         cargo.args(["takt-plc", "takt-ctl", "takt-console"].map(|name| ["--bin", name]).concat());
         assert!(cargo.current_dir(root()).status().expect("cargo starts").success());
     });
+}
+
+/// What one of the user's programs prints.
+pub(super) fn client(program: &str, arguments: &[&str]) -> String {
+    typing_client(program, arguments, b"")
+}
+
+/// What one of the user's programs prints to which this is typed.
+pub(super) fn typing_client(program: &str, arguments: &[&str], typed: &[u8]) -> String {
+    build_clients();
     let path = root().join("target/x86_64-unknown-linux-gnu/debug").join(program);
     let mut command = Command::new(path);
     command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use takt_tests::{File, Outcome, System, Value, long, parse, target};
 
-use super::carried::{connect, typing_client};
+use super::carried::{build_clients, connect, typing_client};
 
 /// Keeps a Linux busy from before its shell on.
 const LOAD: &str = "while :; do cat /proc/kallsyms > /dev/null; done &";
@@ -23,6 +23,7 @@ struct Plant {
 
 impl Plant {
     fn new(name: &str) -> Self {
+        build_clients();
         let second = System { name: "second", exec: LOAD, ..System::default() };
         let text = File::new("1ms")
             .lines(&format!("control = \"{name}.sock\""))

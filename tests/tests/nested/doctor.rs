@@ -13,7 +13,7 @@ type Findings = BTreeMap<String, Value>;
 /// `takt-doctor` as users have it.
 fn doctor() -> PathBuf {
     let mut cargo = Command::new("cargo");
-    cargo.args(["build", "--release", "--quiet", "-p", "takt-doctor"]).current_dir(root());
+    cargo.args(["build", "--release", "--quiet", "--bin", "takt-doctor"]).current_dir(root());
     // What this test's cargo tells its programs is not meant for another cargo.
     for (key, _) in std::env::vars().filter(|(key, _)| {
         key.starts_with("CARGO") && key != "CARGO_HOME" && key != "CARGO_TARGET_DIR"
