@@ -1,6 +1,7 @@
 //! Shell scripts on the appliance's kernel, beside takt: for what has to be done to takt, or without
 //! it.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -68,22 +69,45 @@ impl Host {
     /// Runs one partition file after the other, each for this time: cheaper than a machine for each.
     #[must_use]
     pub fn run_each(self, name: &str, duration: &str, files: &[PathBuf]) -> Vec<Outcome> {
-        let lines: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
-        self.run_list(name, "run-each", &[duration], &lines, files)
+        let lines: Vec<String> =
+            files.iter().map(|file| format!("{} {duration}", file.display())).collect();
+        self.run_list(name, "run-each", &lines, files)
+    }
+
+    /// The same, each for its own time, in a machine with all that they name.
+    #[must_use]
+    pub fn run_all(name: &str, runs: &[(PathBuf, &str)]) -> Vec<Outcome> {
+        let (mut needed, mut memory) = (BTreeSet::new(), 0);
+        for (file, _) in runs {
+            for need in needs_of(file) {
+                match need.split_once(' ') {
+                    Some(("file", path)) => _ = needed.insert(PathBuf::from(path)),
+                    Some(("memory", bytes)) => memory = memory.max(bytes.parse().unwrap_or(0)),
+                    _ => {}
+                }
+            }
+        }
+        // Beside the guests: what a report needs, and the files of the runs.
+        let mebibytes = (memory >> 20_u64) + 64;
+        let host = Self::new().with("--memory", &mebibytes.to_string());
+        let host = needed.iter().fold(host, |host, path| host.with_file(path));
+        let files: Vec<PathBuf> = runs.iter().map(|(file, _)| file.clone()).collect();
+        let lines: Vec<String> =
+            runs.iter().map(|(file, time)| format!("{} {time}", file.display())).collect();
+        host.run_list(name, "run-each", &lines, &files)
     }
 
     /// Lets a script of `tests/host` that has this name run the partition files, with a line of its list
     /// for each.
     #[must_use]
     pub fn run_lines(self, name: &str, lines: &[String], files: &[PathBuf]) -> Vec<Outcome> {
-        self.run_list(name, name, &[], lines, files)
+        self.run_list(name, name, lines, files)
     }
 
     fn run_list(
         self,
         name: &str,
         script: &str,
-        arguments: &[&str],
         lines: &[String],
         files: &[PathBuf],
     ) -> Vec<Outcome> {
@@ -95,15 +119,15 @@ impl Host {
         let list = list.canonicalize().expect("the list is there");
         let host = files.iter().fold(self.with_file(&list), |host, file| host.with_file(file));
         let list = list.to_string_lossy();
-        let arguments: Vec<&str> = arguments.iter().copied().chain([&*list]).collect();
-        let machine = host.leaving(&out, script, &arguments);
+        let machine = host.leaving(&out, script, &[&*list]);
         assert_eq!(machine.status, 0, "{}", machine.output);
         let outcome = |file: &PathBuf| {
             let left = |kind| out.join(file.file_name().unwrap_or_default()).with_extension(kind);
             let read = |kind| fs::read_to_string(left(kind)).unwrap_or_default();
             Outcome {
                 status: read("status").trim().parse().unwrap_or(-1),
-                output: read("console"),
+                // What the scripts said names the emulator.
+                output: read("console") + &machine.output,
                 report: read_json(&left("json")),
                 trace: Value::Null,
             }
@@ -123,6 +147,17 @@ impl Host {
         BUILT.store(true, Ordering::Relaxed);
         Outcome { status, output, report: Value::Null, trace: Value::Null }
     }
+}
+
+/// What a partition file needs of a machine, as `takt check --needs` says it to the scripts.
+fn needs_of(file: &Path) -> Vec<String> {
+    let mut check = Command::new("cargo");
+    check.args(["run", "--release", "--quiet", "--bin", "takt", "--", "check", "--needs"]);
+    let output = check.arg(file).current_dir(root()).output().expect("cargo starts");
+    let told = String::from_utf8_lossy(&output.stdout).into_owned();
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{}: {told}{errors}", file.display());
+    told.lines().map(str::to_owned).collect()
 }
 
 impl Default for Host {

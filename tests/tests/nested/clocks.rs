@@ -66,7 +66,7 @@ impl Steered {
 
     /// In seconds: long enough for a Linux, and for some frames.
     fn seconds(&self) -> u64 {
-        if self.frame < 1_000_000 { 4 } else { 6 }
+        if self.frame < 1_000_000 { 3 } else { 6 }
     }
 
     fn assert_kept_time(&self, outcome: &Outcome) {

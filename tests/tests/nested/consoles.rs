@@ -143,7 +143,7 @@ fn consoles_are_attached_and_detached_under_load_and_no_release_moves() {
         second.type_all("echo here is $((40 + 2))\n");
         second.until("here is 42");
         // What was there before a client came is what it finds.
-        for round in 1..=if long() { 1_000 } else { 40 } {
+        for round in 1..=if long() { 1_000 } else { 20 } {
             let mut again = plant.attach("second");
             if round % 10 == 0 {
                 again.type_all(&format!("echo round $((8000 + {round}))\n"));
@@ -164,7 +164,7 @@ fn consoles_are_attached_and_detached_under_load_and_no_release_moves() {
     });
     outcome.assert_shows("second: its console: takt console");
     assert!(!outcome.output.contains("here is 42"), "the hidden console is on the terminal");
-    assert_unmoved(&outcome, 3_000);
+    assert_unmoved(&outcome, 2_000);
 }
 
 #[test]
@@ -191,7 +191,7 @@ fn hostile_clients_of_a_console_move_no_release_and_hold_up_no_guest() {
             typed
         });
         // A guest that prints without end, and is still to be typed at.
-        let lines = if long() { 8_000 } else { 800 };
+        let lines = if long() { 8_000 } else { 400 };
         second.type_all(&format!(
             "yes 0123456789abcdef0123456789abcdef | head -n {lines}; echo done $((1 + 1))\n"
         ));
@@ -209,5 +209,5 @@ fn hostile_clients_of_a_console_move_no_release_and_hold_up_no_guest() {
         (outcome, typed)
     });
     assert!(flood > 4_096, "{flood} bytes typed");
-    assert_unmoved(&outcome, 3_000);
+    assert_unmoved(&outcome, 2_000);
 }

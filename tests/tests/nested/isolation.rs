@@ -93,10 +93,10 @@ fn a_linux_that_spins_in_kernel_mode_does_not_cost_the_plc_a_release() {
         exec: "dd if=/dev/urandom of=/dev/null bs=16M count=1; echo c > /proc/sysrq-trigger",
         ..System::default()
     };
-    let outcome = spinning.run("kernel-spin", "4s");
+    let outcome = spinning.run("kernel-spin", "3s");
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_shows("Kernel panic - not syncing");
-    outcome.assert_kept_its_time("plc", 3_990);
+    outcome.assert_kept_its_time("plc", 2_990);
     outcome.assert_punctual("plc");
     let share = outcome.share("linux");
     assert!(share > 0.9, "Linux did not spin: its share is {share}\n{}", outcome.output);

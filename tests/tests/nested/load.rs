@@ -6,7 +6,7 @@ use takt_tests::{File, Run, long, parse, target};
 
 #[test]
 fn linux_compiles_while_the_plc_keeps_its_time() {
-    let (duration, releases) = if long() { ("60s", 59_900) } else { ("5s", 4_900) };
+    let (duration, releases) = if long() { ("60s", 59_900) } else { ("4s", 3_900) };
     let outcome = File::new("1ms")
         .plc("plc", None, "release_guard = \"10us\"")
         .compiling_linux("")

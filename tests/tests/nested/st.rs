@@ -49,7 +49,7 @@ const PLANT: (&str, &str, &str) = ("plant", "plant.st", include_str!("st/plant.s
 /// A program in Rust of the same tasks has a PLC of its own in the same run, so what differs is the language.
 #[test]
 fn a_plant_of_three_tasks_has_the_releases_of_a_program_in_rust_beside_a_compiling_linux() {
-    let (duration, jobs) = if long() { ("60s", 59_000) } else { ("6s", 5_000) };
+    let (duration, jobs) = if long() { ("60s", 59_000) } else { ("4s", 3_000) };
     let rust = root().join("target/examples/press.plc");
     let rust = format!("memory = \"32MiB\"\n[[partition.program]]\nimage = {rust:?}\n");
     let outcome = plc("st-plant", &[PLANT])

@@ -3,7 +3,7 @@
 use takt_program::build::Task;
 use takt_program::{Direction, Nanoseconds, ObjectKind};
 use takt_test_programs::{Entry, Program, cyclic, us};
-use takt_tests::{File, long};
+use takt_tests::{File, Host, long};
 
 use super::tasks::{Row, assert_on_time, lines, object, plc};
 
@@ -79,11 +79,10 @@ const AT_ONCE: usize = 15;
 
 #[test]
 fn a_fault_at_ring_3_stops_its_program_and_no_other() {
-    for (part, faults) in FAULTS.chunks(AT_ONCE).enumerate() {
+    let parts = FAULTS.chunks(AT_ONCE).enumerate().map(|(part, faults)| {
         let neighbour = cyclic("main", us(1_000), 0, Entry::Work);
         let mut programs = vec![("neighbour", Program::new("n").task(neighbour, 100), "")];
-        let names: Vec<String> =
-            (0..faults.len()).map(|number| format!("fault-{number}")).collect();
+        let names = names_of(faults);
         for (name, (entry, _)) in names.iter().zip(faults) {
             // One fault in each window, so that each has its time.
             let task = cyclic("main", us(100_000), 1 + programs.len() as u8, *entry);
@@ -93,9 +92,13 @@ fn a_fault_at_ring_3_stops_its_program_and_no_other() {
         let file = File::new("1ms").plc_with("plc", &lines(&test, &programs));
         let file = file.plc("other", None, "").schedule("normal");
         let file = file.window("plc", 0, 400).window("other", 600, 100);
-        let outcome = file.run(&test).lasting("2500ms").run();
+        (file.save(&test), "2500ms")
+    });
+    let parts: Vec<_> = parts.collect();
+    let outcomes = Host::run_all("tasks-faults", &parts);
+    for (faults, outcome) in FAULTS.chunks(AT_ONCE).zip(&outcomes) {
         assert_eq!(outcome.status, 0, "{}", outcome.output);
-        for (name, (entry, text)) in names.iter().zip(faults) {
+        for (name, (entry, text)) in names_of(faults).iter().zip(faults) {
             // QEMU 10 lets ring 3 execute `wbinvd`, as if it were no instruction (its table of two-byte opcodes).
             if matches!(entry, Entry::ForgetCaches) && outcome.output.contains(" QEMU 10.") {
                 continue;
@@ -105,11 +108,16 @@ fn a_fault_at_ring_3_stops_its_program_and_no_other() {
             let line = line.unwrap_or_else(|| panic!("{entry:?} was not told\n{}", outcome.output));
             assert!(line.contains(text) && line.contains("the program stops"), "{entry:?}: {line}");
         }
-        Row::of(&outcome, "neighbour.main").assert_in_time(900);
-        assert_on_time(&outcome, "neighbour.main");
+        Row::of(outcome, "neighbour.main").assert_in_time(900);
+        assert_on_time(outcome, "neighbour.main");
         outcome.assert_kept_its_time("other", outcome.cycles(1_000) - 10);
         outcome.assert_punctual("other");
     }
+}
+
+/// Names of programs that have these faults.
+fn names_of(faults: &[(Entry, &str)]) -> Vec<String> {
+    (0..faults.len()).map(|number| format!("fault-{number}")).collect()
 }
 
 #[test]

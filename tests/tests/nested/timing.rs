@@ -72,10 +72,10 @@ fn two_runs_have_the_same_values_to_the_last_nanosecond() {
 
 #[test]
 fn a_guarded_release_has_no_jitter_and_linux_gets_what_the_plc_leaves() {
-    let duration = if long() { "60s" } else { "11s" };
+    let (duration, releases) = if long() { ("60s", 59_990) } else { ("5s", 4_990) };
     let outcome = apart_from_ticks(|at| tenth("20us", at).run("guarded").lasting(duration).run());
     assert_eq!(outcome.status, 0, "{}", outcome.output);
-    outcome.assert_kept_its_time("plc", 10_000);
+    outcome.assert_kept_its_time("plc", releases);
     assert!(outcome.jitter_ns("plc") <= 10, "{}", outcome.output);
     let received = outcome.received("linux");
     assert!(received >= 0.97, "Linux received {received}\n{}", outcome.output);
@@ -183,13 +183,13 @@ fn linux_has_its_minimum(outcome: &Outcome) {
 
 #[test]
 fn an_overrun_ends_at_its_windows_end_and_moves_no_release() {
-    let outcome = apart_from_ticks(|at| monopolist(at).run("overrun").lasting("3s").run());
+    let outcome = apart_from_ticks(|at| monopolist(at).run("overrun").lasting("2s").run());
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     let overruns = outcome.number("greedy", "overruns");
-    assert!(overruns >= 2_980, "{overruns} overruns\n{}", outcome.output);
+    assert!(overruns >= 1_980, "{overruns} overruns\n{}", outcome.output);
     // The guest stamps the clock for ever: its last stamp is the last moment at which it ran.
     assert!(outcome.number("greedy", "overrun_ns.max") <= 10_000, "{}", outcome.output);
-    outcome.assert_kept_its_time("plc", 2_980);
+    outcome.assert_kept_its_time("plc", 1_980);
     assert!(outcome.jitter_ns("plc") <= 10, "{}", outcome.output);
     linux_has_its_minimum(&outcome);
 }
@@ -224,10 +224,10 @@ fn sixteen_plcs_and_linux_share_a_cpu() {
     let file = names.iter().fold(File::new("4ms"), |file, name| file.plc(name, None, ""));
     let file = file.linux("").schedule("normal");
     let file = (0..).zip(&names).fold(file, |file, (n, name)| file.window(name, n * 250, 100));
-    let outcome = file.run("sixteen").lasting("2s").run();
+    let outcome = file.run("sixteen").lasting("1s").run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     for name in &names {
-        outcome.assert_kept_its_time(name, 490);
+        outcome.assert_kept_its_time(name, 240);
         outcome.assert_punctual(name);
     }
     outcome.assert_shows("Linux version ");
