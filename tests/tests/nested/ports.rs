@@ -30,7 +30,7 @@ fn count(outcome: &Outcome, partition: &str, before: &str) -> u64 {
 
 #[test]
 fn two_plcs_exchange_a_record_each_way_in_every_cycle() {
-    let (duration, cycles) = if long() { ("60s", 59_000) } else { ("2200ms", 1_900) };
+    let (duration, cycles) = if long() { ("60s", 59_000) } else { ("3s", 1_900) };
     let outcome = two("peer", "peer").run("peers").lasting(duration).run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     for name in ["left", "right"] {
@@ -141,7 +141,7 @@ fn the_host_hears_the_level_and_tells_one_by_files() {
 
 #[test]
 fn a_hostile_peer_cannot_cost_the_other_a_cycle() {
-    let (duration, cycles) = if long() { ("60s", 59_900) } else { ("1500ms", 1_400) };
+    let (duration, cycles) = if long() { ("60s", 59_900) } else { ("2500ms", 2_400) };
     let outcome = two("hostile-peer", "peer").run("hostile-peer").lasting(duration).run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_kept_its_time("right", cycles);

@@ -38,8 +38,10 @@ fn jobs(outcome: &Outcome, task: &str) -> u64 {
 
 #[test]
 fn a_program_runs_beside_a_linux_and_its_tasks_span_windows() {
-    let file =
-        plc("program-linux", &image(), "").linux("").schedule("normal").window("plc", 0, 300);
+    let file = plc("program-linux", &image(), "")
+        .linux("sleep 1")
+        .schedule("normal")
+        .window("plc", 0, 300);
     let outcome = file.run("program-linux").lasting("60s").until("linux# ").run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_shows("[takt] plc: programs without a signature: tank");
