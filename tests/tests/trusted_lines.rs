@@ -7,12 +7,12 @@ use takt_tests::trusted_lines::by_folder;
 /// Most lines of each folder. A change that needs more raises the number and says in its commit what the lines are for.
 /// A change that needs fewer lowers it.
 const MOST: [(&str, usize); 13] = [
-    ("vmm/src", 16_540),
-    ("vmm/plan/src", 7_260),
+    ("vmm/src", 16_580),
+    ("vmm/plan/src", 7_290),
     ("vmm/host/src", 640),
     ("vmm/record/src", 300),
     ("vmm/retain/src", 530),
-    ("vmm/figures/src", 1_720),
+    ("vmm/figures/src", 1_740),
     ("vmm/protocol/src", 720),
     ("scheduler/src", 2_080),
     ("devices/src", 1_500),

@@ -47,6 +47,14 @@ fn a_change_tells_what_becomes_of_each_variable() {
     let value: serde_json::Value = serde_json::from_str(&json.text).unwrap();
     assert_eq!(value["possible"], true);
     assert_eq!(value["commit"]["converted_values"], 1);
+    for (words, says) in [
+        (&["new.plc"][..], "one image takes --running"),
+        (&["old.plc", "new.plc", "--running", "a.toml", "--program", "p"], "the new image alone"),
+        (&["new.plc", "--running", "a.toml", "--program", "p"], "a.toml"),
+        (&["new.plc", "--running", "a.toml"], "--program"),
+    ] {
+        folder.takt_plc(&[&["diff"], words].concat()).expect(2, says);
+    }
     // The same program stays as it is.
     folder.takt_plc(&["diff", "old.plc", "old.plc"]).expect(0, "0 bytes in 0 steps");
 }

@@ -207,6 +207,8 @@ fn the_socket_is_there_outside_and_no_client_of_it_moves_a_release() {
     });
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_shows(&format!("control socket {}", plant.socket.display()));
+    let operator = &outcome.partition("plc")["operator"];
+    assert_eq!((&operator["forced"], &operator["at_the_end"]), (&1.into(), &Value::Array(vec![])));
     assert!(unread.contains("\"answer\":\"trace\""), "{unread}");
     assert!(!plant.socket.exists(), "it goes with the run");
     outcome.assert_kept_its_time("plc", outcome.cycles(1_000) - 10);

@@ -18,6 +18,7 @@ use crate::channels::Channels;
 use crate::config::PartitionFile;
 use crate::host_ports::HostPorts;
 use crate::live::{Live, Sampled};
+use crate::report;
 use crate::schedule_requests::ScheduleRequests;
 use crate::unix_socket::Listener;
 use crate::vcpu::record::{Detour, WindowRecord};
@@ -57,6 +58,12 @@ impl Operators {
     /// What kept some of it from being written within this time.
     pub fn finish(&mut self, now: Nanos, at_most: Duration) -> io::Result<()> {
         self.live.finish(now, at_most)
+    }
+
+    /// What they did with the values of a partition, for the report.
+    #[must_use]
+    pub fn told(&self, id: PartitionId) -> Option<report::Operator> {
+        self.live.told(id.0)
     }
 
     /// Answers them; returns what has come of orders, with the partition of each, of which they

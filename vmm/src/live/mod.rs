@@ -30,6 +30,7 @@ use thiserror::Error;
 use crate::channels::Channels;
 use crate::control::protocol::{ErrorKind, EventKind, ForcedStatus, Load, Refusal, VersionStatus};
 use crate::memory::MemoryError;
+use crate::report;
 use crate::saver::{Files, Saver};
 pub use change::Banks;
 use change::ProgramChanges;
@@ -296,6 +297,12 @@ impl Live {
     pub fn forced(&self, partition: usize) -> Vec<ForcedStatus> {
         let running = self.partitions.get(partition).and_then(Option::as_ref);
         running.map_or_else(Vec::new, |running| running.writes.forced())
+    }
+
+    /// What operators did with the values of a partition, for the report.
+    #[must_use]
+    pub fn told(&self, partition: usize) -> Option<report::Operator> {
+        self.partitions.get(partition)?.as_ref()?.writes.told()
     }
 }
 

@@ -11,6 +11,7 @@ use super::link::{Link, NotSent};
 use crate::control::protocol::{
     ErrorKind, EventKind, ForcedStatus, Named, PointValue, Refusal, raw_point,
 };
+use crate::report;
 
 /// How long an answer is waited for.
 const PATIENCE: Nanos = Nanos::from_millis(2_000);
@@ -45,6 +46,9 @@ struct UnderWay {
 pub struct Writes {
     under_way: VecDeque<UnderWay>,
     forced: Vec<(Point, ForcedStatus)>,
+    /// For the report.
+    written_count: u64,
+    forced_count: u64,
 }
 
 impl Writes {
@@ -89,9 +93,11 @@ impl Writes {
     fn done(&mut self, change: ValueOrder, now: Nanos) -> (EventKind, String) {
         match change {
             ValueOrder::Write(PointValue { named: Named { name, text }, .. }) => {
+                self.written_count += 1;
                 (EventKind::Written, format!("{name} := {text}, written by an operator"))
             }
             ValueOrder::Force(PointValue { point, value, named: Named { name, text }, .. }) => {
+                self.forced_count += 1;
                 let told = format!("{name} := {text}, forced by an operator");
                 self.forced.retain(|(forced, _)| *forced != point);
                 self.forced.truncate(FORCED_MAX - 1);
@@ -156,6 +162,20 @@ impl Writes {
             0 => None,
             count => Some(format!("{count} of its values are forced: release them first")),
         }
+    }
+
+    /// For the report, if operators did anything.
+    pub fn told(&self) -> Option<report::Operator> {
+        let forced = |(_, status): &(Point, ForcedStatus)| report::Forced {
+            name: status.name.clone(),
+            text: status.text.clone(),
+            since_ns: status.since_ns,
+        };
+        (self.written_count + self.forced_count > 0).then(|| report::Operator {
+            written: self.written_count,
+            forced: self.forced_count,
+            at_the_end: self.forced.iter().map(forced).collect(),
+        })
     }
 
     /// What is forced.

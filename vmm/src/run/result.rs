@@ -34,9 +34,14 @@ impl Run<'_> {
     ) -> Report {
         let base = epoch.base;
         let partitions = supervisor.accounts.iter().zip(linux).zip(self.file.partitions());
-        let describe = |((account, linux), partition): ((&Account, &Option<LinuxParts>), _)| {
-            self.describe(account, partition, duration, &supervisor.accounts, linux.as_ref(), base)
-        };
+        let describe =
+            |((account, linux), partition): ((&Account, &Option<LinuxParts>), &Partition)| {
+                let (all, linux) = (&supervisor.accounts, linux.as_ref());
+                report::Partition {
+                    operator: supervisor.operators.as_ref().and_then(|o| o.told(partition.id())),
+                    ..self.describe(account, partition, duration, all, linux, base)
+                }
+            };
         let enforcer = |(cpu, control): &(Cpu, Arc<Control>)| report::WindowEnforcer {
             cpu: cpu.0,
             wake_ups: control.wake_ups().into(),
@@ -125,6 +130,7 @@ impl Run<'_> {
                 let Told { programmed, moved, put_back } = told;
                 report::Deadlines { programmed, moved, put_back }
             }),
+            operator: None,
             power_off: account
                 .power_button
                 .as_ref()

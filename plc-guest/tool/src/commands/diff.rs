@@ -8,16 +8,29 @@ use takt_change::cost::COMMIT_NS;
 use takt_change::make::{Change, Entry, Fate};
 use takt_program::Image;
 
+use super::versions::find;
 use super::{hex, image, read};
+use crate::live::Which;
 use crate::{Failure, status};
 
 /// Arguments of `diff`.
 #[derive(clap::Args)]
 pub struct Diff {
-    /// The image of the running version.
-    old: PathBuf,
-    /// The image of the new version.
-    new: PathBuf,
+    /// The image of the old version, and that of the new one; with --running only the latter.
+    #[arg(value_name = "IMAGE", required = true, num_args = 1..=2)]
+    images: Vec<PathBuf>,
+    /// Compare with what runs: the partition file that Takt runs.
+    #[arg(long, value_name = "FILE", requires = "program")]
+    running: Option<PathBuf>,
+    /// The program of that file.
+    #[arg(long, value_name = "NAME", requires = "running")]
+    program: Option<String>,
+    /// The partition; not needed if only one has programs.
+    #[arg(long, value_name = "NAME", requires = "running")]
+    partition: Option<String>,
+    /// The control socket, if it is not that of the file.
+    #[arg(long, value_name = "SOCKET", requires = "running")]
+    control: Option<PathBuf>,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -28,8 +41,9 @@ pub struct Diff {
 
 impl Diff {
     pub fn run(self) -> Result<(), Failure> {
-        let (old_bytes, new_bytes) = (read(&self.old)?, read(&self.new)?);
-        let (old, new) = (image(&self.old, &old_bytes)?, image(&self.new, &new_bytes)?);
+        let (old_path, new_path) = self.paths()?;
+        let (old_bytes, new_bytes) = (read(&old_path)?, read(&new_path)?);
+        let (old, new) = (image(&old_path, &old_bytes)?, image(&new_path, &new_bytes)?);
         let change = Change::between(&old, &new);
         if self.json {
             println!("{:#}", as_json(&old, &new, &change));
@@ -45,6 +59,25 @@ impl Diff {
                 Err(Failure { status: status::NOT_AS_EXPECTED, message })
             }
         }
+    }
+}
+
+impl Diff {
+    /// The image of the old version and that of the new one.
+    fn paths(&self) -> Result<(PathBuf, PathBuf), Failure> {
+        let (running, program, new) = match (&self.running, &self.program, &self.images[..]) {
+            (None, _, [old, new]) => return Ok((old.clone(), new.clone())),
+            (Some(running), Some(program), [new]) => (running.clone(), program, new.clone()),
+            (None, ..) => {
+                return Err(Failure::input("one image takes --running and --program, too"));
+            }
+            (Some(_), ..) => return Err(Failure::input("--running takes the new image alone")),
+        };
+        let plc = Which::new(running, self.partition.clone(), self.control.clone()).load()?;
+        let old = find(&plc, program)?.path.clone();
+        // The image of the file is the one that runs, or this fails.
+        plc.connect()?;
+        Ok((old, new))
     }
 }
 

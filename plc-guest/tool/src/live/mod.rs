@@ -57,6 +57,11 @@ pub struct Plc {
 }
 
 impl Which {
+    /// Where the command has other arguments.
+    pub fn new(file: PathBuf, partition: Option<String>, control: Option<PathBuf>) -> Self {
+        Self { file, partition, control }
+    }
+
     /// Reads the file.
     pub fn load(self) -> Result<Plc, Failure> {
         let file = takt_plan::load(&self.file, None).map_err(Failure::input)?;

@@ -79,6 +79,8 @@ fn the_outputs_of_a_new_integrator_are_compared_with_those_of_a_plc_beside_a_lin
         let same = shadow(&file, &running, "0");
         let told = shadow(&file, &new, "100");
         let file = file.to_str().unwrap();
+        let diff = client("takt-plc", &["diff", &new, "--running", file, "--program", "p"]);
+        assert!(diff.contains("new          control.jobs"), "{diff}");
         client("takt-plc", &["force", file, "p.control.setpoint", "1.0"]);
         client("takt-plc", &["release", file, "p.control.setpoint"]);
         (run.join().unwrap(), same, told)

@@ -3,6 +3,7 @@
 //! The writer and the readers of a report share these types.
 
 mod net;
+mod operator;
 mod partition;
 mod power_off;
 mod process;
@@ -13,6 +14,7 @@ mod wake_ups;
 use serde::{Deserialize, Serialize};
 
 pub use net::{Net, Traffic};
+pub use operator::{Forced, Operator};
 pub use partition::{Deadlines, Donation, Event, Events, How, Partition, Releases, Stuck};
 pub use power_off::PowerOff;
 pub use process::{Footprint, Process, Starting};

@@ -6,7 +6,7 @@ use std::fmt;
 
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::{Net, PowerOff, Summary, WakeUps};
+use super::{Net, Operator, PowerOff, Summary, WakeUps};
 use crate::worst::{LateStart, LongScan};
 
 /// One partition.
@@ -48,6 +48,9 @@ pub struct Partition {
     /// That a Linux was asked to switch itself off at the end of the run; left out if it was not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub power_off: Option<PowerOff>,
+    /// What operators did with a PLC's values; left out if they did nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub operator: Option<Operator>,
     /// The network interfaces of a Linux.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub nets: Vec<Net>,

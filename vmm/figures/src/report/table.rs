@@ -120,6 +120,9 @@ impl Partition {
                 d.programmed, d.moved, d.put_back
             );
         }
+        if let Some(operator) = &self.operator {
+            let _ = writeln!(text, "  operators      {operator}");
+        }
         if let Some(off) = &self.power_off {
             let _ = writeln!(text, "  power off      {off}");
         }

@@ -79,6 +79,15 @@ fn report() -> Report {
                 donation: None,
                 deadlines: None,
                 power_off: None,
+                operator: Some(Operator {
+                    written: 3,
+                    forced: 2,
+                    at_the_end: vec![Forced {
+                        name: "tank.level".to_owned(),
+                        text: "1.5".to_owned(),
+                        since_ns: 1_000_000,
+                    }],
+                }),
                 nets: Vec::new(),
                 boot_to_init_ns: None,
                 stuck: None,
@@ -102,6 +111,7 @@ fn report() -> Report {
                     minimum_share: 0.65,
                 }),
                 deadlines: Some(Deadlines { programmed: 900, moved: 30, put_back: 20 }),
+                operator: None,
                 power_off: Some(PowerOff { asked_ns: 9_000_000_000, took_ns: Some(412_345_678) }),
                 nets: vec![Net {
                     tap: "takt0".into(),
@@ -173,6 +183,9 @@ fn the_table_shows_every_partition_and_what_went_wrong() {
     let table = report().table();
     assert!(table.contains("demo: 10.000 s, lane lab, kernel 6.1.0-rt, PREEMPT_RT"));
     assert!(table.contains("\nemulated by QEMU 7.2.22\n"));
+    let operators =
+        "  operators      values written 3, forced 2; at the end were forced tank.level := 1.5\n";
+    assert!(table.contains(operators), "{table}");
     assert!(table.contains("  power off      asked at the end, off by itself after 0.412 s\n"));
     assert!(
         table.contains("  network        takt0: to it 5 packets, 600 bytes, 1 dropped; from it 7 ")

@@ -1,7 +1,7 @@
 //! What the programs of a PLC are: where they come from, what they do when, and what they write.
 
 use takt_abi::io::{INPUT, flag};
-use takt_program::{Area, Image, TaskId, TypeId, TypeKind, Variable};
+use takt_program::{Area, Flags, Image, TaskId, TypeId, TypeKind, Variable};
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::time::Nanos;
 
@@ -112,7 +112,27 @@ fn describe(out: &mut String, partition: &Partition, number: usize, program: &Pr
         );
         line(out, &text);
     }
+    if let Some(text) = retained(program, &image) {
+        line(out, &text);
+    }
     points(out, partition, number, &image);
+}
+
+/// What outlives a start, and where it is written.
+fn retained(program: &Program, image: &Image<'_>) -> Option<String> {
+    let values: Vec<Variable<'_>> = image.retained().collect();
+    let bytes: u64 = values.iter().map(|v| u64::from(v.bytes)).sum();
+    let persistent = values.iter().filter(|v| v.flags.has(Flags::PERSISTENT)).count();
+    let place = match &program.retain {
+        _ if values.is_empty() => return None,
+        Some(file) => format!("written to {} at most each {}", file.path.display(), file.every),
+        None => "in no file: they outlive starts of the PLC, not the end of Takt".to_owned(),
+    };
+    let count = values.len();
+    Some(format!(
+        "    retained variables: {count} ({persistent} PERSISTENT), {}; {place}",
+        Bytes(bytes)
+    ))
 }
 
 /// Inputs and outputs, the latter with the task that writes them, and what they are connected to.

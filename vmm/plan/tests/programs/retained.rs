@@ -57,6 +57,22 @@ fn the_file_is_beside_the_partition_file() {
 }
 
 #[test]
+fn check_tells_how_much_is_retained_and_where() {
+    let shown =
+        |image: &[u8], keys: &str| takt_plan::check::report(&case("shown", image, keys).good());
+    let two = shown(&retaining("a", 2, 2000), "");
+    let line = "    retained variables: 2 (0 PERSISTENT), 4000 bytes; in no file: they outlive starts of the PLC";
+    assert!(two.contains(line), "{two}");
+    let written = shown(&retaining("a", 1, 16), "retain = \"tank\"\nretain_every = \"100ms\"");
+    assert!(
+        written.contains("retained variables: 1 (0 PERSISTENT), 16 bytes; written to /"),
+        "{written}"
+    );
+    assert!(written.contains("/tank at most each 100ms\n"), "{written}");
+    assert!(!shown(&image("a"), "retain = \"tank\"").contains("retained"));
+}
+
+#[test]
 fn wrong_keys_are_refused() {
     let refused = |keys: &str, words: &[&str]| case("keys", &image("a"), keys).refused(words);
     refused("retain_every = \"1s\"", &["`retain_every` without `retain`", "names the file"]);
