@@ -27,6 +27,7 @@ pub const TARGETS: &[Target] = &[
     Target { name: "disk", run: targets::disk::run },
     Target { name: "channel_peer", run: targets::channel_peer::run },
     Target { name: "control_line", run: targets::control_line::run },
+    Target { name: "retained_values", run: targets::retained_values::run },
     Target { name: "structured_text", run: targets::structured_text::run },
 ];
 

@@ -8,5 +8,6 @@ pub mod linux_ports;
 pub mod partition_file;
 pub mod plc_exits;
 pub mod program_image;
+pub mod retained_values;
 mod scratch;
 pub mod structured_text;
