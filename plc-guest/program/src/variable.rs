@@ -48,7 +48,10 @@ impl Flags {
     /// May be forced to a value by an operator.
     pub const FORCEABLE: Self = Self(1 << 5);
 
-    const ALL: u16 = (1 << 6) - 1;
+    /// A part of another variable, in the table for how it is retained alone.
+    pub const PART: Self = Self(1 << 6);
+
+    const ALL: u16 = (1 << 7) - 1;
 
     /// Those of these bits, if there are no others.
     #[must_use]
@@ -127,6 +130,12 @@ impl<'a> Variable<'a> {
     pub fn is_retained(&self) -> bool {
         let flags = self.flags.has(Flags::RETAIN) || self.flags.has(Flags::PERSISTENT);
         flags && self.area == Area::State
+    }
+
+    /// True if it is a part of another variable.
+    #[must_use]
+    pub fn is_part(&self) -> bool {
+        self.flags.has(Flags::PART)
     }
 
     /// True if its value outlives a cold start, too.

@@ -49,6 +49,53 @@ fn a_project_is_made_checked_built_inspected_and_tested() {
     ended.expect(1, "line 5: valve is 0.1055").expect(1, "expected 0.1155");
 }
 
+/// Variables of programs and function blocks are retained one by one. Those of an instance that is retained as a whole are
+/// not in the table again.
+#[test]
+fn what_is_retained_of_an_instance_is_in_the_table_part_by_part() {
+    let folder = Folder::new();
+    let blocks = "FUNCTION_BLOCK Mixer
+VAR RETAIN count : DINT; END_VAR
+VAR PERSISTENT hours : DINT; END_VAR
+VAR plain : DINT; END_VAR
+count := count + 1; hours := hours + 1; plain := plain + 1;
+END_FUNCTION_BLOCK
+FUNCTION_BLOCK Plain
+VAR n : DINT; END_VAR
+n := n + 1;
+END_FUNCTION_BLOCK
+VAR_GLOBAL RETAIN whole : Plain; mixed : Mixer; END_VAR
+";
+    let program = "VAR a : INT; END_VAR\nVAR RETAIN b : INT; END_VAR\nVAR row : ARRAY[3..4] OF Mixer; plain : Plain;";
+    let text = project("", "whole(); mixed(); row[3](); plain(); a := a + 1; b := a;");
+    let text = text.replace("VAR\n\nEND_VAR", &format!("{program} END_VAR"));
+    folder.write("main.st", &format!("{blocks}{text}"));
+    folder.takt_plc(&["build", "main.st", "-o", "p.plc"]).expect(0, "1 tasks, 3 points");
+    let shown = folder.takt_plc(&["inspect", "p.plc"]).expect(0, "").text;
+    let kept = shown.lines().map(|line| line.split_whitespace().collect::<Vec<_>>());
+    let kept: Vec<(String, String)> = kept
+        .filter(|words| words.iter().any(|word| ["retain", "persistent"].contains(word)))
+        .map(|words| (words[0].to_owned(), words[3..].join(" ")))
+        .collect();
+    let expected = [
+        ("mixed.count", "retain part"),
+        ("mixed.hours", "persistent part"),
+        ("mixed.plain", "retain part"),
+        ("one.b", "retain part"),
+        ("one.row[3].count", "retain part"),
+        ("one.row[3].hours", "persistent part"),
+        ("one.row[4].count", "retain part"),
+        ("one.row[4].hours", "persistent part"),
+        ("whole", "retain forceable"),
+    ];
+    assert_eq!(kept, expected.map(|(name, flags)| (name.to_owned(), flags.to_owned())), "{shown}");
+    // To be retained or not is no other layout of the state: nothing moves.
+    folder.write("main.st", &format!("{blocks}{text}").replace("VAR RETAIN b", "VAR b"));
+    folder.takt_plc(&["build", "main.st", "-o", "q.plc"]).expect(0, "");
+    let diff = folder.takt_plc(&["diff", "p.plc", "q.plc"]).expect(0, "kept         3 more");
+    assert!(!diff.text.contains("one.b"), "{}", diff.text);
+}
+
 #[test]
 fn two_builds_of_a_source_are_equal_and_another_source_is_not() {
     let folder = Folder::new();

@@ -11,7 +11,9 @@ use std::process::Command;
 use takt_program::build::{Builder, Task, Variable};
 use takt_program::{Area, CodeOffset, Elementary, Flags, Nanoseconds};
 use takt_retain::Generation;
-use takt_tests::{Value, root, target};
+use takt_tests::{File, Value, plc_image, root, save_bytes, target};
+
+use super::st;
 
 const FILE: &str = r#"
 version = 1
@@ -210,4 +212,56 @@ fn what_is_retained_outlives_restarts_and_the_death_of_takt() {
     }
     let faults = all.matches("invalid opcode").count();
     assert_eq!(faults, 1, "the one that was asked for\n{all}");
+}
+
+/// Fails in each hundredth job of a start, and tells what the start began with.
+const STARTS: &str = "
+FUNCTION_BLOCK Counter
+    VAR_OUTPUT RETAIN kept : DINT; END_VAR
+    VAR_OUTPUT plain : DINT; END_VAR
+    kept := kept + 1;
+    plain := plain + 1;
+END_FUNCTION_BLOCK
+PROGRAM Main
+    VAR RETAIN starts : DINT; END_VAR
+    VAR PERSISTENT hours : DINT; END_VAR
+    VAR jobs, zero : DINT; counters : ARRAY[1..2] OF Counter; END_VAR
+    IF jobs = 0 THEN
+        LOG_LINE(CONCAT('starts ', DINT_TO_STRING(starts), CONCAT(' hours ', DINT_TO_STRING(hours)),
+            CONCAT(' kept ', DINT_TO_STRING(counters[2].kept), ' plain ', DINT_TO_STRING(counters[2].plain))));
+        starts := starts + 1;
+        hours := hours + 10;
+    END_IF;
+    counters[2]();
+    jobs := jobs + 1;
+    IF jobs = 100 THEN zero := 1 / zero; END_IF;
+END_PROGRAM
+CONFIGURATION Plant
+    TASK often (INTERVAL := T#1ms, PRIORITY := 3);
+    PROGRAM main WITH often : Main;
+END_CONFIGURATION
+";
+
+#[test]
+fn variables_of_programs_and_blocks_in_structured_text_outlive_starts_as_their_sources_say() {
+    let image = save_bytes("retain-st.plc", &st::image("p", "main.st", STARTS));
+    let run = |on_fault: &str| {
+        let lines = format!(
+            "image = {:?}\nmemory = \"32MiB\"\n[[partition.program]]\nimage = {image:?}\nname = \"p\"\n\
+             on_fault = {on_fault:?}\n",
+            plc_image("kernel")
+        );
+        let name = format!("retain-st-{on_fault}");
+        let file =
+            File::new("1ms").plc_with("plc", &lines).schedule("normal").window("plc", 0, 300);
+        let outcome = file.run(&name).lasting("500ms").run();
+        assert_eq!(outcome.status, 0, "{}", outcome.output);
+        outcome
+    };
+    let (warm, cold) = (run("warm-restart"), run("restart"));
+    for start in 0..3 {
+        let (hours, kept) = (10 * start, 100 * start);
+        warm.assert_shows(&format!("starts {start} hours {hours} kept {kept} plain 0"));
+        cold.assert_shows(&format!("starts 0 hours {hours} kept 0 plain 0"));
+    }
 }

@@ -4,7 +4,7 @@ use std::format;
 use std::string::{String, ToString};
 use std::vec::Vec;
 
-use takt_program::{Area, Image, Type, TypeId, TypeKind};
+use takt_program::{Area, Image, Type, TypeId, TypeKind, Variable};
 
 use super::entry::{Entry, Fate};
 use super::footprint::shared;
@@ -83,10 +83,11 @@ impl Carried {
     pub fn from(old: &Image<'_>, new: &Image<'_>) -> Self {
         let carried = Self::default();
         let mut carrier = Carrier { likeness: Likeness::new(old, new), carried, looks: 0 };
+        let is_whole = |v: &Variable<'_>| v.area == Area::State && !v.is_part();
         let of_state = |image: &Image<'_>, name: &str| {
-            image.variable(name).filter(|v| v.area == Area::State).map(|v| (v.ty, v.offset))
+            image.variable(name).filter(is_whole).map(|v| (v.ty, v.offset))
         };
-        for variable in new.variables().filter(|v| v.area == Area::State) {
+        for variable in new.variables().filter(is_whole) {
             match of_state(old, variable.name) {
                 None => carrier.begin(variable.name, variable.ty, variable.offset, Fate::New, true),
                 Some((ty, from)) => carrier.pair(Pair {
@@ -99,7 +100,7 @@ impl Carried {
                 }),
             }
         }
-        for variable in old.variables().filter(|v| v.area == Area::State) {
+        for variable in old.variables().filter(is_whole) {
             if of_state(new, variable.name).is_none() {
                 carrier.drop(variable.name.to_string(), variable.ty);
             }

@@ -16,7 +16,8 @@ const LARGE_ALIGNMENT: u32 = 32;
 
 /// The variables of the state, in the order of their places.
 pub fn state_variables<'a>(image: &Image<'a>) -> Vec<Variable<'a>> {
-    let mut variables: Vec<_> = image.variables().filter(|v| v.area == Area::State).collect();
+    let is_whole = |v: &Variable<'_>| v.area == Area::State && !v.is_part();
+    let mut variables: Vec<_> = image.variables().filter(is_whole).collect();
     variables.sort_by_key(|v| (v.offset, core::cmp::Reverse(v.bytes)));
     variables
 }

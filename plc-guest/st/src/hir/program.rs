@@ -164,7 +164,7 @@ pub enum Area {
 }
 
 /// Whether a variable outlives a restart.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Retention {
     /// It does not.
     #[default]

@@ -8,6 +8,7 @@ use takt_program::{Area, CodeOffset, Flags, Nanoseconds, ObjectKind, TaskId, Tra
 use super::Native;
 use super::alias::Knowledge;
 use super::effects::{Base, Target};
+use super::retained::Retained;
 use crate::hir::{
     self, Elementary, Global, Location, Program, Retention, StructureKind, TaskKind, Type, TypeId,
 };
@@ -33,15 +34,24 @@ pub fn image(program: &Program, native: &Native) -> Result<Vec<u8>, takt_program
 
     let mut types = Types { program, known: HashMap::new() };
     let writers = Writers::of(program);
+    let mut retained = Retained::new(&program.types);
     for global in &program.globals {
         let ty = types.add(&mut builder, global.ty);
         let mut variable =
             build::Variable::new(&name(&global.name), ty, area(global), global.storage.offset);
         variable.bit = global.storage.bit;
-        variable.flags = flags(global);
+        let (retention, parts) = retained.of(global, takt_program::limit::VARIABLES as usize);
+        variable.flags = flags(global).with(kept(retention));
         variable.writer = writers.only(program, global);
         variable.declared = place(program, global.location);
         builder.variable(variable);
+        for part in parts {
+            let ty = types.add(&mut builder, part.ty);
+            let mut built = build::Variable::new(&name(&part.name), ty, area(global), part.offset);
+            built.flags = kept(part.retention).with(Flags::PART);
+            built.declared = place(program, global.location);
+            builder.variable(built);
+        }
     }
     for (task, stack) in program.tasks.iter().zip(&native.stacks) {
         let entry = CodeOffset(native.routines[task.entry.0 as usize]);
@@ -106,17 +116,20 @@ fn area(global: &Global) -> Area {
 }
 
 fn flags(global: &Global) -> Flags {
-    let mut flags = match global.retention {
+    let flags = match global.storage.area {
+        hir::Area::Input => Flags::INPUT,
+        hir::Area::Output => Flags::OUTPUT,
+        _ => Flags::NONE,
+    };
+    flags.with(if global.constant { Flags::CONSTANT } else { Flags::FORCEABLE })
+}
+
+fn kept(retention: Retention) -> Flags {
+    match retention {
         Retention::None => Flags::NONE,
         Retention::Retain => Flags::RETAIN,
         Retention::Persistent => Flags::PERSISTENT,
-    };
-    match global.storage.area {
-        hir::Area::Input => flags = flags.with(Flags::INPUT),
-        hir::Area::Output => flags = flags.with(Flags::OUTPUT),
-        _ => {}
     }
-    flags.with(if global.constant { Flags::CONSTANT } else { Flags::FORCEABLE })
 }
 
 fn when(kind: &TaskKind) -> build::When {

@@ -23,6 +23,7 @@ mod lower;
 mod memory;
 mod parallel;
 mod place;
+mod retained;
 mod runtime;
 mod start;
 mod statement;

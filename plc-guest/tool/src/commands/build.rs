@@ -150,7 +150,7 @@ fn finish(output: &Path, bytes: &[u8]) -> Result<(), Failure> {
         image.constants().len(),
         image.state_bytes(),
         image.tasks().len(),
-        image.variables().len(),
+        image.variables().filter(|variable| !variable.is_part()).count(),
     );
     Ok(())
 }

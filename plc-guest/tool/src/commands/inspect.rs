@@ -225,6 +225,7 @@ fn flags(flags: Flags) -> Vec<&'static str> {
         (Flags::OUTPUT, "output"),
         (Flags::CONSTANT, "constant"),
         (Flags::FORCEABLE, "forceable"),
+        (Flags::PART, "part"),
     ];
     all.into_iter().filter(|(flag, _)| flags.has(*flag)).map(|(_, name)| name).collect()
 }

@@ -64,7 +64,7 @@ impl<'a> Search<'a> {
         pattern: &'a str,
     ) -> Result<Vec<Point>, TooMany> {
         let mut search = Self { image, place, pattern, found: Vec::new() };
-        for variable in image.variables() {
+        for variable in image.variables().filter(|variable| !variable.is_part()) {
             let Some(area) = area(variable.area) else { continue };
             let name = format!("{program}.{}", variable.name);
             if !may_match(pattern, &name) {
