@@ -173,6 +173,14 @@ impl<'a> Checker<'a> {
         let ty = resolved.ty;
         let storage = self.storage_at(address, ty)?;
         let location = self.location(span);
+        if retention != hir::Retention::None {
+            let found = "retention of a variable with an address";
+            self.tell(
+                Diagnostic::new(Code::InvalidDeclaration, span, found)
+                    .allowed("RETAIN and PERSISTENT without AT")
+                    .hint("inputs, outputs and markers begin anew; keep a copy in a variable without AT"),
+            );
+        }
         if address.area == ast::Area::Input && resolved.initial != Constant::Default {
             let found = "an initial value of an input, which comes from outside";
             self.error(Code::InvalidDeclaration, span, found);
@@ -182,7 +190,7 @@ impl<'a> Checker<'a> {
             ty,
             storage,
             initial: resolved.initial,
-            retention,
+            retention: hir::Retention::None,
             constant: false,
             location,
         });
