@@ -124,7 +124,7 @@ fn with_slow_disk(test: &str, initrd: &Path, exec: &str, cues: &[&str]) -> Outco
     let console = left(test, "console");
     assert_eq!(outcome.status, 0, "{}\n{console}", outcome.output);
     let outcome = Outcome { output: console, ..outcome };
-    assert_nothing_late(&outcome, "plc", 500);
+    assert_nothing_late(&outcome, "plc", outcome.cycles(10_000) - 10);
     outcome
 }
 
