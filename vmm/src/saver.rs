@@ -115,7 +115,7 @@ impl Files {
     /// # Errors
     /// See [`ThreadError`].
     pub fn start(&mut self, spawn: Spawn<'_>) -> Result<Option<Saver>, ThreadError> {
-        let mut stores = std::mem::take(&mut self.stores);
+        let stores = std::mem::take(&mut self.stores);
         if stores.is_empty() {
             return Ok(None);
         }
@@ -124,7 +124,9 @@ impl Files {
         let (mut tell, outcomes) = handoff(2 * stores.len());
         let (ended, end) = channel::<()>();
         let work = move || {
+            // Dropped last: who hears of the end finds the files closed and their locks free.
             let _ended = ended;
+            let mut stores = stores;
             while let Ok(Some(Job { file, cycle, layout, block })) = ordered.wait(None) {
                 let Some(store) = stores.get_mut(file.0) else { continue };
                 let _ = tell.give((file, store.save(cycle, &layout, &block)));
