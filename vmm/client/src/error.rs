@@ -27,6 +27,9 @@ pub enum ClientError {
         .0.display()
     )]
     NoControl(PathBuf),
+    /// The arguments do not fit the partition file, or what runs.
+    #[error("{0}")]
+    Usage(String),
     /// The image cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Image {
@@ -72,7 +75,7 @@ impl ClientError {
     pub fn status(&self) -> u8 {
         match self {
             ClientError::File(_) | ClientError::NoControl(_) | ClientError::Image { .. } => USAGE,
-            ClientError::Output(_) | ClientError::Terminal(_) => USAGE,
+            ClientError::Usage(_) | ClientError::Output(_) | ClientError::Terminal(_) => USAGE,
             ClientError::NoTakt { .. } | ClientError::Lost(_) | ClientError::NotUnderstood(_) => {
                 NO_TAKT
             }

@@ -27,7 +27,7 @@ pub fn takt_ctl() -> ExitCode {
 /// All of `takt-top`.
 #[must_use]
 pub fn takt_top() -> ExitCode {
-    run_with("takt-top", |top::Cli { place }| top::run(&socket(&place)?))
+    run_with("takt-top", |cli: top::Cli| top::run(&cli))
 }
 
 /// All of `takt-console`.

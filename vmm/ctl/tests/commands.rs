@@ -402,7 +402,14 @@ fn without_a_takt_the_status_is_3_and_the_message_says_what_to_look_for() {
         );
     }
     drop(UnixListener::bind(plant.folder.join("takt.sock")).unwrap());
-    let (status, _, error) = plant.run(env!("CARGO_BIN_EXE_takt-top"), &["plant.toml"]);
+    let top = env!("CARGO_BIN_EXE_takt-top");
+    let (status, _, error) = plant.run(top, &["plant.toml", "--watch", "tank.level"]);
+    assert_eq!(status, 2);
+    assert!(error.contains("no value is named `tank.level`"), "{error}");
+    let (status, _, error) = plant.run(top, &["takt.sock", "--watch", "tank.level"]);
+    assert_eq!(status, 2);
+    assert!(error.contains("--watch takes the partition file"), "{error}");
+    let (status, _, error) = plant.run(top, &["plant.toml"]);
     assert_eq!(status, 3);
     assert!(error.starts_with("takt-top: no Takt at "), "{error}");
     assert!(error.contains("it has ended without removing its socket"), "{error}");

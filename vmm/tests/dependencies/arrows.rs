@@ -18,7 +18,7 @@ const LAYERS: [&[&str]; 6] = [
 
 /// Programs that ask and show, and the types that they share with `takt`. A fault in a screen or a
 /// plot must not be a fault of what can reach a guest, so they link nothing that could.
-const WITHOUT_HYPERVISOR: [&str; 13] = [
+const WITHOUT_HYPERVISOR: [&str; 14] = [
     "takt-client",
     "takt-ctl",
     "takt-doctor",
@@ -27,6 +27,7 @@ const WITHOUT_HYPERVISOR: [&str; 13] = [
     "takt-jitter",
     "takt-plan",
     "takt-plc",
+    "takt-points",
     "takt-port",
     "takt-port-c",
     "takt-protocol",

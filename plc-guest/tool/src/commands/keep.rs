@@ -11,13 +11,14 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use takt_points::Connected;
 use takt_program::Image;
 use takt_protocol::ImageVersion;
 
 use super::live::print;
 use super::versions::{find, versions};
 use super::{hex, image, read};
-use crate::live::{Connected, Which};
+use crate::live::Which;
 use crate::{Failure, status};
 
 /// How long a trial is waited for.

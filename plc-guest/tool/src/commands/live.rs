@@ -4,11 +4,11 @@ use std::io::{self, Write as _};
 
 use serde_json::{Map, Value as Json, json};
 use takt_plan::parse_duration;
+use takt_points::{Connected, Point, texts};
 use takt_protocol::{Answer, Named, PointValue, Request, Values};
 
 use crate::Failure;
-use crate::live::points::Point;
-use crate::live::{Connected, Which, bytes, cut, not_asked_for};
+use crate::live::{Which, written};
 
 /// Arguments of `points`.
 #[derive(clap::Args)]
@@ -72,10 +72,8 @@ impl Watch {
         let mut told = 0;
         while self.lines.is_none_or(|lines| told < lines) {
             let values = connected.values()?;
-            let line = bytes(&values.bytes);
-            let line = line.as_deref().and_then(|line| cut(&points, line));
-            let line = line.ok_or_else(not_asked_for)?;
-            print(&shown(&points, &values, &line, self.json))?;
+            let line = texts(&points, &values)?;
+            print(&shown(&points, &values, line, self.json))?;
             told += 1;
         }
         Ok(())
@@ -83,8 +81,8 @@ impl Watch {
 }
 
 /// A line of values.
-fn shown(points: &[Point], values: &Values, line: &[&[u8]], json: bool) -> String {
-    let all = points.iter().zip(line).map(|(point, bytes)| (point, point.show(bytes)));
+fn shown(points: &[Point], values: &Values, line: Vec<String>, json: bool) -> String {
+    let all = points.iter().zip(line);
     if json {
         let all: Map<String, Json> =
             all.map(|(point, value)| (point.name.clone(), value.into())).collect();
@@ -133,8 +131,7 @@ impl Put {
     fn run(self, request: fn(PointValue) -> Request) -> Result<(), Failure> {
         let plc = self.which.load()?;
         let point = one(&plc.points(std::slice::from_ref(&self.name))?)?;
-        let (value, text) = point
-            .parse(&self.value)
+        let (value, text) = written::parse(&point, &self.value)
             .map_err(|error| Failure::input(format!("{}: {error}", point.name)))?;
         let mut connected = plc.connect()?;
         let place = takt_protocol::Point::new(point.range, point.bit);

@@ -5,15 +5,15 @@ use std::io::{self, BufWriter};
 use std::path::PathBuf;
 
 use takt_plan::parse_duration;
-use takt_protocol::Request;
+use takt_points::{Plc, Point, cut, not_asked_for};
+use takt_protocol::{Request, from_hex};
 use takt_scheduler::time::Nanos;
 
 use crate::Failure;
 use crate::live::output::{Form, Writer};
-use crate::live::points::Point;
 use crate::live::recording::{Line, Recording};
 use crate::live::trigger::{Operator, Written, Wrong};
-use crate::live::{Plc, Which, bytes, cut, not_asked_for};
+use crate::live::{Which, written};
 use crate::value::Value;
 
 /// Longest time before the trigger.
@@ -70,9 +70,9 @@ impl Record {
         let mut recording = Recording::new(self.pre, self.duration);
         while !recording.is_over() {
             let values = connected.values()?;
-            let bytes = bytes(&values.bytes);
+            let bytes = from_hex(&values.bytes);
             let Some(bytes) = bytes.filter(|bytes| cut(&watched, bytes).is_some()) else {
-                return Err(not_asked_for());
+                return Err(not_asked_for().into());
             };
             let line = Line {
                 cycle: values.cycle,
@@ -118,13 +118,13 @@ impl Trigger {
         let written = Written::parse(text).map_err(failed)?;
         let at_name = |message| Wrong { at: written.name_at, message };
         let found = plc.points(&[written.name.to_owned()]);
-        let mut found = found.map_err(|error| failed(at_name(error.message)))?;
+        let mut found = found.map_err(|error| failed(at_name(error.to_string())))?;
         if found.len() > 1 {
             let message = format!("this means {} values; name one", found.len());
             return Err(failed(at_name(message)));
         }
         let point = found.pop().ok_or_else(|| failed(at_name("no value has this name".into())))?;
-        let value = point.constant(written.value);
+        let value = written::constant(&point, written.value);
         let value = value.map_err(|message| failed(Wrong { at: written.value_at, message }))?;
         Ok(Self { point, operator: written.operator, value })
     }

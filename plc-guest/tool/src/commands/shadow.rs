@@ -6,15 +6,16 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 use takt_change::make::Change;
 use takt_plan::parse_duration;
+use takt_points::{Connected, not_asked_for};
 use takt_program::Image;
-use takt_protocol::Request;
+use takt_protocol::{Request, from_hex};
 use takt_scheduler::time::Nanos;
 
 use super::live::print;
 use super::test::{failed, host};
 use super::versions::find;
 use super::{hex, image, read};
-use crate::live::{Connected, Which, bytes, not_asked_for};
+use crate::live::{Which, times};
 use crate::shadow::{Comparison, Line, Output, Tolerance, Versions, Watched};
 use crate::{Failure, status};
 
@@ -67,7 +68,7 @@ impl Shadow {
         let mut comparison = Comparison::new(points, &tolerances)
             .map_err(|name| Failure::input(format!("no output of {program} is named `{name}`")))?;
         let both = [running, new];
-        let mut versions = Versions::new(both, &change, plc.times(), JOB).map_err(host)?;
+        let mut versions = Versions::new(both, &change, times(&plc), JOB).map_err(host)?;
         let mut connected = plc.connect()?;
         connected.ask(&Request::Watch {
             partition: connected.name(),
@@ -154,7 +155,7 @@ fn line(
     place: u8,
 ) -> Result<(Line, u64), Failure> {
     let values = connected.values()?;
-    let watched = bytes(&values.bytes).and_then(|bytes| Watched::from_bytes(running, &bytes));
+    let watched = from_hex(&values.bytes).and_then(|bytes| Watched::from_bytes(running, &bytes));
     let line = Line {
         cycle: values.cycle,
         time_ns: values.time_ns,

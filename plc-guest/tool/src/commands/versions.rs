@@ -8,11 +8,12 @@ use std::time::{Duration, Instant};
 
 use takt_client::versions::{load, shown};
 use takt_plan::Program;
+use takt_points::{Connected, Plc};
 use takt_protocol::{Answer, Request, VersionStatus};
 
 use super::live::print;
 use crate::Failure;
-use crate::live::{Connected, Plc, Which};
+use crate::live::Which;
 use crate::status;
 
 /// How long a command waits for the PLC's kernel.

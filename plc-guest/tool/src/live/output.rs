@@ -5,10 +5,10 @@ use std::path::Path;
 
 use serde_json::{Value as Json, json};
 
+use takt_points::Point;
 use takt_scheduler::time::Nanos;
 
 use super::plot::{self, Plot};
-use super::points::Point;
 use super::recording::{Extent, Line, Row};
 use crate::Failure;
 use crate::value::Value;

@@ -1,10 +1,9 @@
 //! Outputs of two versions, beside each other.
 
+use takt_points::{Point, Value, matches};
 use takt_protocol::Area;
 
 use super::Outputs;
-use crate::live::points::{Point, matches};
-use crate::value::Value;
 
 /// How far an output of the new version may be from the running one's.
 #[derive(Clone, Debug, PartialEq)]

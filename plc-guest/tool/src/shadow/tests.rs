@@ -6,7 +6,7 @@ use takt_st::source::Sources;
 use takt_st::{build, project, stack};
 
 use super::*;
-use crate::live::points::Search;
+use takt_points::Search;
 
 const MS: u64 = 1_000_000;
 const TIMES: Times = Times { window_ns: MS / 4, frame_ns: 2 * MS };

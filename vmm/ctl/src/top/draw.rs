@@ -8,7 +8,8 @@ use ratatui::text::Line;
 use ratatui::widgets::{Paragraph, Row, Sparkline, Table};
 use takt_protocol::{PartitionStatus, State, Status};
 
-use super::view::View;
+use super::values_page;
+use super::view::{Page, View};
 use crate::{channels, programs, text};
 
 const BARS: Set<'static> = Set {
@@ -28,6 +29,18 @@ const LATENCY_ROWS: u16 = 3;
 /// Draws the whole screen. What finds no room is left out from below.
 pub fn screen(frame: &mut Frame<'_>, view: &View) {
     let Some(status) = &view.status else { return };
+    match view.page {
+        Page::Overview => overview(frame, status, view),
+        Page::Values => {
+            let rows = [Constraint::Length(2), Constraint::Min(0)];
+            let [head, rest] = Layout::vertical(rows).areas(frame.area());
+            draw_head(frame, head, status, view);
+            values_page::draw(frame, rest, status, view);
+        }
+    }
+}
+
+fn overview(frame: &mut Frame<'_>, status: &Status, view: &View) {
     let measured = || status.partitions.iter().filter(|p| p.releases.is_some());
     let rows = |count: usize| u16::try_from(count).unwrap_or(u16::MAX);
     let tasks = status.partitions.iter().flat_map(programs::rows).count();
@@ -74,13 +87,15 @@ pub fn screen(frame: &mut Frame<'_>, view: &View) {
 }
 
 fn draw_head(frame: &mut Frame<'_>, area: Rect, status: &Status, view: &View) {
-    let line = match &view.problem {
-        None => Line::from(format!("{}   (q leaves)", text::summary(status))).bold(),
-        Some(problem) => {
-            Line::from(format!("old: {}   (q leaves)", text::plain(problem))).bold().red()
-        }
+    let keys = match view.page {
+        Page::Overview => "Tab: values   q: leave",
+        Page::Values => "Tab: overview   Up, Down, PageUp, PageDown, Home, End: move   q: leave",
     };
-    frame.render_widget(Paragraph::new(line), area);
+    let line = match &view.problem {
+        None => Line::from(text::summary(status)).bold(),
+        Some(problem) => Line::from(format!("old: {}", text::plain(problem))).bold().red(),
+    };
+    frame.render_widget(Paragraph::new(vec![line, Line::from(keys)]), area);
 }
 
 fn draw_table(frame: &mut Frame<'_>, area: Rect, status: &Status) {

@@ -8,7 +8,13 @@
 mod draw;
 #[cfg(test)]
 mod tests;
+mod values_page;
+#[cfg(test)]
+mod values_page_tests;
 mod view;
+mod watcher;
+#[cfg(test)]
+mod watcher_tests;
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -21,15 +27,24 @@ use takt_protocol::{Answer, Request};
 
 use crate::command;
 use takt_client::{ClientError, Connection};
-use view::View;
+use view::{Page, View};
+use watcher::Watcher;
 
-/// Shows what a running Takt does, twice a second. `q` leaves it.
+/// Shows what a running Takt does, twice a second. `q` leaves it. Tab shows the values that --watch names, and the
+/// overview again; arrows, PageUp, PageDown, Home and End move through the values.
 #[derive(Parser)]
 #[command(name = "takt-top", version, after_help = command::AFTER_HELP)]
 pub struct Cli {
     /// The partition file that Takt runs, or its control socket.
     #[arg(value_name = "FILE|SOCKET")]
     pub place: PathBuf,
+    /// Show these values of the PLCs' programs on a page of their own, which comes first: names of variables or of parts of
+    /// them, such as tank.level; `*` is any text. Needs the partition file.
+    #[arg(long, value_name = "NAME")]
+    pub watch: Vec<String>,
+    /// The control socket, if it is not that of the file.
+    #[arg(long, value_name = "SOCKET")]
+    pub control: Option<PathBuf>,
 }
 
 /// Time between two questions.
@@ -39,15 +54,37 @@ const PERIOD: Duration = Duration::from_millis(500);
 ///
 /// # Errors
 /// If no Takt answers at the start, or the terminal fails.
-pub fn run(socket: &Path) -> Result<(), ClientError> {
+pub fn run(cli: &Cli) -> Result<(), ClientError> {
+    let socket = match &cli.control {
+        Some(control) => control.clone(),
+        None => takt_client::socket(&cli.place)?,
+    };
     let mut view = View::default();
+    let mut watcher = watcher(cli, &socket, &mut view)?;
+    let socket = &*socket;
     // Before the terminal is changed: who finds no Takt sees an ordinary message.
     let first = connect(socket, &mut view)?;
     // Puts the terminal back at a panic, too.
     let mut terminal = ratatui::try_init().map_err(ClientError::Terminal)?;
-    let result = show(socket, &mut terminal, &mut view, first);
+    let result = show(socket, &mut terminal, &mut view, first, watcher.as_mut());
     ratatui::restore();
     result.map_err(ClientError::Terminal)
+}
+
+/// What fetches the values that the user has named, if there are any.
+fn watcher(cli: &Cli, socket: &Path, view: &mut View) -> Result<Option<Watcher>, ClientError> {
+    if cli.watch.is_empty() {
+        return Ok(None);
+    }
+    if socket == cli.place {
+        let message = "--watch takes the partition file instead of its control socket: names are those of the \
+                       images in the file; if Takt was started with --control PATH, give that with --control, too";
+        return Err(ClientError::Usage(message.to_owned()));
+    }
+    let watcher = Watcher::new(&cli.place, &cli.watch, PERIOD)?;
+    view.watched = watcher.watched();
+    view.page = Page::Values;
+    Ok(Some(watcher))
 }
 
 fn show(
@@ -55,9 +92,13 @@ fn show(
     terminal: &mut DefaultTerminal,
     view: &mut View,
     first: Connection,
+    mut watcher: Option<&mut Watcher>,
 ) -> io::Result<()> {
     let mut connection = Some(first);
     loop {
+        if let Some(watcher) = watcher.as_deref_mut() {
+            fetch(socket, watcher, view);
+        }
         terminal.draw(|frame| draw::screen(frame, view))?;
         let next = Instant::now() + PERIOD;
         while let Some(left) = next.checked_duration_since(Instant::now()) {
@@ -66,6 +107,15 @@ fn show(
             }
             match event::read()? {
                 Event::Key(key) if leaves(&key) => return Ok(()),
+                Event::Key(key) if turns(&key) => {
+                    view.turn();
+                    break;
+                }
+                Event::Key(key) if view.page == Page::Values => {
+                    let rows = usize::from(terminal.size()?.height);
+                    scroll(view, &key, rows);
+                    terminal.draw(|frame| draw::screen(frame, view))?;
+                }
                 Event::Resize(..) => break,
                 _ => {}
             }
@@ -85,6 +135,37 @@ fn leaves(key: &KeyEvent) -> bool {
     let interrupt = key.code == KeyCode::Char('c') && key.modifiers == KeyModifiers::CONTROL;
     let quit = matches!(key.code, KeyCode::Char('q') | KeyCode::Esc);
     key.kind == KeyEventKind::Press && (quit || interrupt)
+}
+
+fn turns(key: &KeyEvent) -> bool {
+    key.kind == KeyEventKind::Press && key.code == KeyCode::Tab
+}
+
+/// Moves through the values, on a screen of so many rows.
+fn scroll(view: &mut View, key: &KeyEvent, rows: usize) {
+    // The head has two; of two pages one row is the same.
+    let (room, at) = (rows.saturating_sub(2), view.scrolled);
+    let last = values_page::lines(&view.watched).saturating_sub(room);
+    let to = match key.code {
+        KeyCode::Up => at.saturating_sub(1),
+        KeyCode::Down => at.saturating_add(1),
+        KeyCode::PageUp => at.saturating_sub(room.saturating_sub(1)),
+        KeyCode::PageDown => at.saturating_add(room.saturating_sub(1)),
+        KeyCode::Home => 0,
+        KeyCode::End => last,
+        _ => at,
+    };
+    view.scrolled = to.min(last);
+}
+
+/// Takes the latest values if they are shown.
+fn fetch(socket: &Path, watcher: &mut Watcher, view: &mut View) {
+    if view.page != Page::Values {
+        watcher.rest();
+        return;
+    }
+    let updated = watcher.update(socket, &mut view.watched);
+    view.values_problem = updated.err().map(|error| error.to_string());
 }
 
 /// Connects, follows the events and asks for the first status.

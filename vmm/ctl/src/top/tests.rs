@@ -12,7 +12,7 @@ use takt_protocol::{
 use super::draw;
 use super::view::View;
 
-fn partition(name: &str, releases: Option<ReleaseStatus>) -> PartitionStatus {
+pub fn partition(name: &str, releases: Option<ReleaseStatus>) -> PartitionStatus {
     PartitionStatus {
         name: name.into(),
         kind: "plc".into(),
@@ -33,7 +33,7 @@ fn partition(name: &str, releases: Option<ReleaseStatus>) -> PartitionStatus {
 }
 
 /// After this many half seconds with 500 releases, each as late as `latency` says.
-fn status(uptime_ns: u64, happened: u64, latency_sum_ns: u64) -> Status {
+pub fn status(uptime_ns: u64, happened: u64, latency_sum_ns: u64) -> Status {
     let window =
         |offset_ns, duration_ns| WindowStatus { partition: "plc".into(), offset_ns, duration_ns };
     let releases = ReleaseStatus {
@@ -99,7 +99,7 @@ fn event(sequence: u64, text: &str) -> Event {
     Event { sequence, at_ns: 1_500_000_000, kind: EventKind::Ended, partition, text: text.into() }
 }
 
-fn shown(view: &View, width: u16, height: u16) -> Vec<String> {
+pub fn shown(view: &View, width: u16, height: u16) -> Vec<String> {
     let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
     terminal.draw(|frame| draw::screen(frame, view)).unwrap();
     let buffer = terminal.backend().buffer();
@@ -114,8 +114,8 @@ fn the_screen_shows_partitions_windows_latencies_and_events() {
     view.status(status(1_000_000_000, 1_000, 5_000));
     view.event(event(1, "page fault\x1b[2J"));
     let expected = "\
-demo: up 1.0 s, schedule \"day\", next \"night\", major frame 1000 us   (q leaves)
-
+demo: up 1.0 s, schedule \"day\", next \"night\", major frame 1000 us
+Tab: values   q: leave
 partition  cpu  state    start  CPU    restarts  releases  lost  late  overruns
 plc        0    running  cold   2.3 %  0         1000      0     2     0
 linux      0    running  cold   2.3 %  0         -         -     -     -

@@ -2,7 +2,8 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use takt_protocol::{Event, Status, VersionStatus};
+use takt_points::Point;
+use takt_protocol::{Event, Status, Values, VersionStatus};
 
 /// Half seconds that are kept: more than a screen is wide.
 const SAMPLES: usize = 256;
@@ -22,6 +23,35 @@ pub struct View {
     pub versions: BTreeMap<String, Vec<VersionStatus>>,
     /// Why the status is old.
     pub problem: Option<String>,
+    /// Which page is shown.
+    pub page: Page,
+    /// What is watched, if the user has named values.
+    pub watched: Vec<Watched>,
+    /// Why the values are old.
+    pub values_problem: Option<String>,
+    /// Lines of the values that are above the screen.
+    pub scrolled: usize,
+}
+
+/// What the screen shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Page {
+    /// How the run stands.
+    #[default]
+    Overview,
+    /// The values that the user has named.
+    Values,
+}
+
+/// The values of a partition that the user has named.
+#[derive(Debug, Default)]
+pub struct Watched {
+    /// Whose.
+    pub partition: String,
+    /// Which.
+    pub points: Vec<Point>,
+    /// The latest line, and each of its values as text.
+    pub latest: Option<(Values, Vec<String>)>,
 }
 
 impl View {
@@ -59,6 +89,14 @@ impl View {
     /// Another event has come.
     pub fn event(&mut self, event: Event) {
         push(&mut self.events, event, EVENTS);
+    }
+
+    /// Shows the other page.
+    pub fn turn(&mut self) {
+        self.page = match self.page {
+            Page::Overview => Page::Values,
+            Page::Values => Page::Overview,
+        };
     }
 
     /// Takt does not answer any more.

@@ -6,7 +6,7 @@
 use takt_program::{Area, Elementary, Image, TypeId, TypeKind};
 use takt_protocol as protocol;
 
-use crate::value::Value;
+use crate::Value;
 
 /// Most points of one search.
 pub const POINTS_MAX: usize = 10_000;
@@ -24,16 +24,24 @@ pub struct Point {
     pub range: protocol::Range,
     /// Its bit, if it is one.
     pub bit: Option<u8>,
-    kind: Kind,
+    /// What its bytes mean.
+    pub kind: Kind,
 }
 
+/// What the bytes of a point mean.
 #[derive(Clone, Debug, PartialEq, Eq)]
-enum Kind {
+pub enum Kind {
+    /// A value of this type.
     Elementary(Elementary),
+    /// One of this type, between two numbers.
     Subrange(Elementary, i64, i64),
+    /// One of these names, each with its number.
     Enumeration(Elementary, Vec<(String, i64)>),
+    /// A `STRING`.
     Text,
+    /// A `WSTRING`.
     WideText,
+    /// An address.
     Reference,
 }
 
@@ -144,6 +152,7 @@ impl<'a> Search<'a> {
 
 impl Point {
     /// Where it is, as IEC 61131-3 writes it; a dash for what has no address.
+    #[must_use]
     pub fn address(&self) -> String {
         let area = match self.range.area {
             protocol::Area::State => return "-".to_owned(),
@@ -158,6 +167,7 @@ impl Point {
     }
 
     /// Its value in these bytes, as text.
+    #[must_use]
     pub fn show(&self, bytes: &[u8]) -> String {
         match &self.kind {
             Kind::Elementary(elementary) | Kind::Subrange(elementary, ..) => {
@@ -184,63 +194,20 @@ impl Point {
     }
 
     /// Its value in these bytes, to compare and to draw; none of a text or a reference.
+    #[must_use]
     pub fn value(&self, bytes: &[u8]) -> Option<Value> {
         Some(Value::from_raw(self.base()?, self.bit, raw(bytes)))
     }
 
-    /// A value of its type that is written as this text.
-    pub fn constant(&self, text: &str) -> Result<Value, String> {
-        let (bits, _) = self.parse(text)?;
-        let none = || format!("a {} cannot be compared", self.type_name);
-        Ok(Value::from_raw(self.base().ok_or_else(none)?, None, bits))
-    }
-
-    fn base(&self) -> Option<Elementary> {
+    /// Its elementary type; none of a text or a reference.
+    #[must_use]
+    pub fn base(&self) -> Option<Elementary> {
         match &self.kind {
             Kind::Elementary(base) | Kind::Subrange(base, ..) | Kind::Enumeration(base, _) => {
                 Some(*base)
             }
             Kind::Text | Kind::WideText | Kind::Reference => None,
         }
-    }
-
-    /// The bytes of a value that is written as this text, and the text as it is told to others.
-    pub fn parse(&self, text: &str) -> Result<(u64, String), String> {
-        let (base, value) = match &self.kind {
-            Kind::Elementary(elementary) => (*elementary, Value::parse(*elementary, text)?),
-            Kind::Subrange(base, low, high) => {
-                let value = Value::parse(*base, text)?;
-                let inside = match value {
-                    Value::Unsigned(number) => {
-                        (low.cast_unsigned()..=high.cast_unsigned()).contains(&number)
-                    }
-                    Value::Signed(number) => (*low..=*high).contains(&number),
-                    _ => false,
-                };
-                if !inside {
-                    let (low, high) = (number_of(*base, *low), number_of(*base, *high));
-                    return Err(format!("found `{text}`; {} is {low} to {high}", self.type_name));
-                }
-                (*base, value)
-            }
-            Kind::Enumeration(base, names) => {
-                let named = names.iter().find(|(name, _)| name.eq_ignore_ascii_case(text));
-                let value = match named {
-                    Some((_, number)) => number_of(*base, *number),
-                    None => Value::parse(*base, text).map_err(|_| {
-                        let all: Vec<&str> = names.iter().map(|(name, _)| &**name).collect();
-                        format!("found `{text}`; {} is {}", self.type_name, all.join(", "))
-                    })?,
-                };
-                (*base, value)
-            }
-            _ => return Err(format!("a {} cannot be written or forced", self.type_name)),
-        };
-        let told = match &self.kind {
-            Kind::Enumeration(..) => self.show(&value.raw(base).to_le_bytes()),
-            _ => shown(base, value),
-        };
-        Ok((value.raw(base), told))
     }
 }
 
@@ -250,11 +217,15 @@ fn raw(bytes: &[u8]) -> u64 {
     u64::from_le_bytes(raw)
 }
 
-fn number_of(base: Elementary, number: i64) -> Value {
+/// A number of an enumeration or a subrange as a value.
+#[must_use]
+pub fn number_of(base: Elementary, number: i64) -> Value {
     Value::from_raw(base, None, number.cast_unsigned())
 }
 
-fn shown(elementary: Elementary, value: Value) -> String {
+/// A value as it is shown and written.
+#[must_use]
+pub fn shown(elementary: Elementary, value: Value) -> String {
     use Elementary as E;
     match (elementary, value) {
         (_, Value::Bool(on)) => if on { "TRUE" } else { "FALSE" }.to_owned(),
@@ -293,6 +264,7 @@ fn may_match(pattern: &str, name: &str) -> bool {
 }
 
 /// Whether a value of this name is meant.
+#[must_use]
 pub fn matches(pattern: &str, name: &str) -> bool {
     let (pattern, name) = (pattern.to_ascii_lowercase(), name.to_ascii_lowercase());
     if !pattern.contains('*') {
@@ -364,25 +336,14 @@ mod tests {
     }
 
     #[test]
-    fn values_are_shown_as_they_are_written() {
-        let one = |name: &str| search(name).remove(0);
-        for (name, text, bits) in [
-            ("tank.level", "0.1", u64::from(0.1_f32.to_bits())),
-            ("tank.row[1]", "-3", 0xffff_fffd),
-            ("tank.step", "filling", 0xffff_fffe),
-            ("tank.share", "-5", 0xffff_fffb),
-            ("tank.on", "TRUE", 1),
-        ] {
-            let point = one(name);
-            let (raw, told) = point.parse(text).unwrap();
-            assert_eq!((raw & 0xffff_ffff, told.as_str()), (bits, text), "{name}");
-        }
-        assert_eq!(one("tank.on").show(&[0b0010_0000]), "TRUE");
-        assert_eq!(one("tank.on").show(&[0b1101_1111]), "FALSE");
-        assert_eq!(one("tank.on").address(), "%QX3.5");
-        assert_eq!(one("tank.step").show(&[7]), "7");
-        let refused = one("tank.step").parse("full").unwrap_err();
-        assert_eq!(refused, "found `full`; STEP is idle, filling");
-        assert_eq!(one("tank.share").parse("101").unwrap_err(), "found `101`; SINT is -5 to 100");
+    fn a_value_is_shown_by_its_type() {
+        let shown = |name: &str, bytes: &[u8]| search(name).remove(0).show(bytes);
+        assert_eq!(shown("tank.level", &0.1_f32.to_le_bytes()), "0.1");
+        assert_eq!(shown("tank.row[1]", &[0xfd, 0xff]), "-3");
+        assert_eq!(shown("tank.step", &[0xfe]), "filling");
+        assert_eq!(shown("tank.step", &[7]), "7");
+        assert_eq!(shown("tank.on", &[0b0010_0000]), "TRUE");
+        assert_eq!(shown("tank.on", &[0b1101_1111]), "FALSE");
+        assert_eq!(search("tank.on")[0].address(), "%QX3.5");
     }
 }
