@@ -329,7 +329,10 @@ impl<'a> Checker<'a> {
             let place = Place::global(instance.global, instance.ty);
             let Some(routine) = self.units[instance.unit].routine else { continue };
             let location = self.location(instance.ast.name.span);
-            block.push(Statement { kind: StatementKind::Invoke(place, routine), location });
+            block.push(Statement {
+                kind: StatementKind::Invoke(place, routine, Vec::new()),
+                location,
+            });
             block.extend(behind);
             block.extend(outputs);
         }

@@ -102,18 +102,16 @@ impl<'a> Body<'_, 'a> {
         if open && !parameter {
             let found = "ARRAY[*] for a variable that is no parameter";
             let one = Diagnostic::new(Code::InvalidDeclaration, variables.spec.span, found);
-            self.tell(one.allowed("bounds, or ARRAY[*] for a parameter of a FUNCTION"));
-        } else if open && !self.in_function() {
+            self.tell(one.allowed("bounds, or ARRAY[*] for a parameter"));
+        } else if open && !self.in_function() && section.kind != SectionKind::InOut {
+            // A field keeps its value from call to call, and what has no bounds has no room for one.
             let what = match section.kind {
                 SectionKind::Input => "VAR_INPUT",
-                SectionKind::Output => "VAR_OUTPUT",
-                _ => "VAR_IN_OUT",
+                _ => "VAR_OUTPUT",
             };
             let found = format!("ARRAY[*] in {what} of a function block, program or test");
-            let one = Diagnostic::new(Code::NotSupported, variables.spec.span, found);
-            self.tell(one.allowed("ARRAY[*] for a parameter of a FUNCTION").hint(
-                "give the array bounds, and call a function with it for what works on any size",
-            ));
+            let one = Diagnostic::new(Code::InvalidDeclaration, variables.spec.span, found);
+            self.tell(one.allowed("bounds, or ARRAY[*] in VAR_IN_OUT of a FUNCTION_BLOCK"));
         }
         let lives = section.kind != SectionKind::Temporary
             && !(self.in_function() && section.kind != SectionKind::InOut);
@@ -216,7 +214,9 @@ impl<'a> Body<'_, 'a> {
             SectionKind::Output => LocalKind::Output,
             _ => LocalKind::Variable,
         };
-        let Some(structure) = structure.filter(|_| section.kind != SectionKind::Temporary) else {
+        let of_the_call =
+            section.kind == SectionKind::Temporary || kind == LocalKind::InOut && open;
+        let Some(structure) = structure.filter(|_| !of_the_call) else {
             self.locals.push(Local { name: name.text.to_string(), ty, kind, initial });
             return Storage::Local(LocalId(self.locals.len() as u32 - 1));
         };

@@ -282,12 +282,15 @@ impl<'a> Body<'_, 'a> {
         };
         let found =
             structure.fields.iter().position(|field| field.name.eq_ignore_ascii_case(&name.text));
-        let Some(index) = found else {
-            self.no_field(name, ty);
-            return None;
+        let kind = structure.kind;
+        let (field_type, section) = match found {
+            Some(index) => (structure.fields[index].ty, structure.fields[index].section),
+            None if self.is_of_the_call(ty, name) => (ty, Section::InOut),
+            None => {
+                self.no_field(name, ty);
+                return None;
+            }
         };
-        let (field, kind) = (&structure.fields[index], structure.kind);
-        let (field_type, section) = (field.ty, field.section);
         let refused = match section {
             _ if kind == StructureKind::Struct => None,
             Section::Variable if self.in_test() => None,
@@ -304,7 +307,16 @@ impl<'a> Body<'_, 'a> {
             self.tell(one.allowed("its inputs, and its outputs to read"));
             return None;
         }
-        Some(place.field(index as u32, field_type))
+        Some(place.field(found? as u32, field_type))
+    }
+
+    /// Whether a function block has a parameter of this name that is no field, as an ARRAY[*] is none.
+    fn is_of_the_call(&self, ty: TypeId, name: &Name) -> bool {
+        let block = self.checker.units.iter().find(|unit| unit.structure == Some(ty));
+        let variable = block.and_then(|unit| Some(&unit.variables[*unit.by_key.get(&*name.key)?]));
+        variable.is_some_and(|variable| {
+            variable.kind == SectionKind::InOut && matches!(variable.storage, Storage::Local(_))
+        })
     }
 
     fn element(

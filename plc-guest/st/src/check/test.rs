@@ -292,7 +292,10 @@ impl Checker<'_> {
             };
             let location = self.location(ast.span);
             let place = Place::global(id, structure);
-            let body = vec![Statement { kind: StatementKind::Invoke(place, routine), location }];
+            let body = vec![Statement {
+                kind: StatementKind::Invoke(place, routine, Vec::new()),
+                location,
+            }];
             arms.push(CaseArm { ranges: vec![(number as i128, number as i128)], body });
             self.program.tests.list.push(Test { name: ast.name.text.to_string(), location });
         }

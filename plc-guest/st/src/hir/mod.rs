@@ -6,7 +6,8 @@
 //!
 //! What has no node of its own is written with the nodes that exist:
 //! - A call of a function block is assignments to its input fields, an [`StatementKind::Invoke`], and assignments from
-//!   its output fields. A `VAR_IN_OUT` of a function block is a field of a reference type that the caller sets.
+//!   its output fields. A `VAR_IN_OUT` of a function block is a field of a reference type that the caller sets; an open array is a
+//!   parameter instead, as its bounds belong to the call.
 //! - EN and ENO are an `IF` around the call.
 //! - A task is a routine without parameters that invokes its program instances.
 //! - `LIMIT` and `MUX` are made of [`Intrinsic::Min`], [`Intrinsic::Max`] and [`Intrinsic::Select`].

@@ -109,8 +109,8 @@ impl<'p> Printer<'p> {
                 let line = self.call(&self.program.routine(*routine).name, arguments);
                 self.line(&line);
             }
-            StatementKind::Invoke(place, _) => {
-                let line = format!("{}()", self.place(place));
+            StatementKind::Invoke(place, _, arguments) => {
+                let line = self.call(&self.place(place), arguments);
                 self.line(&line);
             }
             StatementKind::If(arms, otherwise) => {

@@ -22,8 +22,9 @@ pub enum StatementKind {
     Assign(Place, Expr),
     /// A function whose result is dropped, or that has none.
     Call(RoutineId, Vec<Argument>),
-    /// Runs the body of the function block or program at a place.
-    Invoke(Place, RoutineId),
+    /// Runs the body of the function block or program at a place. The arguments are those of its parameters that are not
+    /// fields.
+    Invoke(Place, RoutineId, Vec<Argument>),
     /// The first arm whose condition is TRUE, else the last block.
     If(Vec<(Expr, Block)>, Block),
     /// The arm that holds the selector's value, else the last block. The selector is of an integer class. Arms do not

@@ -171,7 +171,8 @@ pub fn callees_first(program: &Program) -> Vec<RoutineId> {
 pub fn called(program: &Program, id: RoutineId) -> Vec<RoutineId> {
     let mut found = Vec::new();
     super::walk::statements(&program.routine(id).body, &mut |statement| {
-        if let StatementKind::Call(routine, _) | StatementKind::Invoke(_, routine) = &statement.kind
+        if let StatementKind::Call(routine, _) | StatementKind::Invoke(_, routine, _) =
+            &statement.kind
         {
             found.push(*routine);
         }

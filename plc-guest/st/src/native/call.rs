@@ -16,9 +16,9 @@ struct Pending {
 }
 
 impl Lower<'_> {
-    pub(super) fn invoke(&mut self, place: &Place, routine: RoutineId) {
+    pub(super) fn invoke(&mut self, place: &Place, routine: RoutineId, arguments: &[Argument]) {
         let instance = self.address(place);
-        self.emit_call(routine, &[instance]);
+        self.call_with(routine, arguments, Some(instance));
     }
 
     /// Calls a function whose result, if any, is a scalar.
@@ -43,14 +43,15 @@ impl Lower<'_> {
         self.builder.ins().stack_addr(types::I64, slot, 0)
     }
 
+    /// Calls a routine with its arguments behind `first`: the address of the instance, or of a result that is no scalar.
     fn call_with(
         &mut self,
         routine: RoutineId,
         arguments: &[Argument],
-        result: Option<Value>,
+        first: Option<Value>,
     ) -> Option<Value> {
         let callee = self.program.routine(routine);
-        let mut values: Vec<Value> = result.into_iter().collect();
+        let mut values: Vec<Value> = first.into_iter().collect();
         let mut pending = Vec::new();
         for ((_, parameter), argument) in callee.parameters().zip(arguments) {
             let ty = parameter.ty;

@@ -245,9 +245,9 @@ impl<'p> Collector<'p> {
                 self.place(place, true);
             }
             StatementKind::Call(routine, arguments) => self.call(*routine, arguments),
-            StatementKind::Invoke(place, routine) => {
+            StatementKind::Invoke(place, routine, arguments) => {
                 self.place(place, true);
-                self.callee(*routine);
+                self.call(*routine, arguments);
             }
             StatementKind::If(arms, otherwise) => {
                 for (condition, block) in arms {

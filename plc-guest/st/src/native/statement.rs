@@ -32,7 +32,9 @@ impl Lower<'_> {
                     }
                 }
             }
-            StatementKind::Invoke(place, routine) => self.invoke(place, *routine),
+            StatementKind::Invoke(place, routine, arguments) => {
+                self.invoke(place, *routine, arguments)
+            }
             StatementKind::If(arms, otherwise) => self.branch(arms, otherwise),
             StatementKind::Case(selector, arms, otherwise) => self.case(selector, arms, otherwise),
             StatementKind::For { variable, from, to, by, body } => {

@@ -68,7 +68,10 @@ fn places_and_expressions(
             walk.place(place, false);
         }
         StatementKind::Call(_, arguments) => walk.arguments(arguments),
-        StatementKind::Invoke(place, _) => walk.place(place, true),
+        StatementKind::Invoke(place, _, arguments) => {
+            walk.place(place, true);
+            walk.arguments(arguments);
+        }
         StatementKind::If(arms, _) => arms.iter().for_each(|(condition, _)| walk.expr(condition)),
         StatementKind::Case(expr, ..)
         | StatementKind::While(expr, _)

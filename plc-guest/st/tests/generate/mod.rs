@@ -59,7 +59,7 @@ pub struct Generator {
     pub writable: Vec<Place>,
     pub functions: Vec<Callable>,
     /// Instances that can be invoked, with the body.
-    pub instances: Vec<(Place, RoutineId)>,
+    pub instances: Vec<(Place, Callable)>,
     pub locals: Vec<Local>,
     /// Open arrays among the parameters.
     pub open: Vec<Place>,

@@ -227,6 +227,11 @@ impl Generator {
             self.readable.push(instance.clone());
             self.writable.push(instance.clone());
         }
+        let open = self.program.types.open_array(dint, 1);
+        for _ in 0..self.random.below(3) {
+            self.local(open, LocalKind::InOut, Constant::Default);
+        }
+        let parameters = self.locals.clone();
         let body = self.block(3);
         let locals = std::mem::take(&mut self.locals);
         let location = Location::default();
@@ -242,7 +247,8 @@ impl Generator {
         let one = self.global(block, None);
         let several = self.program.types.array(block, 0, 3);
         let several = self.global(several, None);
-        self.instances = vec![(one, id), (several, id)];
+        let block = Callable { id, parameters, result: None };
+        self.instances = vec![(one, block.clone()), (several, block)];
     }
 
     fn main(&mut self, globals: &[Place]) {

@@ -59,13 +59,15 @@ impl Generator {
             1 => self.call(),
             2 if !self.instances.is_empty() => {
                 let instances = self.instances.clone();
-                let (place, routine) = self.random.pick(&instances).clone();
+                let (place, block) = self.random.pick(&instances).clone();
+                let arguments = self.arguments(&block, 2)?;
+                let routine = block.id;
                 let Type::Array { element, lower, upper } = *self.program.types.get(place.ty)
                 else {
-                    return Some(StatementKind::Invoke(place, routine));
+                    return Some(StatementKind::Invoke(place, routine, arguments));
                 };
                 let index = self.index(lower, upper);
-                Some(StatementKind::Invoke(place.index(index, element), routine))
+                Some(StatementKind::Invoke(place.index(index, element), routine, arguments))
             }
             3 if self.loops > 0 && self.random.one_in(3) => {
                 let leave = if self.random.one_in(2) {

@@ -193,3 +193,64 @@ fn arrays_of_any_size_are_given_and_returned() {
         IF Local() <> 188 THEN wrong := wrong + 8; END_IF;";
     assert_eq!(wrong(declarations, statements), 0);
 }
+
+#[test]
+fn function_blocks_work_on_arrays_of_any_size() {
+    let declarations = "
+        FUNCTION Sum : DINT
+            VAR_INPUT data : ARRAY[*] OF INT; END_VAR
+            VAR i : DINT; END_VAR
+            FOR i := LOWER_BOUND(data, 1) TO UPPER_BOUND(data, 1) DO Sum := Sum + data[i]; END_FOR;
+        END_FUNCTION
+        FUNCTION_BLOCK Fill
+            VAR_INPUT stride : INT := 1; END_VAR
+            VAR_IN_OUT data : ARRAY[*] OF INT; calls : INT; END_VAR
+            VAR next : INT; i : DINT; END_VAR
+            VAR_OUTPUT total : DINT; END_VAR
+            FOR i := LOWER_BOUND(data, 1) TO UPPER_BOUND(data, 1) DO next := next + stride; data[i] := next; END_FOR;
+            calls := calls + 1;
+            total := Sum(data);
+        END_FUNCTION_BLOCK
+        FUNCTION_BLOCK More
+            VAR_IN_OUT data : ARRAY[*] OF INT; END_VAR
+            data[0] := data[0] + 4;
+        END_FUNCTION_BLOCK
+        FUNCTION_BLOCK Outer
+            VAR_IN_OUT table : ARRAY[*, *] OF INT; row : ARRAY[*] OF INT; END_VAR
+            VAR fill : Fill; calls : INT; END_VAR
+            fill(stride := 2, data := row, calls := calls);
+            table[UPPER_BOUND(table, 1), LOWER_BOUND(table, 2)] := row[LOWER_BOUND(row, 1)] + calls;
+        END_FUNCTION_BLOCK
+        PROGRAM Main
+        VAR a : ARRAY[0..3] OF INT; b : ARRAY[-2..-1] OF INT; rows : ARRAY[0..1] OF ARRAY[5..6] OF INT; END_VAR
+        VAR table : ARRAY[1..2, 3..4] OF INT; fill : Fill; outer : ARRAY[0..1] OF Outer; calls, n, sum : INT; more : More; END_VAR";
+    let statements = "
+        fill(data := a, calls := calls); IF a[3] <> 4 OR fill.total <> 10 THEN wrong := wrong + 1; END_IF;
+        fill(data := b, calls := calls); IF b[-1] <> 6 OR fill.total <> 11 THEN wrong := wrong + 2; END_IF;
+        fill(data := rows[1], calls := calls); IF rows[1][6] <> 8 OR rows[0][6] <> 0 OR calls <> 3
+            THEN wrong := wrong + 4; END_IF;
+        outer[1](table := table, row := a); outer[1](row := b, table := table);
+        IF a[3] <> 8 OR b[-2] <> 10 OR table[2, 3] <> 12 OR table[1, 3] <> 0 THEN wrong := wrong + 8; END_IF;
+        a[0] := 0;
+        FOR n := 1 TO 5 DO more(data := a); sum := sum + a[0]; a[0] := a[0] + 1; END_FOR;
+        IF sum <> 70 OR a[0] <> 25 THEN wrong := wrong + 16; END_IF;";
+    assert_eq!(wrong(declarations, statements), 0);
+}
+
+#[test]
+fn a_function_block_does_not_leave_an_array_of_any_size() {
+    let declarations = "
+        FUNCTION_BLOCK Mark
+            VAR_INPUT i : DINT; END_VAR
+            VAR_IN_OUT data : ARRAY[*] OF INT; END_VAR
+            data[i] := 1;
+        END_FUNCTION_BLOCK
+        PROGRAM Main
+        VAR long : ARRAY[0..9] OF INT; short : ARRAY[0..1] OF INT; mark : Mark; END_VAR";
+    for statement in ["mark(i := 2, data := short);", "mark(i := -1, data := long);"] {
+        // The bounds are those of this call, not of the one before.
+        let program = program(declarations, &format!("mark(i := 1, data := long); {statement}"));
+        let trap = Twice::start(&program).trap(Job::default());
+        assert_eq!(trap.kind, TrapKind::Bounds, "{statement}");
+    }
+}

@@ -38,9 +38,9 @@ impl Machine<'_> {
                 self.call_routine(Some(frame), *routine, 0, arguments)?;
                 Ok(Flow::Next)
             }
-            StatementKind::Invoke(place, routine) => {
+            StatementKind::Invoke(place, routine, arguments) => {
                 let target = self.place(frame, place)?;
-                self.call_routine(None, *routine, target.address, &[])?;
+                self.call_routine(Some(frame), *routine, target.address, arguments)?;
                 Ok(Flow::Next)
             }
             StatementKind::If(arms, otherwise) => {

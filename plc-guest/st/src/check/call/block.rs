@@ -26,6 +26,7 @@ impl<'a> Body<'_, 'a> {
         };
         let mut block = Vec::new();
         let mut behind = Vec::new();
+        let mut by_call = Vec::new();
         let mut complete = true;
         for (parameter, given) in parameters.iter().zip(&bound.given) {
             let (Some(ty), Some((value, binding))) = (parameter.ty, given) else {
@@ -52,6 +53,9 @@ impl<'a> Body<'_, 'a> {
                     let value = self.expr(*reference, ExprKind::Reference(target), value.span);
                     block.push(self.statement(StatementKind::Assign(field, value), span));
                 }),
+                (Storage::Local(_), SectionKind::InOut) => self
+                    .in_out(value, ty)
+                    .map(|target| by_call.push(hir::Argument::Reference(target))),
                 (Storage::Field(field), SectionKind::Output) => {
                     let source = place.clone().field(*field, ty);
                     self.output(source, value, *binding).map(|one| behind.push(one))
@@ -64,7 +68,7 @@ impl<'a> Body<'_, 'a> {
             return None;
         }
         let routine = self.checker.units[unit].routine?;
-        block.push(self.statement(StatementKind::Invoke(place, routine), span));
+        block.push(self.statement(StatementKind::Invoke(place, routine, by_call), span));
         block.extend(behind);
         self.enabled(block, bound.enable, span)
     }
