@@ -1,7 +1,7 @@
 //! What the programs of a PLC are: where they come from, what they do when, and what they write.
 
 use takt_abi::io::{INPUT, flag};
-use takt_program::{Area, Flags, Image, TaskId, TypeId, TypeKind, Variable};
+use takt_program::{Area, Flags, Image, TaskId, Variable};
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::time::Nanos;
 
@@ -156,7 +156,7 @@ fn points(out: &mut String, partition: &Partition, number: usize, image: &Image<
         });
         let places = own.chain(readers).collect::<Vec<_>>().join("; ");
         let places = if places.is_empty() { "not connected".to_owned() } else { places };
-        [points::address(v), v.name.to_owned(), type_name(image, v.ty), writer, places]
+        [points::address(v), v.name.to_owned(), image.type_name(v.ty).to_string(), writer, places]
     });
     let without_name = connections.iter().filter(|c| !points.iter().any(|v| c.meets(v)));
     let without_name = without_name.map(|c| {
@@ -185,13 +185,4 @@ fn place(connection: &Connection, image: &Image<'_>) -> String {
         _ => "",
     };
     format!("{place}{reader}{special}")
-}
-
-fn type_name(image: &Image<'_>, id: TypeId) -> String {
-    let Some(ty) = image.type_of(id) else { return "-".to_owned() };
-    match ty.kind {
-        _ if !ty.name.is_empty() => ty.name.to_owned(),
-        TypeKind::Elementary(elementary) => elementary.keyword().to_owned(),
-        _ => format!("{} bytes", ty.bytes),
-    }
 }

@@ -5,13 +5,19 @@
 //! could be connected wrongly is found here, where the line can be shown: the guest finds numbers ([`takt_abi::io`]).
 //!
 //! - [`point`]: which bytes of which image a table names;
-//! - [`place`]: channels, registers, outputs of programs;
+//! - [`place`]: channels and registers;
+//! - [`of_program`]: outputs of programs;
 //! - [`simulate`]: simulated values;
+//! - [`types`]: which types can be connected;
+//! - [`ends`]: the two ends of a channel;
 //! - [`writers`]: what two tables must not share.
 
+mod ends;
+mod of_program;
 mod place;
 mod point;
 mod simulate;
+mod types;
 mod writers;
 
 use takt_abi::io::{ANY_TASK, INPUT, IoTable, MAPPINGS_MAX, Mapping, OUTPUT, WHOLE, flag, kind};
@@ -94,18 +100,25 @@ pub fn check(
     passthrough: &[Passthrough],
 ) -> Result<Vec<Vec<Connection>>, Diagnostic> {
     let with_devices = partitions.iter().zip(passthrough).zip(raw);
-    with_devices
+    let entries: Vec<Vec<Entry<'_>>> = with_devices
         .map(|((partition, passthrough), table)| {
             let Keys(raw) = table.get_ref();
             check_partition(&raw.io.0, Around { partition, channels, passthrough })
         })
-        .collect()
+        .collect::<Result<_, _>>()?;
+    ends::check(&entries, partitions, channels)?;
+    let sorted = entries.into_iter().map(|entries| {
+        let mut connections: Vec<Connection> = entries.into_iter().map(|e| e.connection).collect();
+        connections.sort_by_key(|connection| order(&connection.mapping));
+        connections
+    });
+    Ok(sorted.collect())
 }
 
-fn check_partition(
-    tables: &[Spanned<Keys<raw::Io>>],
+fn check_partition<'a>(
+    tables: &'a [Spanned<Keys<raw::Io>>],
     around: Around<'_>,
-) -> Result<Vec<Connection>, Diagnostic> {
+) -> Result<Vec<Entry<'a>>, Diagnostic> {
     if let Some(excess) = tables.get(MAPPINGS_MAX) {
         let found = format!("this is table {} of {}", MAPPINGS_MAX + 1, tables.len());
         let allowed = format!(
@@ -120,9 +133,7 @@ fn check_partition(
         entries.push(next);
     }
     writers::check_ports(&entries, around)?;
-    let mut connections: Vec<Connection> = entries.into_iter().map(|e| e.connection).collect();
-    connections.sort_by_key(|connection| order(&connection.mapping));
-    Ok(connections)
+    Ok(entries)
 }
 
 /// In this order the guest finds them: by program, inputs first, and places together.

@@ -1,15 +1,17 @@
-//! The place that a point is connected to: a channel, a register, or an output of a program.
+//! The place that a point is connected to: a channel or a register; outputs of programs and simulated values are in files of
+//! their own.
 
 use takt_abi::io::{INPUT, Mapping, WHOLE, kind};
 use takt_program::{Elementary, limit};
+use takt_scheduler::table::PartitionId;
 use toml::Spanned;
 
-use super::super::channels::{Channel, ChannelKind, Owner};
+use super::super::channels::{Channel, ChannelKind, End, Owner};
 use super::super::diagnostic::{Diagnostic, Span, quote};
 use super::super::passthrough::safe_values::{check_port, check_register};
 use super::super::raw;
-use super::point::{self, Point};
-use super::{Around, Place, find_program, is_bool, simulate};
+use super::point::Point;
+use super::{Around, Place, is_bool, of_program, simulate};
 
 /// The keys of places, of which a table has one, and what belongs to them.
 const PLACES: &str =
@@ -57,7 +59,7 @@ pub fn find(
         (Some(name), ..) => channel(raw, name, header, point, mapping, around),
         (_, Some(port), ..) => io_port(raw, port, point, mapping, around),
         (_, _, Some(name), ..) => register(raw, name, header, point, mapping, around),
-        (_, _, _, Some(name), _) => output(raw, name, header, point, mapping, around),
+        (_, _, _, Some(name), _) => of_program::check(raw, name, header, point, mapping, around),
         (_, _, _, _, Some(wave)) => simulate::check(wave, point, mapping),
         _ => Err(Diagnostic::new(header.clone(), "the point is connected to nothing", PLACES)),
     }?;
@@ -161,13 +163,24 @@ fn part<'a>(raw: &'a raw::Io, header: &Span) -> Result<Part<'a>, Diagnostic> {
     }
 }
 
+/// The ports of a partition as the guest's table has them: each channel with an end there is one.
+pub fn ports(
+    partition: PartitionId,
+    channels: &[Channel],
+) -> impl Iterator<Item = (&Channel, &End)> {
+    let owner = Owner::Partition(partition);
+    channels.iter().filter_map(move |channel| {
+        let mut ends = std::iter::once(&channel.source).chain(&channel.destinations);
+        Some((channel, ends.find(|end| end.owner == owner)?))
+    })
+}
+
 /// A port of the partition at a sampling channel, by its place in the guest's table of ports, and the channel.
 fn find_channel<'a>(
     name: &Spanned<String>,
     input: bool,
     around: Around<'a>,
 ) -> Result<(u64, &'a Channel), Diagnostic> {
-    let owner = Owner::Partition(around.partition.partition.id);
     let refuse = |found: String, allowed: String| {
         Err(Diagnostic::new(
             name.span(),
@@ -175,12 +188,7 @@ fn find_channel<'a>(
             allowed,
         ))
     };
-    // As the guest's table has them: each channel with an end in the partition is one port.
-    let ports = around.channels.iter().filter_map(|channel| {
-        let ends = std::iter::once(&channel.source).chain(&channel.destinations);
-        let end = ends.into_iter().find(|end| end.owner == owner)?;
-        Some((channel, end))
-    });
+    let ports = ports(around.partition.partition.id, around.channels);
     let end = format!("{}:{}", around.partition.partition.name, name.get_ref());
     let end = quote(&end);
     let way = if input { "as a destination" } else { "as the source" };
@@ -325,44 +333,6 @@ fn register(
     let words = format!("register {} + {offset:#x}{bit}", name.get_ref());
     let address = memory[index].address + offset;
     let mapping = Mapping { kind: kind::REGISTER, width, place_bit, place: address, ..mapping };
-    Ok(Place { mapping, words })
-}
-
-fn output(
-    raw: &raw::Io,
-    name: &Spanned<String>,
-    header: &Span,
-    point: &Point,
-    mapping: Mapping,
-    around: Around<'_>,
-) -> Result<Place, Diagnostic> {
-    let of = raw.output_of.as_ref().or(raw.program.as_ref());
-    let (number, program) = find_program(of, "output_of", header, around)?;
-    let image = program.program.image();
-    let image = image.as_ref().ok_or_else(|| {
-        Diagnostic::new(name.span(), "its program has no image", "a program with an image")
-    })?;
-    let from = point::find_output(name, image)?;
-    if (is_bool(&from), from.bytes) != (is_bool(point), point.bytes) {
-        let size =
-            |p: &Point| if is_bool(p) { "a BOOL".to_owned() } else { format!("{} bytes", p.bytes) };
-        let found = format!(
-            "the output {} is {}, and {} is {}",
-            quote(name.get_ref()),
-            size(&from),
-            quote(&point.name),
-            size(point)
-        );
-        return Err(Diagnostic::new(name.span(), found, "an output of the same size"));
-    }
-    let mapping = Mapping {
-        kind: kind::PROGRAM,
-        place: number.into(),
-        field: from.offset,
-        place_bit: from.bit.unwrap_or(WHOLE),
-        ..mapping
-    };
-    let words = format!("output {} of {}", name.get_ref(), program.program.name);
     Ok(Place { mapping, words })
 }
 

@@ -1,6 +1,6 @@
 //! The point that a table connects: a variable of the program, or an address in its process image.
 
-use takt_program::{Area, Elementary, Image, TaskId, TypeKind, Variable};
+use takt_program::{Area, Elementary, Image, TaskId, TypeId, TypeKind, Variable};
 use toml::Spanned;
 
 use super::super::diagnostic::{Diagnostic, Span, quote};
@@ -25,8 +25,12 @@ pub struct Point {
     pub bytes: u32,
     /// None for whole bytes.
     pub bit: Option<u8>,
-    /// None for arrays and structures.
+    /// None for arrays, structures and texts.
     pub ty: Option<Elementary>,
+    /// None for an address at which the program declares nothing of this size.
+    pub id: Option<TypeId>,
+    /// As IEC 61131-3 writes it.
+    pub type_name: String,
     /// The task that alone writes it, if the image knows.
     pub writer: Option<TaskId>,
 }
@@ -79,6 +83,8 @@ fn of_variable(variable: &Variable<'_>, image: &Image<'_>) -> Option<Point> {
         bytes: variable.bytes,
         bit: variable.bit,
         ty,
+        id: Some(variable.ty),
+        type_name: image.type_name(variable.ty).to_string(),
         writer: variable.writer,
     })
 }
@@ -97,6 +103,7 @@ fn by_address(text: &Spanned<String>, image: &Image<'_>) -> Result<Point, Diagno
         Direction::Output => (Area::Output, 'Q'),
     };
     let end = image.area_bytes(area);
+    let width = ty.bytes();
     if offset.checked_add(ty.bytes()).is_none_or(|last| last > end) {
         let found = format!(
             "{} lies outside of the program's %{letter}, which has {end} bytes",
@@ -112,7 +119,19 @@ fn by_address(text: &Spanned<String>, image: &Image<'_>) -> Result<Point, Diagno
     };
     let writer = image.variables().filter(covers).find_map(|v| v.writer);
     let name = text.get_ref().clone();
-    Ok(Point { name, direction, offset, bytes: ty.bytes(), bit, ty: Some(ty), writer })
+    let exact = |v: &Variable<'_>| {
+        v.area == area && (v.offset, v.bytes, v.bit) == (offset, ty.bytes(), bit)
+    };
+    // An address of a variable is the variable, with its type. If it has several names of different types, or none, it is bits.
+    let mut declared = image.variables().filter(exact).filter_map(|v| of_variable(&v, image));
+    if let Some(first) = declared.next()
+        && declared.all(|other| other.type_name == first.type_name)
+    {
+        return Ok(Point { name, writer, ..first });
+    }
+    let type_name = ty.keyword().to_owned();
+    let ty = Some(ty);
+    Ok(Point { name, direction, offset, bytes: width, bit, ty, id: None, type_name, writer })
 }
 
 fn parse(text: &str) -> Option<(Direction, Elementary, u32, Option<u8>)> {

@@ -76,6 +76,7 @@ pub fn program(ports: &[&str]) -> Vec<u8> {
         ("enable", Elementary::Bool, 4, Some(0)),
         ("count", Elementary::Uint, 6, None),
         ("stamp", Elementary::Time, 8, None),
+        ("total", Elementary::Udint, 28, None),
     ];
     let outputs = [
         ("valve", Elementary::Real, 0, None, Some(0)),

@@ -8,6 +8,7 @@ mod refused;
 mod retained;
 mod shown;
 mod tasks;
+mod types;
 
 #[path = "../guest_images/mod.rs"]
 mod guest_images;
