@@ -7,6 +7,12 @@
 #ifndef TAKT_H
 #define TAKT_H
 
+/* The PLC's kernel keeps the registers of SSE for programs, and not those of AVX: their instructions fault there, although the
+ * machine that compiles may have them. */
+#ifdef __AVX__
+#error "takt.h: this compiler makes instructions of AVX, which the PLC's kernel does not give to programs; compile with -mno-avx, and without -march=native"
+#endif
+
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>

@@ -22,6 +22,13 @@
 
 #![cfg_attr(not(test), no_std)]
 
+// The flags of a build hold for this crate, too, so they are found before anything is linked.
+#[cfg(all(feature = "runtime", target_feature = "avx", not(test)))]
+compile_error!(
+    "this build makes instructions of AVX, which the PLC's kernel does not give to programs; \
+     build without `target-cpu=native` and `target-feature=+avx` (RUSTFLAGS, .cargo/config.toml)"
+);
+
 pub mod call;
 pub mod declaration;
 mod job;

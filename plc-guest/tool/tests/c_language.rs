@@ -197,3 +197,55 @@ fn numbers_are_logged() {
     says(100, &format!("{:>60}{:>60}", 1, 2));
     says(101, "%q %");
 }
+
+#[test]
+fn avx_is_refused_before_the_program_runs() {
+    let folder = Folder::new();
+    let source = format!("{HEAD}{RUN}");
+    for flag in ["-mavx", "-mfma", "-march=haswell"] {
+        let ended = compile(&folder, &source, &[flag]);
+        ended.expect(1, "takt.h:").expect(1, "makes instructions of AVX");
+    }
+    for flag in ["-msse4.2", "-mbmi2", "-march=nehalem"] {
+        compile(&folder, &source, &[flag]).expect(0, "");
+    }
+}
+
+#[test]
+fn registers_that_the_kernel_does_not_keep_are_refused_in_object_files() {
+    let with = |attribute: &str, body: &str| {
+        format!(
+            "{HEAD}float a[16], b[16]; TAKT_POINT(REAL, a, 0);\n\
+             __attribute__((noinline, optimize(\"O3\"), target(\"{attribute}\"))) static void work(void) {{ {body} }}\n\
+             static void run(const takt_job *job) {{ (void)job; work(); }}\n\
+             TAKT_CYCLIC(run, .period = TAKT_MS(1));\n"
+        )
+    };
+    let sum = "for (int i = 0; i < 16; i++) a[i] += b[i];";
+    let noted = ["-Wa,-mx86-used-note=yes"];
+    let folder = Folder::new();
+    let refused = |source: &str, what: &str| {
+        let ended = folder.c_program_with("p", source, &noted);
+        ended.expect(2, ".o: its assembler has noted that it uses ").expect(2, what);
+    };
+    refused(&with("avx2", sum), "YMM registers (AVX)");
+    let masked = "__asm__(\"kxorw %k1, %k1, %k1\");";
+    refused(&with("avx512f", masked), "mask registers (AVX-512)");
+    refused(&with("default", "__asm__(\"xgetbv\" : : : \"eax\", \"ecx\", \"edx\");"), "XGETBV");
+    folder.c_program_with("p", &with("sse4.2", sum), &noted).expect(0, "");
+    // Of a library only what is linked counts.
+    folder.write(
+        "wide.c",
+        "float c[8];\nvoid wide(void) { for (int i = 0; i < 8; i++) c[i] += 1; }\n",
+    );
+    let flags =
+        ["-O3", "-mavx2", "-ffreestanding", "-fno-pie", noted[0], "-c", "wide.c", "-o", "wide.o"];
+    folder.run("gcc", &flags).expect(0, "");
+    folder.run("ar", &["rcs", "libwide.a", "wide.o"]).expect(0, "");
+    compile(&folder, &format!("{HEAD}{RUN}"), &[]).expect(0, "");
+    folder.takt_plc(&["build", "x.o", "libwide.a", "-o", "p.plc"]).expect(0, "");
+    let calls = RUN.replace("(void)job;", "(void)job; wide();");
+    compile(&folder, &format!("{HEAD}void wide(void);\n{calls}"), &[]).expect(0, "");
+    let ended = folder.takt_plc(&["build", "x.o", "libwide.a", "-o", "p.plc"]);
+    ended.expect(2, "libwide.a: its assembler has noted that it uses YMM");
+}

@@ -284,3 +284,30 @@ fn rust_and_c_make_the_same_control_program() {
     folder.takt_plc(&["new", "b", "--lang", "c"]).expect(0, "");
     assert_eq!(folder.read("a/tests/tank.csv"), folder.read("b/tests/tank.csv"));
 }
+
+#[test]
+fn projects_whose_flags_ask_for_avx_are_told_so() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "wide", "--lang", "rust"]).expect(0, "");
+    std::fs::create_dir(folder.path().join("wide/.cargo")).unwrap();
+    folder.write(
+        "wide/.cargo/config.toml",
+        "[build]\nrustflags = [\"-C\", \"target-cpu=haswell\"]\n",
+    );
+    let ended = folder.run("sh", &["-c", "cd wide && env -u RUSTFLAGS cargo build --offline"]);
+    ended.expect(101, "this build makes instructions of AVX, which the PLC's kernel does not give");
+    folder.takt_plc(&["new", "c", "--lang", "c"]).expect(0, "");
+    // The flags of takt.mk come last, so such a flag of the user's has no effect.
+    folder.run("make", &["-C", "c", "CFLAGS=-O3 -march=haswell", "test"]).expect(0, "11 cycles");
+    let attribute = "__attribute__((target(\"avx2\"), optimize(\"O3\"))) void wide(float *a) {
+        for (int i = 0; i < 16; i++) a[i] += 1;
+    }
+    float b[16];
+    static void more(const takt_job *job) { (void)job; wide(b); }
+    TAKT_CYCLIC(more, .period = TAKT_MS(10), .priority = 9)";
+    let source = String::from_utf8(folder.read("c/tank.c")).unwrap();
+    folder.write("c/tank.c", &format!("{source}\n{attribute};\n"));
+    folder
+        .run("make", &["-C", "c"])
+        .expect(2, "build/tank.o: its assembler has noted that it uses YMM");
+}

@@ -7,6 +7,7 @@ use object::read::archive::ArchiveFile;
 use object::{Object, ObjectSection};
 
 use super::objects::{Weak, check};
+use super::registers::{self, Members};
 use super::{LinkError, read, undefined};
 
 const SCRIPT: &str = include_str!("program.ld");
@@ -40,9 +41,9 @@ pub fn link(inputs: &[PathBuf]) -> Result<Vec<u8>, LinkError> {
     }
     command.args(FLAGS).arg("-T").arg(&script).arg("-o").arg(&output);
     // A library's members are linked only if something refers to them. Nothing refers to a declaration.
-    let mut weak = Weak::default();
+    let (mut weak, mut members) = (Weak::default(), Members::default());
     for input in inputs {
-        for member in declaring_members(input, folder.path(), &mut weak)? {
+        for member in declaring_members(input, folder.path(), (&mut weak, &mut members))? {
             command.arg(member);
         }
     }
@@ -61,6 +62,7 @@ pub fn link(inputs: &[PathBuf]) -> Result<Vec<u8>, LinkError> {
         None => {
             let linked = read(&output)?;
             weak.check(&linked)?;
+            members.check(&linked)?;
             Ok(linked)
         }
         Some(text) => {
@@ -107,7 +109,7 @@ fn find() -> Result<PathBuf, LinkError> {
 fn declaring_members(
     input: &Path,
     folder: &Path,
-    weak: &mut Weak,
+    (weak, with_registers): (&mut Weak, &mut Members),
 ) -> Result<Vec<PathBuf>, LinkError> {
     let bytes = read(input)?;
     let broken = |source| LinkError::Object { path: input.to_owned(), source };
@@ -117,6 +119,7 @@ fn declaring_members(
     if !bytes.starts_with(b"!<arch>\n") {
         let file = object::File::parse(&*bytes).map_err(broken)?;
         check(input, &file)?;
+        registers::check(input, &file)?;
         weak.add(&file, false);
         return Ok(Vec::new());
     }
@@ -126,6 +129,7 @@ fn declaring_members(
         let Ok(file) = object::File::parse(data) else { continue };
         check(input, &file)?;
         weak.add(&file, true);
+        with_registers.add(input, &file)?;
         if file.sections().any(|section| section.name() == Ok(takt_sdk::declaration::SECTION)) {
             // Not by the input's name: two libraries may have the same.
             let number = std::fs::read_dir(folder).map_or(0, Iterator::count);

@@ -15,6 +15,7 @@ mod linker;
 mod names;
 mod objects;
 mod places;
+mod registers;
 mod undefined;
 
 use std::path::{Path, PathBuf};
@@ -106,6 +107,12 @@ pub enum LinkError {
         .path.display()
     )]
     Table { path: PathBuf, function: String, symbol: String },
+    #[error(
+        "{}: its assembler has noted that it uses {what}, which the PLC's kernel does not give to programs; the program would \
+         fault. Compile without -march=native, -mavx and attributes for them",
+        .path.display()
+    )]
+    Registers { path: PathBuf, what: &'static str },
     #[error("no program is declared: TAKT_PROGRAM(...) in C, takt_sdk::program!(...) in Rust")]
     NoProgram,
     #[error("{what} is declared twice")]
