@@ -122,6 +122,14 @@ struct takt_declaration {
                   .numbers = { TAKT_IS_ARRAY_(type, variable)                                     \
                                    ? sizeof(variable) / sizeof(takt_##type) : 0, flags, 0 })
 
+/* char state[17] = "idle"; TAKT_STRING(state, TAKT_FORCEABLE): a text of up to 16 characters that ends at a 0, as
+ * STRING[16] does. What comes from outside may lack the 0. */
+#define TAKT_STRING(variable, flags)                                                              \
+    _Static_assert(__builtin_types_compatible_p(__typeof__(variable), char[]),                    \
+                   "TAKT_STRING: the variable `" #variable "` is no array of char");              \
+    TAKT_DECLARE_(point_##variable, 6, #variable, &variable, "STRING",                            \
+                  .numbers = { 0, flags, 0, sizeof(variable) - 1 })
+
 /* TAKT_INPUT(REAL, level, 4): the variable `level` at byte 4 of %I. Another file that uses it says
  * TAKT_LOCATED(const, REAL, level, takt_input, 4), which declares nothing to the tool. The linker knows where
  * takt_input, takt_output and takt_marker are. Hidden: position-independent code would else look them up in a table, which
@@ -138,6 +146,17 @@ struct takt_declaration {
     TAKT_LOCATED_(, type, variable, takt_output, byte, 8u | TAKT_FORCEABLE)
 #define TAKT_MARKER(type, variable, byte)                                                         \
     TAKT_LOCATED_(, type, variable, takt_marker, byte, TAKT_FORCEABLE)
+/* TAKT_INPUT_STRING(order, 16, 8): `order`, an array of 17 char at byte 8 of %I, is STRING[16]. */
+#define TAKT_LOCATED_STRING_(qualifier, variable, characters, base, byte, flags)                  \
+    extern qualifier volatile char variable[(characters) + 1]                                     \
+        __attribute__((visibility("hidden")));                                                    \
+    __asm__(".set " #variable ", " #base " + " #byte "\n");                                       \
+    TAKT_DECLARE_(point_##variable, 6, #variable, &variable, "STRING",                            \
+                  .numbers = { 0, flags, 0, characters })
+#define TAKT_INPUT_STRING(variable, characters, byte)                                             \
+    TAKT_LOCATED_STRING_(const, variable, characters, takt_input, byte, 4u | TAKT_FORCEABLE)
+#define TAKT_OUTPUT_STRING(variable, characters, byte)                                            \
+    TAKT_LOCATED_STRING_(, variable, characters, takt_output, byte, 8u | TAKT_FORCEABLE)
 #define TAKT_CHECK_BIT_(macro, name, byte, bit)                                                   \
     _Static_assert((byte) >= 0 && (byte) < 65536 && (bit) >= 0 && (bit) < 8,                      \
                    macro ": `" #name "` has no byte from 0 to 65535 and bit from 0 to 7")

@@ -46,7 +46,7 @@ pub mod kind {
     pub const EVENT: u32 = 4;
     /// A freewheeling task: as cyclic, without period, offset and deadline.
     pub const FREEWHEELING: u32 = 5;
-    /// A variable: elements of an array or 0, flags, bit + 1 or 0. The text is the type's keyword.
+    /// A variable: elements of an array or 0, flags, bit + 1 or 0, characters of a STRING. The text is the type's keyword.
     pub const VARIABLE: u32 = 6;
     /// A semaphore: ceiling.
     pub const SEMAPHORE: u32 = 7;
@@ -80,7 +80,7 @@ pub mod flag {
     pub const FORCEABLE: u64 = 1 << 5;
 }
 
-pub use crate::point::{INPUT, OUTPUT};
+pub use crate::point::{INPUT, MARKER, OUTPUT};
 
 impl Declaration {
     /// A record of this kind and name.

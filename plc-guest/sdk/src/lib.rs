@@ -41,13 +41,17 @@ mod point;
 #[cfg(all(feature = "runtime", not(test)))]
 mod runtime;
 mod task;
+mod text;
+mod time;
 
 pub use call::Error;
 pub use job::Job;
 pub use local::Local;
 pub use object::{Flags, Mailbox, PortIn, PortOut, Queue, Semaphore};
-pub use point::{Input, InputBit, Output, OutputBit, Point, Value};
+pub use point::{Input, InputBit, Marker, Output, OutputBit, Point, Value};
 pub use task::{Cyclic, Event, Freewheeling, Schedule};
+pub use text::Text;
+pub use time::Time;
 
 /// Milliseconds as nanoseconds.
 #[must_use]

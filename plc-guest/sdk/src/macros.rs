@@ -63,17 +63,27 @@ macro_rules! task {
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __variable {
-    ($name:literal, $address:expr, $keyword:expr, $elements:expr, $flags:expr, $bit:expr) => {
+    ($name:literal, $address:expr, $ty:ty, $flags:expr, $bit:expr) => {
         $crate::__declare!(
             $crate::declaration::Declaration::new($crate::declaration::kind::VARIABLE, $name)
                 .at($address as *const ())
-                .text($keyword)
-                .numbers([$elements, $flags, $bit, 0, 0, 0, 0, 0])
+                .text(<$ty as $crate::Value>::KEYWORD)
+                .numbers([
+                    <$ty as $crate::Value>::ELEMENTS,
+                    $flags,
+                    $bit,
+                    <$ty as $crate::Value>::CHARACTERS,
+                    0,
+                    0,
+                    0,
+                    0,
+                ])
         );
     };
 }
 
-/// Declares a value at a byte of the input image: `input!(LEVEL: f32, "level", 4);`
+/// Declares a value at a byte of the input image: `input!(LEVEL: f32, "level", 4);`. Its type is a [`Value`](crate::Value): a
+/// number, `bool` (a whole byte), [`Time`](crate::Time), [`Text`](crate::Text), or an array of one of them.
 #[macro_export]
 macro_rules! input {
     ($vis:vis $ident:ident: $ty:ty, $name:literal, $byte:expr) => {
@@ -81,8 +91,7 @@ macro_rules! input {
         $crate::__variable!(
             $name,
             $crate::declaration::INPUT + $byte,
-            <$ty as $crate::Value>::KEYWORD,
-            <$ty as $crate::Value>::ELEMENTS,
+            $ty,
             $crate::declaration::flag::INPUT | $crate::declaration::flag::FORCEABLE,
             0
         );
@@ -97,9 +106,24 @@ macro_rules! output {
         $crate::__variable!(
             $name,
             $crate::declaration::OUTPUT + $byte,
-            <$ty as $crate::Value>::KEYWORD,
-            <$ty as $crate::Value>::ELEMENTS,
+            $ty,
             $crate::declaration::flag::OUTPUT | $crate::declaration::flag::FORCEABLE,
+            0
+        );
+    };
+}
+
+/// Declares a value at a byte of the markers, which is seen from outside and belongs to the program alone:
+/// `marker!(COUNT: i32, "count", 0);`
+#[macro_export]
+macro_rules! marker {
+    ($vis:vis $ident:ident: $ty:ty, $name:literal, $byte:expr) => {
+        $vis static $ident: $crate::Marker<$ty> = $crate::Marker::at($byte);
+        $crate::__variable!(
+            $name,
+            $crate::declaration::MARKER + $byte,
+            $ty,
+            $crate::declaration::flag::FORCEABLE,
             0
         );
     };
@@ -125,8 +149,7 @@ macro_rules! input_bit {
         $crate::__variable!(
             $name,
             $crate::declaration::INPUT + $byte,
-            "BOOL",
-            0,
+            bool,
             $crate::declaration::flag::INPUT | $crate::declaration::flag::FORCEABLE,
             $bit + 1
         );
@@ -141,8 +164,7 @@ macro_rules! output_bit {
         $crate::__variable!(
             $name,
             $crate::declaration::OUTPUT + $byte,
-            "BOOL",
-            0,
+            bool,
             $crate::declaration::flag::OUTPUT | $crate::declaration::flag::FORCEABLE,
             $bit + 1
         );
@@ -158,8 +180,7 @@ macro_rules! point {
         $crate::__variable!(
             $name,
             &raw const $ident,
-            <$ty as $crate::Value>::KEYWORD,
-            <$ty as $crate::Value>::ELEMENTS,
+            $ty,
             0 $($(| $crate::declaration::flag::$flag)+)?,
             0
         );

@@ -249,3 +249,24 @@ fn registers_that_the_kernel_does_not_keep_are_refused_in_object_files() {
     let ended = folder.takt_plc(&["build", "x.o", "libwide.a", "-o", "p.plc"]);
     ended.expect(2, "libwide.a: its assembler has noted that it uses YMM");
 }
+
+#[test]
+fn a_text_is_a_point() {
+    let folder = Folder::new();
+    let points = "char state[17] = \"idle\"; TAKT_STRING(state, TAKT_FORCEABLE);\n\
+                  static volatile char name[1]; TAKT_STRING(name, 0);\n\
+                  TAKT_INPUT_STRING(order, 4, 3);\nTAKT_OUTPUT_STRING(shown, 10, 2);\n";
+    let run = "static void run(const takt_job *job) { (void)job; shown[0] = state[0]; takt_log((const char *)shown);\n\
+               takt_logf(\"%d %d\", (int)sizeof(order), order[0]); name[0] = 0; }\n\
+               TAKT_CYCLIC(run, .period = TAKT_MS(1));\n";
+    folder.c_program("p", &format!("{HEAD}{points}{run}")).expect(0, "");
+    let shown = folder.takt_plc(&["inspect", "p.plc"]);
+    let shown = shown.expect(0, "STRING[16]").expect(0, "STRING[0]").expect(0, "STRING[4]");
+    shown.expect(0, "%IB3").expect(0, "STRING[10]").expect(0, "%QB2");
+    let ended = folder.takt_plc(&["test", "p.plc", "--cycles", "1"]);
+    ended.expect(0, "run] i\n").expect(0, "run] 5 0");
+    for wrong in ["char *v;", "signed char v[3];", "char v[2][3];"] {
+        let source = format!("{HEAD}{wrong} TAKT_STRING(v, 0);\n{RUN}");
+        compile(&folder, &source, &[]).expect(1, "TAKT_STRING: the variable `v` is no array");
+    }
+}

@@ -311,3 +311,50 @@ fn projects_whose_flags_ask_for_avx_are_told_so() {
         .run("make", &["-C", "c"])
         .expect(2, "build/tank.o: its assembler has noted that it uses YMM");
 }
+
+#[test]
+fn points_of_rust_are_truths_times_texts_and_markers() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "types", "--lang", "rust"]).expect(0, "");
+    let source = r#"#![no_std]
+use core::fmt::Write;
+use takt_sdk::{Cyclic, Job, Text, Time};
+takt_sdk::program!("types", 1, 0, 0);
+takt_sdk::input!(ON: bool, "on", 1);
+takt_sdk::input!(DELAY: Time, "delay", 3);
+takt_sdk::input!(ORDER: [u8; 5], "order", 16);
+takt_sdk::output!(LAMPS: [bool; 3], "lamps", 0);
+takt_sdk::output!(LEFT: Time, "left", 8);
+takt_sdk::output!(STATE: Text<16>, "state", 16);
+takt_sdk::marker!(COUNT: i32, "count", 4);
+takt_sdk::point!(NAMES: [Text<7>; 2] = [Text::new("north"), Text::new("south")], "names", RETAIN);
+takt_sdk::point!(READY: bool = true, "ready", FORCEABLE);
+takt_sdk::task!("run", run, Cyclic::DEFAULT);
+fn run(job: &Job) {
+    LAMPS.set([ON.get(), !ON.get(), READY.get()]);
+    COUNT.set(COUNT.get() + 1);
+    let left = DELAY.get().duration().saturating_sub(job.interval());
+    LEFT.set(left.into());
+    let mut state = Text::EMPTY;
+    let _ = write!(state, "{} {}", NAMES.get()[1].as_str().unwrap_or("?"), COUNT.get());
+    STATE.set(state);
+    takt_sdk::log!("{}, order {}", STATE.get().as_str().unwrap_or("?"), ORDER.get()[4]);
+}
+"#;
+    folder.write("types/src/lib.rs", source);
+    let words = ["build", "--release", "--offline", "--manifest-path", "types/Cargo.toml"];
+    folder.run("cargo", &words).expect(0, "Finished");
+    folder.takt_plc(&["build", "types/target/release/libtypes.a", "-o", "t.plc"]).expect(0, "");
+    let shown = folder.takt_plc(&["inspect", "t.plc"]);
+    let shown = shown.expect(0, "%IB1 ").expect(0, "ARRAY[0..2] OF BOOL").expect(0, "TIME");
+    shown.expect(0, "STRING[16]").expect(0, "ARRAY[0..1] OF STRING[7]").expect(0, "%MB4");
+    let table = "on,delay,set order[4],lamps[0],lamps[1],lamps[2],left,count,set ready\n\
+                 1,T#1s,7,1,0,1,T#1s,1,\n\
+                 0,T#5ms,,0,1,0,T#0s,2,0\n";
+    folder.write("t.csv", table);
+    let ended = folder.takt_plc(&["test", "t.plc", "t.csv"]);
+    ended.expect(0, "south 1, order 7").expect(0, "south 2, order 7");
+    let long = source.replace("\"south\"", "\"southeast\"");
+    folder.write("types/src/lib.rs", &long);
+    folder.run("cargo", &words).expect(101, "the text is longer than its STRING");
+}

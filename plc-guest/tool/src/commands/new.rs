@@ -48,6 +48,8 @@ const RUST: &[File] = &[
     ("takt-sdk/src/point.rs", include_str!("../../../sdk/src/point.rs")),
     ("takt-sdk/src/runtime.rs", include_str!("../../../sdk/src/runtime.rs")),
     ("takt-sdk/src/task.rs", include_str!("../../../sdk/src/task.rs")),
+    ("takt-sdk/src/text.rs", include_str!("../../../sdk/src/text.rs")),
+    ("takt-sdk/src/time.rs", include_str!("../../../sdk/src/time.rs")),
     ("takt-blocks/Cargo.toml", include_str!("../../../blocks/Cargo.toml")),
     ("takt-blocks/src/alarm.rs", include_str!("../../../blocks/src/alarm.rs")),
     ("takt-blocks/src/biquad.rs", include_str!("../../../blocks/src/biquad.rs")),

@@ -202,11 +202,7 @@ impl Maker<'_> {
     fn variable(&mut self, declared: &Declared) -> Result<(), LinkError> {
         let what = "point";
         let [elements, flags, bit, ..] = declared.numbers;
-        let elementary = Elementary::ALL.iter().find(|ty| ty.keyword() == declared.text);
-        let elementary = *elementary
-            .ok_or_else(|| declared.error(what, format!("there is no type {}", declared.text)))?;
-        let ty = self.type_of(declared, elementary, elements)?;
-        let bytes = u64::from(elementary.bytes()) * elements.max(1);
+        let (ty, bytes) = self.type_of(declared, elements)?;
         let (area, offset) = self.place(declared, bytes)?;
         let flags = u16::try_from(flags).ok().and_then(Flags::from_bits);
         let flags =
@@ -260,22 +256,31 @@ impl Maker<'_> {
         Ok(())
     }
 
-    fn type_of(
-        &mut self,
-        declared: &Declared,
-        elementary: Elementary,
-        elements: u64,
-    ) -> Result<TypeId, LinkError> {
-        let element = self.builder.elementary(elementary);
+    /// The type, and its size.
+    fn type_of(&mut self, declared: &Declared, elements: u64) -> Result<(TypeId, u64), LinkError> {
+        let (element, bytes) = self.element(declared)?;
         if elements == 0 {
-            return Ok(element);
+            return Ok((element, bytes.into()));
         }
         let count: u32 = declared.narrow("point", "a number of elements", elements)?;
-        let bytes =
-            count.checked_mul(elementary.bytes()).filter(|bytes| *bytes <= limit::STATE_BYTES);
+        let bytes = count.checked_mul(bytes).filter(|bytes| *bytes <= limit::STATE_BYTES);
         let bytes = bytes.ok_or_else(|| declared.error("point", "it is too large".into()))?;
         let array = Kind::Array { element, lower: 0, upper: i64::from(count) - 1 };
-        Ok(self.builder.ty(Type::new(bytes, array)))
+        Ok((self.builder.ty(Type::new(bytes, array)), bytes.into()))
+    }
+
+    /// The type of the value, or of an element.
+    fn element(&mut self, declared: &Declared) -> Result<(TypeId, u32), LinkError> {
+        if declared.text == "STRING" {
+            let length = declared.narrow("point", "a number of characters", declared.numbers[3])?;
+            let bytes = u32::checked_add(length, 1).filter(|bytes| *bytes <= limit::STATE_BYTES);
+            let bytes = bytes.ok_or_else(|| declared.error("point", "it is too large".into()))?;
+            return Ok((self.builder.ty(Type::new(bytes, Kind::String { length })), bytes));
+        }
+        let elementary = Elementary::ALL.iter().find(|ty| ty.keyword() == declared.text);
+        let unknown = || declared.error("point", format!("there is no type {}", declared.text));
+        let elementary = *elementary.ok_or_else(unknown)?;
+        Ok((self.builder.elementary(elementary), elementary.bytes()))
     }
 
     /// In which area a variable lies, and where in it.
