@@ -11,6 +11,7 @@ mod point;
 mod value;
 
 use takt_client::ClientError;
+use takt_protocol::Range;
 
 pub use connected::Connected;
 pub use plc::Plc;
@@ -29,6 +30,26 @@ pub enum Error {
     /// The PLC tells nothing, or something else than was asked for.
     #[error("{0}")]
     Silent(&'static str),
+}
+
+/// What to ask for, to be told the bytes of these points in their order. Points that follow each other in memory are one range: an
+/// array of 10,000 values is one piece, and a request has room for few.
+#[must_use]
+pub fn ranges(points: &[Point]) -> Vec<Range> {
+    let mut all: Vec<Range> = Vec::new();
+    for point in points {
+        let next = point.range;
+        if let Some(last) = all.last_mut()
+            && (last.program, last.area) == (next.program, next.area)
+            && last.offset.checked_add(last.bytes.into()) == Some(next.offset)
+            && let Some(bytes) = last.bytes.checked_add(next.bytes)
+        {
+            last.bytes = bytes;
+        } else {
+            all.push(next);
+        }
+    }
+    all
 }
 
 /// The value of each point in the bytes of a line, as text.
@@ -58,4 +79,33 @@ pub fn cut<'v>(points: &[Point], bytes: &'v [u8]) -> Option<Vec<&'v [u8]>> {
         rest = more;
     }
     rest.is_empty().then_some(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use takt_program::Elementary;
+    use takt_protocol::Area;
+
+    fn point(area: Area, offset: u32, bytes: u16) -> Point {
+        let (name, type_name) = ("p.x".into(), "LWORD".into());
+        let range = Range { program: 0, area, offset, bytes };
+        Point { name, type_name, range, bit: None, kind: Kind::Elementary(Elementary::Lword) }
+    }
+
+    #[test]
+    fn neighbours_in_memory_are_asked_for_together_and_in_their_order() {
+        let of = |places: &[(Area, u32, u16)]| {
+            let points: Vec<Point> = places.iter().map(|(a, o, b)| point(*a, *o, *b)).collect();
+            ranges(&points).iter().map(|range| (range.offset, range.bytes)).collect::<Vec<_>>()
+        };
+        use Area::{Output, State};
+        assert_eq!(of(&[(State, 0, 4), (State, 4, 2), (State, 6, 1)]), [(0, 7)]);
+        assert_eq!(of(&[(State, 4, 4), (State, 0, 4)]), [(4, 4), (0, 4)], "the order stays");
+        assert_eq!(of(&[(State, 0, 1), (State, 0, 1)]), [(0, 1), (0, 1)], "two bits of a byte");
+        assert_eq!(of(&[(State, 0, 4), (Output, 4, 4)]), [(0, 4), (4, 4)]);
+        assert_eq!(of(&[(State, 0, 65_535), (State, 65_535, 1)]), [(0, 65_535), (65_535, 1)]);
+        let row: Vec<_> = (0..10_000).map(|i| (State, 4 * i, 4)).collect();
+        assert_eq!(of(&row), [(0, 40_000)]);
+    }
 }

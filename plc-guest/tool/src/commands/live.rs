@@ -4,7 +4,7 @@ use std::io::{self, Write as _};
 
 use serde_json::{Map, Value as Json, json};
 use takt_plan::parse_duration;
-use takt_points::{Connected, Point, texts};
+use takt_points::{Connected, Point, ranges, texts};
 use takt_protocol::{Answer, Named, PointValue, Request, Values};
 
 use crate::Failure;
@@ -65,7 +65,7 @@ impl Watch {
         let mut connected = plc.connect()?;
         let watch = Request::Watch {
             partition: connected.name(),
-            ranges: points.iter().map(|point| point.range).collect(),
+            ranges: ranges(&points),
             interval: self.every,
         };
         connected.ask(&watch)?;

@@ -5,7 +5,7 @@ use std::io::{self, BufWriter};
 use std::path::PathBuf;
 
 use takt_plan::parse_duration;
-use takt_points::{Plc, Point, cut, not_asked_for};
+use takt_points::{Plc, Point, cut, not_asked_for, ranges};
 use takt_protocol::{Request, from_hex};
 use takt_scheduler::time::Nanos;
 
@@ -64,7 +64,7 @@ impl Record {
         out.begin(&connected.name()).map_err(failed)?;
         connected.ask(&Request::Watch {
             partition: connected.name(),
-            ranges: watched.iter().map(|point| point.range).collect(),
+            ranges: ranges(&watched),
             interval: Nanos::ZERO,
         })?;
         let mut recording = Recording::new(self.pre, self.duration);

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use takt_client::{ClientError, Connection};
-use takt_points::{Error, Plc, Point, texts};
+use takt_points::{Error, Plc, Point, ranges, texts};
 use takt_protocol::{Answer, Request, Status};
 use takt_scheduler::time::Nanos;
 
@@ -120,7 +120,7 @@ impl Watcher {
         for (plc, points) in &self.plcs {
             takt.send(&Request::Watch {
                 partition: plc.name().to_owned(),
-                ranges: points.iter().map(|point| point.range).collect(),
+                ranges: ranges(points),
                 interval: self.interval,
             })?;
             loop {
