@@ -3,8 +3,11 @@
 //! A force is applied at the start of each job of its program, after the inputs are read, and at its end, before the
 //! outputs are written. So a task sees the forced value at its start, and others see it after each job; what the job
 //! itself does with the variable in between is the job's.
+//!
+//! At the start of most jobs all forced values are still there since the last end of one, and to put them there again would
+//! take time of the guard before the release. So programs in whose memory nothing has been written since are known.
 
-use takt_abi::live::{FORCES, Point, Refusal};
+use takt_abi::live::{Area, FORCES, Point, Refusal};
 use takt_abi::program::PROGRAMS_MAX;
 
 /// All that is forced.
@@ -15,11 +18,23 @@ pub struct Forces {
     count: u16,
     /// Of each program.
     each: [u16; PROGRAMS_MAX],
+    /// Of the inputs of each program.
+    inputs: [u16; PROGRAMS_MAX],
+    /// Programs that have all forced values in their places, a bit for each.
+    settled: u16,
 }
+
+const _: () = assert!(PROGRAMS_MAX <= u16::BITS as usize);
 
 impl Forces {
     /// Nothing is forced.
-    pub const NONE: Self = Self { all: [None; FORCES], count: 0, each: [0; PROGRAMS_MAX] };
+    pub const NONE: Self = Self {
+        all: [None; FORCES],
+        count: 0,
+        each: [0; PROGRAMS_MAX],
+        inputs: [0; PROGRAMS_MAX],
+        settled: 0,
+    };
 
     /// How many there are.
     #[must_use]
@@ -33,7 +48,7 @@ impl Forces {
         self.each.get(usize::from(program)).is_some_and(|each| *each > 0)
     }
 
-    /// Forces a point, or changes its value.
+    /// Forces a point, or changes its value, which is to be put into its place.
     ///
     /// # Errors
     /// If there is no room, or no such program.
@@ -48,6 +63,7 @@ impl Forces {
         *slot = Some((point, value));
         self.count += 1;
         *each += 1;
+        self.inputs[usize::from(point.range.program)] += is_input(&point);
         Ok(())
     }
 
@@ -63,6 +79,7 @@ impl Forces {
         self.all[end - 1] = None;
         self.count -= 1;
         self.each[usize::from(point.range.program)] -= 1;
+        self.inputs[usize::from(point.range.program)] -= is_input(&point);
         Ok(())
     }
 
@@ -71,12 +88,44 @@ impl Forces {
         *self = Self::NONE;
     }
 
+    /// All forced values of a program are in their places.
+    pub fn settle(&mut self, program: u8) {
+        self.settled |= bit(program);
+    }
+
+    /// Something writes into the memory of a program, and perhaps over a forced value.
+    pub fn unsettle(&mut self, program: u8) {
+        self.settled &= !bit(program);
+    }
+
+    /// True if nothing has been written since [`settle`](Self::settle).
+    #[must_use]
+    pub fn is_settled(&self, program: u8) -> bool {
+        self.settled & bit(program) != 0
+    }
+
     /// Those of a program, in the order in which they were made.
     pub fn of(&self, program: u8) -> impl Iterator<Item = (Point, u64)> {
         let count = if self.any(program) { usize::from(self.count) } else { 0 };
         let all = self.all[..count].iter().copied().flatten();
         all.filter(move |(point, _)| point.range.program == program)
     }
+
+    /// The same, only inputs.
+    pub fn inputs_of(&self, program: u8) -> impl Iterator<Item = (Point, u64)> {
+        let any = self.inputs.get(usize::from(program)).is_some_and(|inputs| *inputs > 0);
+        let all = any.then(|| self.of(program)).into_iter().flatten();
+        all.filter(|(point, _)| point.range.area == Area::Input)
+    }
+}
+
+fn is_input(point: &Point) -> u16 {
+    (point.range.area == Area::Input).into()
+}
+
+/// The bit of a program; none of a number that is no program's.
+const fn bit(program: u8) -> u16 {
+    if (program as usize) < PROGRAMS_MAX { 1 << program } else { 0 }
 }
 
 #[cfg(test)]

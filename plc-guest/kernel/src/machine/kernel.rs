@@ -206,8 +206,9 @@ impl Kernel {
         } else if let Some(program) =
             self.programs.iter_mut().flatten().find(|p| p.can_load(release))
         {
+            let id = program.id;
+            self.live.forces.unsettle(id.0);
             if program.load_some() {
-                let id = program.id;
                 let now = self.now();
                 self.scheduler.start(id, now);
             }
@@ -242,6 +243,7 @@ impl Kernel {
             self.end_wait(task, wake);
         }
         self.enter_space(place);
+        self.live.forces.unsettle(place.program);
         // If the window is over by now, all that was prepared waits for the next one.
         let Some(from) = self.begin_window() else { return };
         self.scheduler.begins(self.clock.instant(from));
@@ -327,7 +329,8 @@ impl Kernel {
         self.unread &= !(1 << id.0);
         let job = self.job(id);
         self.io.read(job, &self.programs, &mut self.ports);
-        self.apply_forces(job.program);
+        // All others are in their places since the job began.
+        self.put_forced(self.live.forces.inputs_of(job.program));
         if let Some(program) = &self.programs[usize::from(job.program)] {
             program.process.give(job.task);
         }
@@ -376,7 +379,9 @@ impl Kernel {
             start: program.start as u32,
             ..TaskInformation::default()
         };
-        self.apply_forces(place.program);
+        if !self.live.forces.is_settled(place.program) {
+            self.apply_forces(place.program);
+        }
         let argument = program.inform(place.number, &information);
         let stack = program.begin_stack(place.number.unwrap_or(0));
         if !program.process.is_empty() {
@@ -399,9 +404,11 @@ impl Kernel {
     /// The job of the running task is complete.
     pub fn end(&mut self, id: TaskId) {
         let tsc = cycle::now();
-        self.apply_forces(self.places[id.index()].program);
+        let program = self.places[id.index()].program;
+        self.apply_forces(program);
+        self.live.forces.settle(program);
         pages::publish_done(tsc);
-        self.change.job_ends(self.places[id.index()].program);
+        self.change.job_ends(program);
         if let Some(violation) = self.scheduler.end(self.clock.instant(tsc)) {
             self.violated(id, violation);
         }

@@ -9,9 +9,9 @@ use super::kernel::Kernel;
 use super::memory::Area;
 use super::program::Program;
 use takt_abi::live::{
-    ANSWERS, Answer, Buffer, MESSAGE_BYTES, ORDERS, Order, PAYLOAD_BYTES, Point, ProgramRecord,
-    ProgramState, RANGES_EACH_PART, Range, Refusal, SampleHead, TASKS_EACH, TaskRecord, TaskState,
-    decode_order,
+    ANSWERS, Answer, Buffer, MESSAGE_BYTES, ORDERS, Order, PAYLOAD_BYTES, Point,
+    ProgramRecord, ProgramState, RANGES_EACH_PART, Range, Refusal, SampleHead, TASKS_EACH,
+    TaskRecord, TaskState, decode_order,
 };
 use takt_abi::program::PROGRAMS_MAX;
 use takt_channel::Tsc;
@@ -135,12 +135,14 @@ impl Kernel {
                 self.live.part = 0;
                 Ok(())
             }
-            Order::Write { point, value } => {
-                self.place(point.range).map(|area| put(area, point, value))
-            }
+            Order::Write { point, value } => self.place(point.range).map(|area| {
+                put(area, point, value);
+                self.apply_forces_again(point.range.program);
+            }),
             Order::Force { point, value } => self.place(point.range).and_then(|area| {
                 self.live.forces.set(point, value)?;
                 put(area, point, value);
+                self.apply_forces_again(point.range.program);
                 Ok(())
             }),
             Order::Release { point } => self.live.forces.release(point),
@@ -170,9 +172,22 @@ impl Kernel {
         self.area(range)
     }
 
+    /// After a write between jobs, which may lie over a forced value: if all of them were in their places they are so again,
+    /// and the next job need not put them there in the guard before its release. A job that waits in a call keeps what it has written.
+    fn apply_forces_again(&self, program: u8) {
+        if self.live.forces.is_settled(program) {
+            self.apply_forces(program);
+        }
+    }
+
     /// Puts the forced values of a program into their places.
     pub fn apply_forces(&self, program: u8) {
-        for (point, value) in self.live.forces.of(program) {
+        self.put_forced(self.live.forces.of(program));
+    }
+
+    /// Puts some of them there.
+    pub fn put_forced(&self, forced: impl Iterator<Item = (Point, u64)>) {
+        for (point, value) in forced {
             if let Ok(area) = self.area(point.range) {
                 put(area, point, value);
             }
