@@ -9,7 +9,7 @@ use super::kernel::Kernel;
 use super::memory::Area;
 use super::program::Program;
 use takt_abi::live::{
-    ANSWERS, Answer, Buffer, MESSAGE_BYTES, ORDERS, Order, PAYLOAD_BYTES, Point,
+    ANSWERS, Answer, Buffer, MESSAGE_BYTES, ORDERS, ORDERS_DEPTH, Order, PAYLOAD_BYTES, Point,
     ProgramRecord, ProgramState, RANGES_EACH_PART, Range, Refusal, SampleHead, TASKS_EACH,
     TaskRecord, TaskState, decode_order,
 };
@@ -82,6 +82,11 @@ impl Live {
 
     fn send_sample(&mut self, head: &SampleHead, payload: &[u8]) -> bool {
         let Some((_, answers)) = self.ends.as_mut() else { return false };
+        // A client that wants more than Takt takes leaves room for the answers to all orders that can wait.
+        let queue = answers.status();
+        if queue.depth.saturating_sub(queue.waiting) <= ORDERS_DEPTH {
+            return false;
+        }
         let fill = |to: &mut [u8]| to.copy_from_slice(&payload[..to.len()]);
         let message = head.encode(fill, &mut self.buffer);
         message.is_some_and(|message| answers.send(message, Tsc(cycle::now())).is_ok())
