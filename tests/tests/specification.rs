@@ -4,11 +4,11 @@
 use std::fs;
 use std::path::Path;
 
-/// The tests that a page names, as `module` and `test`: code spans of two identifiers with `::` between.
+/// The tests that a page names, as `module` and `test`: code spans of identifiers with `::` between.
 fn named(page: &str) -> Vec<(&str, &str)> {
     let spans = page.split('`').skip(1).step_by(2);
     spans
-        .filter_map(|span| span.split_once("::"))
+        .filter_map(|span| span.rsplit_once("::"))
         .filter(|(module, _)| *module != "module")
         .collect()
 }
@@ -22,7 +22,7 @@ fn check(page: &str, at_least: usize) {
     let missing: Vec<String> = named
         .into_iter()
         .filter(|(module, test)| {
-            let file = root.join(format!("tests/tests/nested/{module}.rs"));
+            let file = root.join(format!("tests/tests/nested/{}.rs", module.replace("::", "/")));
             let source = fs::read_to_string(file).unwrap_or_default();
             !source.contains(&format!("#[test]\nfn {test}() {{"))
         })

@@ -98,6 +98,13 @@ functions! {
         "mov rcx, [rbx]", "2:", "dec rcx", "jnz 2b",
         "mov [0x50002000], rax",
     ]
+    /// Publishes its count of jobs in as many words of 4 bytes as the parameter says.
+    Fill = "takt_test_fill": [
+        "mov rax, [rbx + 8]",
+        "mov rcx, [rbx]",
+        "mov edi, 0x50001000",
+        "rep stosd",
+    ]
     /// Works without end.
     Endless = "takt_test_endless": ["2:", "jmp 2b"]
     /// Keeps patterns in all registers for as many rounds as the parameter says, looks at them in each, and

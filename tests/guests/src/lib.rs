@@ -69,6 +69,13 @@ impl Program {
         self
     }
 
+    /// With a state of so many bytes.
+    #[must_use]
+    pub fn state_bytes(mut self, bytes: u32) -> Self {
+        self.0.state_bytes = bytes;
+        self
+    }
+
     /// One more kernel object.
     #[must_use]
     pub fn object(mut self, object: Object) -> Self {

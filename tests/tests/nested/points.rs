@@ -1,5 +1,7 @@
 //! Values of programs, seen and forced from outside while they run.
 
+mod many;
+
 use std::fs;
 use std::process::Command;
 
