@@ -3,6 +3,7 @@
 //! The program checks itself: it counts its jobs, adds the counts up, and compares the sum with the formula in
 //! each job. A value that does not get to where the new version looks for it is a fault in the next cycle.
 
+mod compiling;
 mod shadow;
 
 use std::fs;
