@@ -8,7 +8,8 @@ use takt_tests::{BUSY, File, parse, plc_image, save_bytes, target};
 use super::super::carried::{client, connect};
 use super::super::st;
 
-/// A controller each ms, whose plant is simulated, and a timer each 5 ms.
+/// A controller each ms, whose plant is simulated, and a timer each 5 ms. The measured value goes around the setpoint: both
+/// versions would else come to the end of their range and be the same there, if it takes long to look.
 const RUNNING: &str = "
 PROGRAM Control
     VAR
@@ -17,7 +18,7 @@ PROGRAM Control
         valve AT %QD0 : REAL;
         setpoint : LREAL := 1.0;
     END_VAR
-    controller(SETPOINT := setpoint, MEASURED := measured, PROPORTIONAL := 0.5, INTEGRAL := 2.0, LOW := 0.0, HIGH := 9.0);
+    controller(SETPOINT := setpoint, MEASURED := measured, PROPORTIONAL := 0.5, INTEGRAL := 2.0, LOW := -9.0, HIGH := 9.0);
     valve := LREAL_TO_REAL(controller.OUTPUT);
 END_PROGRAM
 PROGRAM Lamp
@@ -60,7 +61,7 @@ fn the_outputs_of_a_new_integrator_are_compared_with_those_of_a_plc_beside_a_lin
     let program = format!(
         "image = {:?}\nmemory = \"32MiB\"\n[[partition.program]]\nimage = {running:?}\nname = \"p\"\nallow_force = true\n\
          watch = \"4KiB\"\n[[partition.io]]\npoint = \"Control.measured\"\n\
-         simulate = {{ shape = \"sine\", low = 0.0, high = 0.9, period = \"200ms\" }}\n",
+         simulate = {{ shape = \"sine\", low = 0.0, high = 2.0, period = \"200ms\" }}\n",
         plc_image("kernel")
     );
     let text = File::new("1ms")
