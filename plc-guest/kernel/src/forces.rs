@@ -1,11 +1,11 @@
 //! Values that an operator keeps forced.
 //!
-//! A force is applied at the start of each job of its program, after the inputs are read, and at its end, before the
-//! outputs are written. So a task sees the forced value at its start, and others see it after each job; what the job
-//! itself does with the variable in between is the job's.
+//! A force is applied at the start of each job of its program, and at its end, before the outputs are written. Forced
+//! inputs are applied once more after the inputs are read. So a task sees the forced value at its start, and others see it
+//! after each job; what the job itself does with the variable in between is the job's.
 //!
-//! At the start of most jobs all forced values are still there since the last end of one, and to put them there again would
-//! take time of the guard before the release. So programs in whose memory nothing has been written since are known.
+//! At most starts of jobs all forced values are in their places since the last end of a job. To put them there again would
+//! take time of the guard before the release. So it is known of each program whether something has been written since.
 
 use takt_abi::live::{Area, FORCES, Point, Refusal};
 use takt_abi::program::PROGRAMS_MAX;

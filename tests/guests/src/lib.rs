@@ -8,6 +8,8 @@
 //! The first words of the state are each task's own: a function finds its parameter at [`parameter`], and
 //! counts its jobs in the word behind it.
 
+#[macro_use]
+mod functions;
 mod code;
 
 pub use code::{Entry, trap_of};
