@@ -1,5 +1,7 @@
 //! From the sources of a project to a program image: all stages one after the other.
 
+use std::sync::Arc;
+
 use thiserror::Error;
 
 use crate::diagnostic::{Code, Diagnostic};
@@ -108,7 +110,7 @@ impl BuildError {
 fn first_program(program: &Program) -> Location {
     let kind = |ty| program.types.structure(ty).map(|structure| structure.kind);
     let of_program =
-        |routine: &&Routine| routine.instance.and_then(kind) == Some(StructureKind::Program);
+        |routine: &&Arc<Routine>| routine.instance.and_then(kind) == Some(StructureKind::Program);
     program.routines.iter().find(of_program).map(|routine| routine.location).unwrap_or_default()
 }
 

@@ -57,7 +57,9 @@ impl<'a> Body<'_, 'a> {
                 self.binary(*operator, *place, left, right, hint)
             }
             ExpressionKind::Call(callee, arguments) => self.call(callee, arguments, span, hint),
-            ExpressionKind::EnumerationValue(ty, value) => self.enumeration_value(ty, value, span),
+            ExpressionKind::EnumerationValue(names) => {
+                self.enumeration_value(&names.0, &names.1, span)
+            }
             ExpressionKind::Name(name) => match self.constant_name(name, hint)? {
                 Some(constant) => Some(constant),
                 None => self.load(expression),

@@ -11,7 +11,7 @@ use super::body::Body;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 use crate::syntax::ast::{
-    BinaryOperator, Expression, ExpressionKind, LiteralValue, Statement, StatementKind,
+    BinaryOperator, Expression, ExpressionKind, ForLoop, LiteralValue, Statement, StatementKind,
     UnaryOperator,
 };
 
@@ -108,7 +108,8 @@ impl Body<'_, '_> {
                     blocks.extend(branches.iter().map(|(_, body)| &**body));
                     blocks.extend(otherwise.as_deref());
                 }
-                StatementKind::For { variable, from, to, by, body } => {
+                StatementKind::For(parts) => {
+                    let ForLoop { variable, from, to, by, body } = &**parts;
                     into.names.insert(&variable.key);
                     values.extend([from, to]);
                     values.extend(by);
@@ -295,9 +296,8 @@ impl Look<'_, '_> {
                 branches.iter().any(|(_, body)| self.steps(body))
                     || otherwise.as_ref().is_some_and(|body| self.steps(body))
             }
-            StatementKind::For { body, .. }
-            | StatementKind::While(_, body)
-            | StatementKind::Repeat(body, _) => self.steps(body),
+            StatementKind::For(parts) => self.steps(&parts.body),
+            StatementKind::While(_, body) | StatementKind::Repeat(body, _) => self.steps(body),
             _ => false,
         })
     }
@@ -327,9 +327,10 @@ impl Look<'_, '_> {
                 branches.iter().any(|(_, body)| self.leaves(body, inner, all))
                     || otherwise.as_ref().is_some_and(|body| self.leaves(body, inner, all))
             }
-            StatementKind::For { body, .. }
-            | StatementKind::While(_, body)
-            | StatementKind::Repeat(body, _) => self.leaves(body, false, around),
+            StatementKind::For(parts) => self.leaves(&parts.body, false, around),
+            StatementKind::While(_, body) | StatementKind::Repeat(body, _) => {
+                self.leaves(body, false, around)
+            }
             _ => false,
         })
     }

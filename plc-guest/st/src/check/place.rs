@@ -387,7 +387,7 @@ impl<'a> Body<'_, 'a> {
             self.tell(one.allowed(format!("1..{capacity}")));
             return None;
         }
-        place.path.push(Step::Unit(operand.expr));
+        place.path.push(Step::Unit(Box::new(operand.expr)));
         place.ty = self.elementary(character);
         Some(place)
     }

@@ -8,11 +8,13 @@ use super::types::is_integer;
 use super::unit::{Storage, is_part};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
-    Block, CaseArm, Constant, Elementary, Expr, ExprKind, Place, StatementKind as Hir,
-    StructureKind, Type, TypeId,
+    Block, CaseArm, Constant, Elementary, Expr, ExprKind, ForLoop as HirFor, Place,
+    StatementKind as Hir, StructureKind, Type, TypeId,
 };
 use crate::source::Span;
-use crate::syntax::ast::{Expression, ExpressionKind, Label, Name, Statement, StatementKind};
+use crate::syntax::ast::{
+    Expression, ExpressionKind, ForLoop, Label, Name, Statement, StatementKind,
+};
 
 impl<'a> Body<'_, 'a> {
     pub(super) fn block(&mut self, statements: &'a [Statement]) -> Block {
@@ -59,7 +61,8 @@ impl<'a> Body<'_, 'a> {
                 self.after = None;
                 self.case(selector, branches, otherwise.as_deref())
             }
-            StatementKind::For { variable, from, to, by, body } => {
+            StatementKind::For(parts) => {
+                let ForLoop { variable, from, to, by, body } = &**parts;
                 self.after = None;
                 self.for_loop(variable, (from, to, by.as_ref()), body)
             }
@@ -210,7 +213,7 @@ impl<'a> Body<'_, 'a> {
             let one = Diagnostic::new(Code::NoEffect, name.span, found);
             self.tell(one.hint("`BY -1` counts down"));
         }
-        Some(Hir::For { variable: place, from, to, by, body })
+        Some(Hir::For(Box::new(HirFor { variable: place, from, to, by, body })))
     }
 
     /// The place of a loop's variable: of an integer type, without an index or reference on the way.

@@ -2,6 +2,7 @@
 //! checked.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use super::body::Body;
 use super::types::Resolved;
@@ -209,7 +210,7 @@ impl<'a> Checker<'a> {
         }
         let entry = &mut self.units[index];
         entry.progress = Progress::Done;
-        let routine = &mut self.program.routines[routine.0 as usize];
+        let routine = Arc::make_mut(&mut self.program.routines[routine.0 as usize]);
         routine.locals = entry.locals.clone();
         routine.result = entry.result.map(|(local, _)| local);
         done
@@ -243,7 +244,7 @@ impl<'a> Checker<'a> {
         }
         body.checker.units[index].variables = checked;
         let locals = std::mem::take(&mut body.locals);
-        let routine = &mut self.program.routines[routine.0 as usize];
+        let routine = Arc::make_mut(&mut self.program.routines[routine.0 as usize]);
         routine.locals = locals;
         routine.body = block;
     }

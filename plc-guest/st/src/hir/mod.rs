@@ -35,7 +35,7 @@ pub use program::{
     Area, DEFAULT_LOOP_BUDGET, Event, Global, GlobalId, Local, LocalId, LocalKind, Location,
     Object, ObjectKind, Port, Program, Retention, Routine, RoutineId, Storage, Task, TaskKind,
 };
-pub use statement::{Block, CaseArm, Statement, StatementKind};
+pub use statement::{Block, CaseArm, ForLoop, Statement, StatementKind};
 pub use structure::{Field, Section, Structure, StructureKind};
 pub use takt_program::Direction;
 pub use test::{Assertion, Compared, Test, Tests};

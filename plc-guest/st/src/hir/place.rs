@@ -32,12 +32,12 @@ pub enum Step {
     /// A field of a structure, by its index.
     Field(u32),
     /// An element of an array. The index is of a signed or unsigned integer type; one outside of the bounds traps.
-    Index(Expr),
+    Index(Box<Expr>),
     /// An element of an open array: one index per dimension.
     OpenIndex(Vec<Expr>),
     /// A character of a string, at a position from 1. The index is of an integer type; one outside of the string's length
     /// traps. The last step of a path; its type is CHAR or WCHAR.
-    Unit(Expr),
+    Unit(Box<Expr>),
     /// A bit of an integer or bit string, 0 the least significant. The last step of a path; its type is BOOL.
     Bit(u8),
     /// Some bytes of an integer or bit string (`%B1`, `%W0`), as a value of the given type. The last step of a path.
@@ -71,15 +71,19 @@ impl Place {
     }
 
     /// The field `index`, of type `ty`, of the structure at this place.
-    pub fn field(mut self, index: u32, ty: TypeId) -> Place {
-        self.path.push(Step::Field(index));
-        self.ty = ty;
-        self
+    pub fn field(self, index: u32, ty: TypeId) -> Place {
+        self.with(Step::Field(index), ty)
     }
 
     /// The element at `index`, of type `ty`, of the array at this place.
-    pub fn index(mut self, index: Expr, ty: TypeId) -> Place {
-        self.path.push(Step::Index(index));
+    pub fn index(self, index: Expr, ty: TypeId) -> Place {
+        self.with(Step::Index(Box::new(index)), ty)
+    }
+
+    fn with(mut self, step: Step, ty: TypeId) -> Place {
+        // Most paths have one step.
+        self.path.reserve_exact(1);
+        self.path.push(step);
         self.ty = ty;
         self
     }

@@ -5,8 +5,8 @@
 use std::fmt::Write;
 
 use super::{
-    Argument, Arithmetic, Block, Comparison, Constant, Conversion, Expr, ExprKind, LocalKind,
-    Place, Program, Root, Routine, Statement, StatementKind, Step, Type, UnaryOperator,
+    Argument, Arithmetic, Block, Comparison, Constant, Conversion, Expr, ExprKind, ForLoop,
+    LocalKind, Place, Program, Root, Routine, Statement, StatementKind, Step, Type, UnaryOperator,
 };
 
 /// The whole program.
@@ -133,7 +133,8 @@ impl<'p> Printer<'p> {
                 }
                 self.otherwise(otherwise);
             }
-            StatementKind::For { variable, from, to, by, body } => {
+            StatementKind::For(parts) => {
+                let ForLoop { variable, from, to, by, body } = &**parts;
                 let (variable, from) = (self.place(variable), self.expr(from));
                 let line =
                     format!("for {variable} := {from} to {} by {}", self.expr(to), self.expr(by));

@@ -1,5 +1,7 @@
 //! Programs: variables with their storage, routines and tasks.
 
+use std::sync::Arc;
+
 use takt_program::Direction;
 
 use super::{Block, Constant, TypeId, Types};
@@ -43,7 +45,8 @@ pub struct Program {
     /// Global variables and program instances.
     pub globals: Vec<Global>,
     /// Functions, bodies of function blocks and programs, entries of tasks. Calls form no cycle.
-    pub routines: Vec<Routine>,
+    /// They are shared: a copy of a program does not copy them.
+    pub routines: Vec<Arc<Routine>>,
     /// The tasks, at most 16.
     pub tasks: Vec<Task>,
     /// The kernel's objects.
@@ -104,7 +107,7 @@ impl Program {
 
     /// Adds a routine.
     pub fn add_routine(&mut self, routine: Routine) -> RoutineId {
-        self.routines.push(routine);
+        self.routines.push(Arc::new(routine));
         RoutineId(self.routines.len() as u32 - 1)
     }
 

@@ -36,18 +36,7 @@ pub enum StatementKind {
     /// `from` has passed `to` there is no round. After each round the variable is increased by `by`, and wraps; the
     /// loop ends if the variable had passed `to`, or passes it, or left the type's range. So no end value makes a FOR
     /// endless; a body that assigns the variable can, and the loop budget ends it.
-    For {
-        /// What is counted.
-        variable: Place,
-        /// The first value.
-        from: Expr,
-        /// The last value.
-        to: Expr,
-        /// The step.
-        by: Expr,
-        /// What is repeated.
-        body: Block,
-    },
+    For(Box<ForLoop>),
     /// As long as the condition is TRUE. The loop budget counts tests of the condition.
     While(Expr, Block),
     /// Until the condition, evaluated after the body, is TRUE.
@@ -58,6 +47,21 @@ pub enum StatementKind {
     Continue,
     /// Ends the routine.
     Return,
+}
+
+/// The parts of FOR. They lie apart, since every statement takes as much memory as the largest kind.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ForLoop {
+    /// What is counted.
+    pub variable: Place,
+    /// The first value.
+    pub from: Expr,
+    /// The last value.
+    pub to: Expr,
+    /// The step.
+    pub by: Expr,
+    /// What is repeated.
+    pub body: Block,
 }
 
 /// An arm of CASE.

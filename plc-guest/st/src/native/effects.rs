@@ -11,8 +11,8 @@
 use std::collections::BTreeMap;
 
 use crate::hir::{
-    Area, Argument, Block, Elementary, Expr, ExprKind, Intrinsic, LocalId, LocalKind, Place,
-    Program, Root, Routine, RoutineId, Statement, StatementKind, Step, Type, TypeId,
+    Area, Argument, Block, Elementary, Expr, ExprKind, ForLoop, Intrinsic, LocalId, LocalKind,
+    Place, Program, Root, Routine, RoutineId, Statement, StatementKind, Step, Type, TypeId,
 };
 
 /// Where a block of memory begins.
@@ -261,7 +261,8 @@ impl<'p> Collector<'p> {
                 arms.iter().for_each(|arm| self.block(&arm.body));
                 self.block(otherwise);
             }
-            StatementKind::For { variable, from, to, by, body } => {
+            StatementKind::For(parts) => {
+                let ForLoop { variable, from, to, by, body } = &**parts;
                 [from, to, by].into_iter().for_each(|expr| self.expr(expr));
                 self.place(variable, true);
                 self.place(variable, false);

@@ -33,7 +33,6 @@ pub fn image(program: &Program, native: &Native) -> Result<Vec<u8>, takt_program
     builder.marker_bytes = program.area_size(hir::Area::Marker);
 
     let mut types = Types { program, known: HashMap::new() };
-    let writers = Writers::of(program);
     let mut retained = Retained::new(&program.types);
     for global in &program.globals {
         let ty = types.add(&mut builder, global.ty);
@@ -42,7 +41,7 @@ pub fn image(program: &Program, native: &Native) -> Result<Vec<u8>, takt_program
         variable.bit = global.storage.bit;
         let (retention, parts) = retained.of(global, takt_program::limit::VARIABLES as usize);
         variable.flags = flags(global).with(kept(retention));
-        variable.writer = writers.only(program, global);
+        variable.writer = native.writers.only(program, global);
         variable.declared = place(program, global.location);
         builder.variable(variable);
         for part in parts {
@@ -160,13 +159,13 @@ fn object_kind(kind: hir::ObjectKind) -> ObjectKind {
 }
 
 /// Which tasks write what.
-struct Writers {
+pub struct Writers {
     stretches: Vec<(hir::Area, u32, u32, u16)>,
 }
 
 impl Writers {
-    fn of(program: &Program) -> Writers {
-        let knowledge = Knowledge::of(program);
+    /// From what is known of a program.
+    pub fn of(program: &Program, knowledge: &Knowledge) -> Writers {
         let mut stretches = Vec::new();
         for (number, task) in program.tasks.iter().enumerate() {
             for (target, uses) in &knowledge.summaries[task.entry.0 as usize].accesses {

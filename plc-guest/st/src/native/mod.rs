@@ -62,6 +62,8 @@ pub struct Native {
     pub traps: Vec<TrapSite>,
     /// Where the code of a place in the source begins, ascending.
     pub lines: Vec<(u32, Location)>,
+    /// Which tasks write what.
+    writers: image::Writers,
 }
 
 /// An instruction that ends the program.
@@ -139,8 +141,8 @@ pub fn compile(program: &Program) -> Result<Native, NativeError> {
             most: largest_variable(program),
         });
     }
-    let (with_init, compiled) = prepared(program)?;
-    let program = &with_init;
+    let Prepared { program, knowledge, compiled } = prepared(program)?;
+    let program = &program;
     let init = RoutineId(program.routines.len() as u32 - 1);
     let linked = link::link(program, &compiled)?;
     let stacks = link::stacks(program, &compiled);
@@ -161,6 +163,7 @@ pub fn compile(program: &Program) -> Result<Native, NativeError> {
         stacks: of_tasks,
         traps: linked.traps,
         lines: linked.lines,
+        writers: image::Writers::of(program, &knowledge),
     })
 }
 
@@ -175,8 +178,16 @@ fn largest_variable(program: &Program) -> Most {
     })
 }
 
-/// All routines, the last one of which sets the outputs to their initial values, and the code of each.
-fn prepared(program: &Program) -> Result<(Program, Vec<link::Compiled>), NativeError> {
+/// A program before its routines are placed.
+struct Prepared {
+    /// With a last routine, which sets the outputs to their initial values.
+    program: Program,
+    knowledge: alias::Knowledge,
+    /// The code of each routine.
+    compiled: Vec<link::Compiled>,
+}
+
+fn prepared(program: &Program) -> Result<Prepared, NativeError> {
     let mut program = program.clone();
     // An index of an array at an output is a LINT.
     program.types.elementary(crate::hir::Elementary::Lint);
@@ -187,7 +198,7 @@ fn prepared(program: &Program) -> Result<(Program, Vec<link::Compiled>), NativeE
         parallel::map(program.routines.len(), FunctionBuilderContext::new, |frontend, index| {
             routine(&program, &knowledge, &*machine, frontend, RoutineId(index as u32))
         })?;
-    Ok((program, compiled))
+    Ok(Prepared { program, knowledge, compiled })
 }
 
 /// Compiles one routine.

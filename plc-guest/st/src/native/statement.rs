@@ -6,7 +6,7 @@ use super::lower::{LoopBlocks, Lower};
 use super::place::Located;
 use super::target::MEMORY;
 use super::walk;
-use crate::hir::{self, Expr, ExprKind, Intrinsic, Place, Statement, StatementKind};
+use crate::hir::{self, Expr, ExprKind, ForLoop, Intrinsic, Place, Statement, StatementKind};
 
 impl Lower<'_> {
     pub(super) fn block(&mut self, block: &hir::Block) {
@@ -37,7 +37,8 @@ impl Lower<'_> {
             }
             StatementKind::If(arms, otherwise) => self.branch(arms, otherwise),
             StatementKind::Case(selector, arms, otherwise) => self.case(selector, arms, otherwise),
-            StatementKind::For { variable, from, to, by, body } => {
+            StatementKind::For(parts) => {
+                let ForLoop { variable, from, to, by, body } = &**parts;
                 self.count(statement.location, variable, [from, to, by], body);
             }
             StatementKind::While(condition, body) => {

@@ -17,9 +17,8 @@ pub fn statements(block: &Block, visit: &mut dyn FnMut(&Statement)) {
                 arms.iter().for_each(|arm| statements(&arm.body, visit));
                 statements(otherwise, visit);
             }
-            StatementKind::For { body, .. }
-            | StatementKind::While(_, body)
-            | StatementKind::Repeat(body, _) => {
+            StatementKind::For(parts) => statements(&parts.body, visit),
+            StatementKind::While(_, body) | StatementKind::Repeat(body, _) => {
                 statements(body, visit);
             }
             _ => {}
@@ -78,9 +77,9 @@ fn places_and_expressions(
         | StatementKind::Repeat(_, expr) => {
             walk.expr(expr);
         }
-        StatementKind::For { variable, from, to, by, .. } => {
-            [from, to, by].into_iter().for_each(|expr| walk.expr(expr));
-            walk.place(variable, false);
+        StatementKind::For(parts) => {
+            [&parts.from, &parts.to, &parts.by].into_iter().for_each(|expr| walk.expr(expr));
+            walk.place(&parts.variable, false);
         }
         StatementKind::Exit | StatementKind::Continue | StatementKind::Return => {}
     });

@@ -6,7 +6,7 @@ use crate::check::known;
 use crate::source::Span;
 use crate::syntax::ast::{
     Argument, ArrayElement, BinaryOperator, Configuration, Declaration, Expression, ExpressionKind,
-    File, Initial, Label, Name, Resource, SectionKind, Statement, StatementKind, TypeKind,
+    File, ForLoop, Initial, Label, Name, Resource, SectionKind, Statement, StatementKind, TypeKind,
     TypeSpec, Variables,
 };
 
@@ -266,7 +266,8 @@ impl Resolve<'_> {
                 }
                 self.block(otherwise.as_deref().unwrap_or_default());
             }
-            StatementKind::For { variable, from, to, by, body } => {
+            StatementKind::For(parts) => {
+                let ForLoop { variable, from, to, by, body } = &**parts;
                 self.name(variable, None);
                 self.value(from);
                 self.value(to);
@@ -296,7 +297,8 @@ impl Resolve<'_> {
     fn expression(&mut self, expression: &Expression, needed: Option<&Shape>) -> Shape {
         match &expression.kind {
             ExpressionKind::Name(name) => self.name(name, needed),
-            ExpressionKind::EnumerationValue(ty, value) => {
+            ExpressionKind::EnumerationValue(names) => {
+                let (ty, value) = &**names;
                 let Some(id) =
                     self.index.top(&ty.key, self.library).and_then(<[_]>::first).copied()
                 else {

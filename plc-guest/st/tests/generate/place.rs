@@ -65,7 +65,7 @@ impl Generator {
             {
                 let position = self.position();
                 let mut character = place;
-                character.path.push(Step::Unit(position));
+                character.path.push(Step::Unit(Box::new(position)));
                 character.ty = ty;
                 Some(character)
             }

@@ -1,8 +1,8 @@
 //! Random statements.
 
 use takt_st::hir::{
-    Block, CaseArm, Constant, Elementary, Expr, ExprKind, Intrinsic, Local, LocalId, LocalKind,
-    Place, Statement, StatementKind, Step, Type, TypeId,
+    Block, CaseArm, Constant, Elementary, Expr, ExprKind, ForLoop, Intrinsic, Local, LocalId,
+    LocalKind, Place, Statement, StatementKind, Step, Type, TypeId,
 };
 
 use super::Generator;
@@ -273,6 +273,6 @@ impl Generator {
         let body = self.block(depth - 1);
         self.counters.truncate(open);
         self.loops -= 1;
-        Some(StatementKind::For { variable, from, to, by, body })
+        Some(StatementKind::For(Box::new(ForLoop { variable, from, to, by, body })))
     }
 }

@@ -1,6 +1,8 @@
 //! Statements.
 
-use takt_st::hir::{Block, Class, Expr, Location, Place, Statement, StatementKind, TrapKind};
+use takt_st::hir::{
+    Block, Class, Expr, ForLoop, Location, Place, Statement, StatementKind, TrapKind,
+};
 
 use super::{Frame, Machine, Outcome, Value, trap};
 
@@ -59,7 +61,8 @@ impl Machine<'_> {
                     None => self.block(frame, otherwise),
                 }
             }
-            StatementKind::For { variable, from, to, by, body } => {
+            StatementKind::For(parts) => {
+                let ForLoop { variable, from, to, by, body } = &**parts;
                 self.count(frame, variable, [from, to, by], body, location)
             }
             StatementKind::While(condition, body) => self.rounds(location, |machine| {

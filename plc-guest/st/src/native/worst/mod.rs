@@ -14,7 +14,7 @@ use cranelift_codegen::ir::DebugTag;
 use iced_x86::{Decoder, DecoderOptions, Mnemonic};
 
 use super::link::{Compiled, Symbol};
-use super::{NativeError, alias, prepared};
+use super::{NativeError, Prepared, alias, prepared};
 use crate::hir::{Location, Program};
 use graph::{Block, Graph, LoopMark};
 
@@ -135,7 +135,7 @@ fn decoded(bytes: &[u8], start: u32) -> (u64, u32) {
 /// # Errors
 /// See [`NativeError`].
 pub fn worst(program: &Program) -> Result<Vec<Worst>, NativeError> {
-    let (program, compiled) = prepared(program)?;
+    let Prepared { program, compiled, .. } = prepared(program)?;
     let mut known: BTreeMap<u32, Worst> = BTreeMap::new();
     for id in alias::callees_first(&program) {
         let worst = of_routine(&compiled[id.0 as usize], &known);

@@ -30,8 +30,9 @@ pub enum ExpressionKind {
     Literal(Literal),
     /// A name: of a variable, a constant, a value of an enumeration, the function itself.
     Name(Name),
-    /// `Colour#Red`
-    EnumerationValue(Name, Name),
+    /// `Colour#Red`: the type and the value. They lie apart, since every expression takes as much memory as the largest
+    /// kind.
+    EnumerationValue(Box<(Name, Name)>),
     /// `%IX0.0`
     Address(Address),
     /// `base.name`

@@ -43,18 +43,7 @@ pub enum StatementKind {
         otherwise: Option<Vec<Statement>>,
     },
     /// FOR
-    For {
-        /// The control variable.
-        variable: Name,
-        /// Its first value.
-        from: Expression,
-        /// Its last value.
-        to: Expression,
-        /// BY
-        by: Option<Expression>,
-        /// The body.
-        body: Vec<Statement>,
-    },
+    For(Box<ForLoop>),
     /// WHILE
     While(Expression, Vec<Statement>),
     /// REPEAT ... UNTIL
@@ -67,6 +56,21 @@ pub enum StatementKind {
     Return,
     /// What was already told.
     Error,
+}
+
+/// The parts of FOR. They lie apart, since every statement takes as much memory as the largest kind.
+#[derive(Clone, Debug)]
+pub struct ForLoop {
+    /// The control variable.
+    pub variable: Name,
+    /// Its first value.
+    pub from: Expression,
+    /// Its last value.
+    pub to: Expression,
+    /// BY
+    pub by: Option<Expression>,
+    /// The body.
+    pub body: Vec<Statement>,
 }
 
 /// A label of CASE.

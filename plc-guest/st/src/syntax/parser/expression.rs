@@ -154,7 +154,8 @@ impl Parser<'_> {
         if self.current.kind == TokenKind::Identifier {
             let value = self.name("a value of the enumeration")?;
             let span = start.to(value.span);
-            let kind = ExpressionKind::EnumerationValue(Name::new(prefix, place), value);
+            let kind =
+                ExpressionKind::EnumerationValue(Box::new((Name::new(prefix, place), value)));
             return Ok(Expression::new(kind, span));
         }
         let sign = match self.current.kind {

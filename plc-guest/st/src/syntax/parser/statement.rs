@@ -3,7 +3,7 @@
 use super::{Parse, Parser, Told};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
-use crate::syntax::ast::{Expression, ExpressionKind, Label, Statement, StatementKind};
+use crate::syntax::ast::{Expression, ExpressionKind, ForLoop, Label, Statement, StatementKind};
 use crate::syntax::token::{Keyword, Sign, TokenKind};
 
 impl Parser<'_> {
@@ -264,7 +264,7 @@ impl Parser<'_> {
         }
         let body = self.outside_of_case(Self::statements);
         self.close(Keyword::EndFor, open)?;
-        Ok(StatementKind::For { variable, from, to, by, body })
+        Ok(StatementKind::For(Box::new(ForLoop { variable, from, to, by, body })))
     }
 
     fn case_statement(&mut self, open: Span) -> Parse<StatementKind> {
