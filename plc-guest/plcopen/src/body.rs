@@ -8,6 +8,10 @@ pub fn statements(pou: Element<'_>) -> Result<String, Defect> {
     let Some(body) = pou.child("body") else {
         return Err(pou.defect(DefectKind::MissingBody));
     };
+    // Each is a sheet of its own, and which goes first no one says.
+    if let Some(second) = pou.children().filter(|child| child.tag() == "body").nth(1) {
+        return Err(second.defect(DefectKind::SecondBody));
+    }
     let language = body.inner("ST")?;
     match language.tag() {
         "ST" => Ok(lines(&language.text())),

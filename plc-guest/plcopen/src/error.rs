@@ -66,6 +66,9 @@ pub enum DefectKind {
     /// It has no body.
     #[error("it has no body")]
     MissingBody,
+    /// It has more than one.
+    #[error("it has a second body; only units with one can be imported")]
+    SecondBody,
     /// A child that only some tools know, or that has no counterpart.
     #[error("<{element}> is not supported")]
     NotSupported {

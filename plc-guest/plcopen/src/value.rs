@@ -47,7 +47,9 @@ fn value(holder: Element<'_>, depth: u32) -> Result<String, Defect> {
 fn simple(element: Element<'_>) -> Result<String, Defect> {
     let value = element.required_attribute("value")?.trim();
     let string = is_string(value, '\'') || is_string(value, '"');
-    let word = !value.is_empty() && value.chars().all(is_part_of_a_word);
+    let word = !value.is_empty()
+        && value.chars().all(is_part_of_a_word)
+        && value.char_indices().all(|(at, c)| !matches!(c, '+' | '-') || is_sign(&value[..at]));
     if string || word || value.split('#').all(is_name) {
         Ok(value.to_owned())
     } else {
@@ -58,6 +60,13 @@ fn simple(element: Element<'_>) -> Result<String, Defect> {
 /// Characters of numbers, durations, dates, and names with a type before or a member after.
 fn is_part_of_a_word(c: char) -> bool {
     c.is_ascii_alphanumeric() || matches!(c, '_' | '#' | '.' | '+' | '-' | ':' | '%')
+}
+
+/// Whether a plus or minus behind this is no operator: it is a sign at the beginning, in an exponent, or behind a type,
+/// where the hyphens of dates are too.
+fn is_sign(before: &str) -> bool {
+    let number = before.starts_with(|c: char| c.is_ascii_digit() || matches!(c, '+' | '-'));
+    before.is_empty() || before.contains('#') || number && before.ends_with(['e', 'E'])
 }
 
 /// Whether a text is one string in these quotes: `$` hides the character after it.

@@ -16,7 +16,7 @@ const FOLDERS: u32 = 16;
 #[derive(Debug, thiserror::Error)]
 pub enum FilesError {
     /// The system refuses.
-    #[error("cannot read {}: {error}", path.display())]
+    #[error("cannot read {}: {error}", shown(path))]
     Read {
         /// What.
         path: PathBuf,
@@ -24,19 +24,19 @@ pub enum FilesError {
         error: std::io::Error,
     },
     /// A folder without any source.
-    #[error("{}: no file in this folder ends with .st", path.display())]
+    #[error("{}: no file in this folder ends with .st", shown(path))]
     Empty {
         /// The folder.
         path: PathBuf,
     },
     /// Folders too deep within each other.
-    #[error("{}: folders more than {FOLDERS} deep", path.display())]
+    #[error("{}: folders more than {FOLDERS} deep", shown(path))]
     TooDeep {
         /// The folder.
         path: PathBuf,
     },
     /// A link to a folder around it.
-    #[error("{}: a link to a folder around it, {}, which is not followed", path.display(), target.display())]
+    #[error("{}: a link to a folder around it, {}, which is not followed", shown(path), target.display())]
     Loop {
         /// The link.
         path: PathBuf,
@@ -44,7 +44,7 @@ pub enum FilesError {
         target: PathBuf,
     },
     /// Not a regular file or a folder.
-    #[error("{}: neither a file nor a folder", path.display())]
+    #[error("{}: neither a file nor a folder", shown(path))]
     Special {
         /// What.
         path: PathBuf,

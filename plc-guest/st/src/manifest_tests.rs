@@ -64,6 +64,8 @@ fn each_mistake_is_told_with_its_place() {
         ("name = \"a\"\nlibraries = [\"/lib\"]\n", "takt-plc.toml:2:14: the path `/lib`"),
         ("name = \"a\"\ntests = \"t\"\n", "takt-plc.toml:2:9: the string `t`"),
         ("name = \"a\n", "takt-plc.toml:1:"),
+        ("name = tank\n", "hint: a text stands in quotation marks"),
+        ("name = \"a\"\nprevious = \".\"\n", "takt-plc.toml:2:12: a folder"),
     ] {
         let message = refused(text);
         assert!(message.contains(says), "{text}: {message}");

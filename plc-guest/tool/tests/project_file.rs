@@ -9,7 +9,8 @@ fn a_new_project_is_checked_formatted_tested_and_built_without_arguments() {
     let folder = Folder::new();
     folder.takt_plc(&["new", "tank", "--lang", "st"]).expect(0, "");
     let inside = |words: &[&str]| folder.takt_plc_in("tank", words);
-    inside(&["check"]).expect(0, "");
+    let checked = inside(&["check"]).expect(0, "");
+    assert_eq!(checked.text, "", "a new project has no warning");
     inside(&["fmt", "--check"]).expect(0, "");
     let ended = inside(&["test", "--junit", "report.xml"]);
     let ended = ended.expect(0, "tank: 3 tests, all as expected");
@@ -136,4 +137,67 @@ fn what_cannot_be_built_is_told_with_code_and_place() {
     ended.expect(2, "\"code\":\"no-task\"");
     let ended = folder.takt_plc(&["check", "--message-format", "json"]);
     ended.expect(2, "\"message\":\"found no takt-plc.toml in this folder\"");
+}
+
+#[test]
+fn a_program_of_a_library_that_a_configuration_runs_is_compiled() {
+    let folder = Folder::new();
+    std::fs::create_dir_all(folder.path().join("lib")).unwrap();
+    folder.write(
+        "lib/count.st",
+        "VAR_GLOBAL\nq AT %QW0 : INT;\nEND_VAR\nPROGRAM Count\nq := q + 1;\nEND_PROGRAM\n",
+    );
+    folder.write(
+        "main.st",
+        "CONFIGURATION c\nTASK t (INTERVAL := T#1ms, PRIORITY := 1);\nPROGRAM p WITH t : Count;\nEND_CONFIGURATION\n",
+    );
+    folder.write("takt-plc.toml", "name = \"plant\"\nlibraries = [\"lib\"]\n");
+    folder.takt_plc(&["build"]).expect(0, "plant.plc: plant 0.0.0");
+    folder.write("t.csv", "q\n1\n2\n");
+    folder.takt_plc(&["test", "plant.plc", "t.csv"]).expect(0, "all as expected");
+    // What is wrong in such a program is told.
+    folder.write("lib/count.st", "PROGRAM Count\nq := q + 1;\nEND_PROGRAM\n");
+    folder.takt_plc(&["check"]).expect(2, "lib/count.st:2:1: there is no variable `q`");
+}
+
+#[test]
+fn no_output_replaces_what_is_read() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "tank", "--lang", "st"]).expect(0, "");
+    let inside = |words: &[&str]| folder.takt_plc_in("tank", words);
+    inside(&["build"]).expect(0, "tank.plc");
+    for file in ["main.st", "./tests/../main.st", "takt-plc.toml"] {
+        let before = folder.read(&format!("tank/{file}"));
+        inside(&["build", "-o", file]).expect(2, "would be overwritten");
+        inside(&["test", "--junit", file]).expect(2, "would be overwritten");
+        assert!(before == folder.read(&format!("tank/{file}")), "{file}");
+    }
+    let table = "tests/tank.csv";
+    inside(&["build", "main.st", "-o", "main.st"]).expect(2, "main.st would be overwritten");
+    inside(&["test", "--junit", table]).expect(2, "tests/tank.csv would be overwritten");
+    inside(&["test", "tank.plc", table, "--junit", table]).expect(2, "would be overwritten");
+    inside(&["test", "tank.plc", "--junit", "tank.plc"]).expect(2, "would be overwritten");
+    inside(&["build", "-o", "tests"]).expect(2, "cannot write tests: it is a folder");
+    inside(&["test"]).expect(0, "tank: 3 tests, all as expected");
+}
+
+#[test]
+fn the_tool_ends_without_a_word_when_nobody_reads() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "tank", "--lang", "st"]).expect(0, "");
+    folder.takt_plc(&["build", "tank"]).expect(0, "");
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_takt-plc"));
+    command.args(["inspect", "tank.plc"]).current_dir(folder.path()).stdout(writer);
+    let ended = command.stderr(std::process::Stdio::piped()).output().unwrap();
+    assert_eq!(String::from_utf8_lossy(&ended.stderr), "");
+    assert_eq!(ended.status.code(), Some(141));
+}
+
+#[test]
+fn the_current_folder_has_a_name_in_messages() {
+    let folder = Folder::new();
+    folder.write("takt-plc.toml", "name = \"plant\"\n");
+    folder.takt_plc(&["fmt"]).expect(2, "takt plc: .: no file in this folder ends with .st");
 }

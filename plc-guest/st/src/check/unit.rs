@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::body::Body;
 use super::types::Resolved;
-use super::{Checker, Progress};
+use super::{Checker, Entry, Progress};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
     Constant, GlobalId, Local, LocalId, LocalKind, Place, Routine, RoutineId, Step, StructureKind,
@@ -98,6 +98,9 @@ impl<'a> Checker<'a> {
     pub(super) fn all_units(&mut self) {
         // Tests come behind the program: what it is, they are checked against.
         for tests in [false, true] {
+            if !tests {
+                self.want_instances();
+            }
             for index in 0..self.units.len() {
                 let unit = &self.units[index];
                 let own = !unit.library && !self.sources.is_of_library(unit.ast.name.span.file);
@@ -108,6 +111,20 @@ impl<'a> Checker<'a> {
             while let Some(index) = self.waiting.pop() {
                 let library = self.units[index].library;
                 self.seen_from(library, |checker| checker.unit_body(index));
+            }
+        }
+    }
+
+    /// Wants the programs that a CONFIGURATION runs: those of a library, too, which nothing calls.
+    fn want_instances(&mut self) {
+        let configurations = self.configurations.clone();
+        let resources = configurations.iter().flat_map(|one| &one.resources);
+        for instance in resources.flat_map(|resource| &resource.programs) {
+            if let Some(Entry::Units(units)) = self.names.get(&instance.program.key) {
+                let index = units[0];
+                if self.units[index].ast.kind == UnitKind::Program {
+                    self.want(index);
+                }
             }
         }
     }

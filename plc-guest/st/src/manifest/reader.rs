@@ -42,6 +42,12 @@ pub(super) fn project(
         let place = error.span().unwrap_or(0..0);
         // At the end of a line nothing could be marked.
         reader.wrong(place.start.min(text.len())..place.end.min(text.len()), message, allowed);
+        // TOML has no bare words; what begins like one of its own is told as that.
+        if let (Some(word), Some(one)) = (text.get(place), reader.diagnostics.last_mut())
+            && word.starts_with(|c: char| c.is_alphabetic())
+        {
+            one.hint = Some("a text stands in quotation marks".to_owned());
+        }
     }
     let whole = errors.is_empty();
     let project = reader.table(table.get_ref(), whole);
@@ -83,7 +89,7 @@ impl Reader<'_> {
         let name = value("name").map(|it| self.name(it));
         let version = value("version").map(|it| self.version(it));
         let category = value("category").map(|it| self.category(it));
-        let previous = value("previous").map(|it| self.path(it));
+        let previous = value("previous").map(|it| self.image(it));
         let sources = value("sources").map(|it| self.paths(it));
         let libraries = value("libraries").map(|it| self.paths(it));
         let tests = value("tests").map(|it| self.paths(it));
@@ -177,6 +183,16 @@ impl Reader<'_> {
         };
         let paths: Vec<Option<PathBuf>> = list.iter().map(|path| self.path(path)).collect();
         paths.into_iter().collect()
+    }
+
+    /// A path to a program image. What is in the file is seen when it is used.
+    fn image(&mut self, value: &Value<'_>) -> Option<PathBuf> {
+        let path = self.path(value)?;
+        if !path.as_os_str().is_empty() && !path.is_dir() {
+            return Some(path);
+        }
+        self.wrong(value.span(), "a folder", "a program image, such as `\"running.plc\"`");
+        None
     }
 
     /// A path from the project's folder to something that is there.

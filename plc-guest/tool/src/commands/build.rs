@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use takt_st::{hir, layout, manifest, native, stack};
 
 use super::structured_text::{Messages, Origin, is_text, no_thread};
-use super::{image, inputs, read, write};
+use super::{image, inputs, read, spare, write};
 use crate::{Failure, link};
 
 /// Arguments of `build`.
@@ -70,15 +70,7 @@ impl Build {
         let Some(output) = &self.output else {
             return Err(Failure::input("say where to write the image with -o IMAGE"));
         };
-        let there = output.canonicalize();
-        let same = |input: &&PathBuf| {
-            there.is_ok() && input.canonicalize().ok() == there.as_ref().ok().cloned()
-        };
-        if let Some(input) = self.inputs.iter().find(same) {
-            let message =
-                format!("{} would be overwritten; give another name with -o", input.display());
-            return Err(Failure::input(message));
-        }
+        spare(output, self.inputs.iter().map(PathBuf::as_path))?;
         finish(output, &link::build(&self.inputs).map_err(Failure::input)?)
     }
 
@@ -108,8 +100,9 @@ impl Build {
                 Ok(())
             }
             None => {
-                let built = self.messages.build(&good)?;
                 let output = self.output.clone().unwrap_or_else(|| format!("{name}.plc").into());
+                spare(&output, good.files(&origin).iter().map(PathBuf::as_path))?;
+                let built = self.messages.build(&good)?;
                 finish(&output, &built.image)
             }
         }

@@ -40,8 +40,23 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     write_as(path, bytes, PermissionsExt::from_mode(0o644))
 }
 
+/// Refuses to write a file over one that is read: a slip of the pen would cost its author the source.
+fn spare<'p>(output: &Path, inputs: impl IntoIterator<Item = &'p Path>) -> Result<(), Failure> {
+    let Ok(there) = output.canonicalize() else { return Ok(()) };
+    match inputs.into_iter().find(|input| input.canonicalize().is_ok_and(|input| input == there)) {
+        Some(input) => Err(Failure::input(format!(
+            "{} would be overwritten; give another name for the output",
+            input.display()
+        ))),
+        None => Ok(()),
+    }
+}
+
 /// [`write()`], with these permissions.
 fn write_as(path: &Path, bytes: &[u8], permissions: Permissions) -> Result<(), Failure> {
+    if path.is_dir() {
+        return Err(Failure::input(format!("cannot write {}: it is a folder", path.display())));
+    }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let written =
         tempfile::NamedTempFile::new_in(folder.unwrap_or(Path::new("."))).and_then(|mut file| {

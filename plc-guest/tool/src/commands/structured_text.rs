@@ -31,6 +31,15 @@ pub struct Good {
     pub sources: Sources,
 }
 
+impl Good {
+    /// The files that it is made of, which no output may replace.
+    pub fn files(&self, origin: &Origin) -> Vec<PathBuf> {
+        let project = origin.project().map(|project| project.folder.join(manifest::FILE));
+        let sources = self.sources.iter().map(|(_, source)| PathBuf::from(source.name()));
+        project.into_iter().chain(sources).collect()
+    }
+}
+
 /// How messages about sources are written.
 #[derive(Default, clap::Args)]
 pub struct Messages {

@@ -6,11 +6,11 @@ mod shown;
 mod table;
 mod units;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::structured_text::{Good, Messages, Origin, is_text};
-use super::{image, read, write};
+use super::{image, read, spare, write};
 use crate::run::{Failed, HostError, Logged};
 use crate::{Failure, status};
 use report::{Case, Outcome, Report};
@@ -82,6 +82,8 @@ impl Test {
 
     /// An image, with a table or without.
     fn image(&self, file: &PathBuf, table: Option<&PathBuf>) -> Result<(), Failure> {
+        let inputs = table.into_iter().chain([file]);
+        self.spare(inputs.map(PathBuf::as_path))?;
         let bytes = read(file)?;
         let image = image(file, &bytes)?;
         let begin = Instant::now();
@@ -109,6 +111,7 @@ impl Test {
             Some(project) => project.tables().map_err(Failure::input)?,
             None => Vec::new(),
         };
+        self.spare(good.files(origin).iter().chain(&tables).map(PathBuf::as_path))?;
         let wanted =
             |name: &str| self.filter.as_ref().is_none_or(|filter| name.contains(filter.as_str()));
         let mut report = Report::new(&good.program.name);
@@ -136,6 +139,11 @@ impl Test {
         }
         self.write_junit(&report)?;
         report.end(self.filter.as_deref())
+    }
+
+    /// Refuses a report that would replace what is tested.
+    fn spare<'p>(&self, inputs: impl Iterator<Item = &'p Path>) -> Result<(), Failure> {
+        self.junit.as_ref().map_or(Ok(()), |report| spare(report, inputs))
     }
 
     fn write_junit(&self, report: &Report) -> Result<(), Failure> {
