@@ -36,5 +36,7 @@ fn what_is_no_project_makes_no_folder() {
     folder.write("plant.xml", "<svg/>");
     folder.takt_plc(&["import", "plant.xml", "plant"]).expect(2, "not a PLCopen <project>");
     folder.takt_plc(&["import", "none.xml", "plant"]).expect(2, "cannot read none.xml");
+    folder.write("plant.xml", "<project/>");
+    folder.takt_plc(&["import", "plant.xml", "plant"]).expect(2, "found no types, units");
     assert!(!folder.path().join("plant").exists());
 }

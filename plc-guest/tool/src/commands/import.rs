@@ -21,6 +21,10 @@ impl Import {
             .map_err(|error| Failure::input(format!("{project} is no text: {error}")))?;
         let import = takt_plcopen::import(&text)
             .map_err(|error| Failure::input(format!("{project}: {error}")))?;
+        if import.files.is_empty() && import.refused.is_empty() {
+            let message = format!("{project}: found no types, units, variables or configurations");
+            return Err(Failure::input(message));
+        }
         let folder = self.folder.display();
         // Nothing of what is there can be lost.
         std::fs::create_dir(&self.folder)

@@ -7,7 +7,9 @@ use super::enable::Enable;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Constant, TypeId};
 use crate::source::Span;
-use crate::syntax::ast::{Argument, Binding, Expression, Name, SectionKind};
+use crate::syntax::ast::{
+    Argument, BinaryOperator, Binding, Expression, ExpressionKind, Name, SectionKind,
+};
 
 /// A parameter of a unit.
 #[derive(Clone, Debug)]
@@ -62,7 +64,10 @@ impl<'a> Body<'_, 'a> {
         let formal = arguments.iter().filter(|argument| argument.name.is_some()).count();
         if formal != 0 && formal != arguments.len() {
             let found = "arguments with and without names in one call";
-            let one = Diagnostic::new(Code::WrongArguments, span, found);
+            let mut one = Diagnostic::new(Code::WrongArguments, span, found);
+            if let Some(name) = compared(parameters, arguments) {
+                one = one.hint(format!("`=` compares; a value is given with `{name} := ...`"));
+            }
             self.tell(one.allowed("all with names, or none"));
             return None;
         }
@@ -163,4 +168,19 @@ fn describe(parameters: &[Parameter]) -> String {
         })
         .collect();
     shown.join(", ")
+}
+
+/// The name of a parameter that an argument compares instead of giving it a value: `IN = TRUE`.
+fn compared<'n>(parameters: &[Parameter], arguments: &'n [Argument]) -> Option<&'n str> {
+    let values = arguments.iter().filter(|argument| argument.name.is_none());
+    values.filter_map(|argument| argument.value.as_ref()).find_map(|value| match &value.kind {
+        ExpressionKind::Binary(BinaryOperator::Equal, _, left, _) => match &left.kind {
+            ExpressionKind::Name(name) => {
+                let known = |one: &Parameter| one.name.eq_ignore_ascii_case(&name.text);
+                parameters.iter().any(known).then_some(&*name.text)
+            }
+            _ => None,
+        },
+        _ => None,
+    })
 }

@@ -251,7 +251,11 @@ impl Parser<'_> {
     fn for_statement(&mut self, open: Span) -> Parse<StatementKind> {
         self.advance();
         let variable = self.name("the control variable")?;
-        self.expect_sign(Sign::Assign)?;
+        if self.eat_sign(Sign::Assign).is_none() {
+            let missing = self.missing(Sign::Assign.text());
+            // What is meant by `=` is clear, and END_FOR shall find what it closes.
+            self.eat_sign(Sign::Equal).ok_or(missing)?;
+        }
         let from = self.expression()?;
         self.expect_keyword(Keyword::To)?;
         let to = self.expression()?;
