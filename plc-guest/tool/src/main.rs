@@ -111,7 +111,7 @@ impl Failure {
     }
 }
 
-/// Ends the process without a word when nobody reads its output any more, as in `takt plc inspect tank.plc | head`.
+/// Ends the process without a word when its output has no reader any more, as in `takt plc inspect tank.plc | head`.
 /// The signal SIGPIPE, which does so elsewhere, would end it for a lost connection to Takt, too.
 fn end_with_the_reader() {
     /// What a shell tells of a process that SIGPIPE ended.
