@@ -128,24 +128,34 @@ fn same_type(cell: &Cell, ty: Option<Elementary>) -> bool {
 }
 
 fn overlaps(first: &Effects, second: &Effects, shared: &mut Vec<(Area, u32, u32)>) {
-    let stretches = |effects: &Effects| {
-        let all = effects.accesses.iter().filter_map(|(target, uses)| match target {
-            Target::Range { base: Base::Area(area), start, end, .. } => {
-                Some((*area, *start, *end, uses.writes > 0))
-            }
-            Target::Indirect(_) => Some((Area::State, 0, u32::MAX, uses.writes > 0)),
-            _ => None,
-        });
-        all.collect::<Vec<_>>()
-    };
     let others = stretches(second);
     for (area, start, end, write) in stretches(first) {
-        for (other, low, high, writes) in &others {
-            if area == *other && (write || *writes) && start < *high && *low < end {
-                shared.push((area, start.max(*low), end.min(*high)));
+        for &(other, low, high, writes) in &others {
+            if area == other && (write || writes) && start < high && low < end {
+                shared.push((area, start.max(low), end.min(high)));
             }
         }
     }
+}
+
+/// What a task touches: areas with the first byte, the byte behind the last, and whether it writes there.
+fn stretches(effects: &Effects) -> Vec<(Area, u32, u32, bool)> {
+    const ALL: [Area; 4] = [Area::State, Area::Input, Area::Output, Area::Marker];
+    let mut found = Vec::new();
+    for (target, uses) in &effects.accesses {
+        let write = uses.writes > 0;
+        match *target {
+            Target::Range { base: Base::Area(area), start, end, .. } => {
+                found.push((area, start, end, write));
+            }
+            // A reference may refer to a variable with an address, too.
+            Target::Indirect(_) => {
+                found.extend(ALL.map(|area| (area, 0, u32::MAX, write)));
+            }
+            _ => {}
+        }
+    }
+    found
 }
 
 /// All routines, each behind those that it calls. Calls form no cycle.
@@ -186,3 +196,7 @@ pub fn called(program: &Program, id: RoutineId) -> Vec<RoutineId> {
     found.dedup();
     found
 }
+
+#[cfg(test)]
+#[path = "alias_tests.rs"]
+mod tests;
