@@ -123,7 +123,10 @@ w := 0;
 ASSERT(NOT WORD_TO_BOOL(w));
 END_TEST
 TEST 'shifts'
-VAR w : WORD := 16#8001; n : INT; END_VAR
+VAR w : WORD := 16#8001; n : INT; large : ULINT := 16#8000_0000_0000_0000; END_VAR
+ASSERT(SHL(w, large) = WORD#0);
+ASSERT(SHR(w, large) = WORD#0);
+ASSERT(ROL(w, large) = w);
 n := 16;
 ASSERT(SHL(w, n) = WORD#0);
 ASSERT(SHR(w, n) = WORD#0);
@@ -143,7 +146,9 @@ low := 10; value := 5; high := 0;
 ASSERT(LIMIT(low, value, high) = 0);
 END_TEST
 TEST 'parts of strings'
-VAR s : STRING := 'abc'; n : INT := -1; END_VAR
+VAR s : STRING := 'abc'; n : INT := -1; large : ULINT := 16#8000_0000_0000_0000; END_VAR
+ASSERT(LEFT(s, large) = 'abc');
+ASSERT(MUX(large, 1, 2) = 2);
 ASSERT(LEFT(s, n) = '');
 ASSERT(RIGHT(s, n) = '');
 ASSERT(MID(s, n, 1) = '');

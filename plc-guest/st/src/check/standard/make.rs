@@ -75,7 +75,12 @@ impl<'a> Body<'_, 'a> {
                     }
                     _ => value.expr,
                 };
-                let (ty, count) = (value.ty, self.as_long(count, place)?);
+                let ty = value.ty;
+                let count = match intrinsic {
+                    // The low bits of the count are enough.
+                    Intrinsic::RotateLeft | Intrinsic::RotateRight => self.as_long(count, place)?,
+                    _ => self.as_length(count, place)?,
+                };
                 Some(self.intrinsic(intrinsic, vec![value, count], ty, span))
             }
             Make::Text(intrinsic) => {
@@ -83,7 +88,7 @@ impl<'a> Body<'_, 'a> {
                 let mut given = given.into_iter();
                 let mut list = vec![given.next()?.0.expr];
                 for (operand, place) in given {
-                    list.push(self.as_long(operand, place)?);
+                    list.push(self.as_length(operand, place)?);
                 }
                 Some(self.intrinsic(intrinsic, list, ty, span))
             }

@@ -64,7 +64,7 @@ impl<'a> Body<'_, 'a> {
         span: Span,
     ) -> Option<Operand> {
         let (selector, place) = given.remove(0);
-        let selector = self.as_long(selector, place)?;
+        let selector = self.as_length(selector, place)?;
         if given.len() > 2 && has_call(&selector) {
             self.twice(name, span);
             return None;

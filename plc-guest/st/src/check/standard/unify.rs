@@ -7,7 +7,7 @@ use super::super::types::{is_bit_string, is_character, is_integer, is_real};
 use super::Given;
 use super::table::{Function, Group, Parameter};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::hir::{Conversion, Elementary, Expr, TypeId};
+use crate::hir::{Constant, Conversion, Elementary, Expr, ExprKind, Intrinsic, TypeId};
 use crate::source::Span;
 
 impl<'a> Body<'_, 'a> {
@@ -109,6 +109,21 @@ impl<'a> Body<'_, 'a> {
             return self.converted(operand, long, span);
         }
         Some(self.convert(Conversion::Value, operand.expr, long, span))
+    }
+
+    /// The same of a length or a count. One of ULINT that LINT does not have is still a large one, not below zero.
+    pub(super) fn as_length(&mut self, operand: Operand, span: Span) -> Option<Expr> {
+        let (ty, most) = (operand.expr.ty, i128::from(i64::MAX));
+        let fits = match operand.expr.kind {
+            ExprKind::Constant(Constant::Integer(value)) => value <= most,
+            _ => self.plain(ty) != Some(Elementary::Ulint),
+        };
+        if operand.untyped || fits {
+            return self.as_long(operand, span);
+        }
+        let most = self.integer(ty, most, span);
+        let fitting = self.intrinsic(Intrinsic::Min, vec![operand.expr, most], ty, span);
+        self.as_long(fitting, span)
     }
 
     /// The integer type that is needed, else DINT.
