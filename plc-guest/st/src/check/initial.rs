@@ -68,6 +68,70 @@ impl<'a> Body<'_, 'a> {
         Some(shaped(values, &shape))
     }
 
+    /// An initial value of type `ty` with what it leaves out as the declaration of the type has it.
+    pub(super) fn completed(
+        &mut self,
+        given: Constant,
+        declared: &Constant,
+        ty: TypeId,
+        span: Span,
+    ) -> Constant {
+        let values = match (given, declared) {
+            (given, Constant::Default) => return given,
+            (Constant::Default, declared) => return declared.clone(),
+            (Constant::Fill(value), Constant::Fill(rest)) => {
+                let value = self.completed(*value, rest, self.type_of_part(ty, 0), span);
+                return Constant::Fill(Box::new(value));
+            }
+            (Constant::Fill(value), Constant::Aggregate(_)) if leaves_out(&value) => {
+                if self.count(ty) > ELEMENTS {
+                    self.too_many_single(span, self.count(ty));
+                    return Constant::Fill(value);
+                }
+                vec![*value; self.count(ty) as usize]
+            }
+            (Constant::Aggregate(values), _) => values,
+            (given, _) => return given,
+        };
+        let all = match declared {
+            Constant::Fill(_) => self.count(ty),
+            Constant::Aggregate(rest) => rest.len() as u64,
+            _ => 0,
+        };
+        if all > ELEMENTS {
+            self.too_many_single(span, all);
+            return Constant::Aggregate(values);
+        }
+        let mut values = values.into_iter();
+        let count = values.len().max(all as usize);
+        let mut whole = Vec::with_capacity(count);
+        for index in 0..count {
+            let rest = match declared {
+                Constant::Fill(rest) => rest,
+                Constant::Aggregate(list) => list.get(index).unwrap_or(&Constant::Default),
+                _ => &Constant::Default,
+            };
+            let value = values.next().unwrap_or(Constant::Default);
+            whole.push(self.completed(value, rest, self.type_of_part(ty, index), span));
+        }
+        Constant::Aggregate(whole)
+    }
+
+    /// The type of a field or an element.
+    fn type_of_part(&self, ty: TypeId, index: usize) -> TypeId {
+        match self.checker.program.types.get(ty) {
+            Type::Array { element, .. } => *element,
+            Type::Structure(structure) => structure.fields.get(index).map_or(ty, |field| field.ty),
+            _ => ty,
+        }
+    }
+
+    fn too_many_single(&mut self, span: Span, count: u64) {
+        let found = format!("{count} single initial values");
+        let allowed = format!("{ELEMENTS}, or one value for the whole array");
+        self.tell(Diagnostic::new(Code::InvalidRange, span, found).allowed(allowed));
+    }
+
     fn count(&self, ty: TypeId) -> u64 {
         match self.checker.program.types.get(ty) {
             Type::Array { lower, upper, .. } => upper.abs_diff(*lower) + 1,
@@ -108,10 +172,7 @@ impl<'a> Body<'_, 'a> {
                         return None;
                     }
                     if total > ELEMENTS {
-                        let found = format!("{total} single initial values");
-                        let allowed = format!("{ELEMENTS}, or one value for the whole array");
-                        let one = Diagnostic::new(Code::InvalidRange, times.span, found);
-                        self.tell(one.allowed(allowed));
+                        self.too_many_single(times.span, total);
                         return None;
                     }
                     for _ in 0..repeated {
@@ -163,8 +224,12 @@ impl<'a> Body<'_, 'a> {
                 let found = format!("`{}` has two initial values", name.text);
                 self.error(Code::DuplicateName, name.span, found);
             }
-            if let Some(value) = self.initial(value, known[index].1) {
-                values[index] = value;
+            let (place, field) = (value.span(), known[index].1);
+            if let Some(value) = self.initial(value, field) {
+                let types = &self.checker.program.types;
+                let declared = types.structure(ty).map(|ty| ty.fields[index].initial.clone());
+                let declared = declared.unwrap_or(Constant::Default);
+                values[index] = self.completed(value, &declared, field, place);
             }
         }
         Some(Constant::Aggregate(values))
@@ -192,6 +257,17 @@ impl<'a> Body<'_, 'a> {
             });
         }
         self.tell(one);
+    }
+}
+
+/// Whether some part of a value is not written.
+fn leaves_out(value: &Constant) -> bool {
+    match value {
+        Constant::Default => true,
+        Constant::Fill(value) => leaves_out(value),
+        // The list may end before the array.
+        Constant::Aggregate(_) => true,
+        _ => false,
     }
 }
 

@@ -96,7 +96,9 @@ impl<'a> Checker<'a> {
             let initial = match initial {
                 Some(initial) => {
                     let mut constants = Body::of_constants(self);
-                    constants.initial(initial, resolved.ty).unwrap_or(Constant::Default)
+                    let (ty, declared) = (resolved.ty, resolved.initial);
+                    let value = constants.initial(initial, ty).unwrap_or(Constant::Default);
+                    constants.completed(value, &declared, ty, initial.span())
                 }
                 None => resolved.initial,
             };

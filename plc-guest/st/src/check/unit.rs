@@ -342,7 +342,8 @@ impl<'a> Body<'_, 'a> {
         if let Some(initial) = &variables.initial
             && let Some(value) = self.initial(initial, resolved.ty)
         {
-            resolved.initial = value;
+            let (ty, declared) = (resolved.ty, resolved.initial);
+            resolved.initial = self.completed(value, &declared, ty, initial.span());
         }
         Some(resolved)
     }

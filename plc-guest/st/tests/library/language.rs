@@ -195,6 +195,41 @@ fn arrays_of_any_size_are_given_and_returned() {
 }
 
 #[test]
+fn what_an_initial_value_leaves_out_is_as_the_type_has_it() {
+    let declarations = "
+        TYPE
+            Percent : INT := 20;
+            Mode : (Stop, Go, Jog) := Go;
+            Axis : STRUCT place : INT := 1; name : STRING[8] := 'axis'; limits : ARRAY[0..1] OF INT := [3, 4]; END_STRUCT
+            Slow : Axis := (place := 9);
+            Line : STRUCT
+                axes : ARRAY[1..3] OF Axis := [(place := 2), 2((name := 'two'))];
+                last : Axis := (name := 'last', limits := [5]);
+            END_STRUCT
+            Three : ARRAY[1..3] OF INT := [1, 2, 3];
+        END_TYPE
+        PROGRAM Main
+        VAR
+            p : ARRAY[1..3] OF Percent := [1]; m : ARRAY[0..1, 0..2] OF Mode := [Jog, Stop];
+            a : Slow := (name := 'a'); b : ARRAY[1..2] OF Slow := [(name := 'b')];
+            l : Line := (axes := [(name := 'x')], last := (place := 7)); t : Three := [2(8)];
+            r : ARRAY[1..2] OF Three := [2([9])]; empty : ARRAY[1..2] OF Slow := [2()];
+        END_VAR";
+    let statements = "
+        IF p[1] <> 1 OR p[2] <> 20 OR p[3] <> 20 THEN wrong := wrong + 1; END_IF;
+        IF m[0, 0] <> Jog OR m[0, 1] <> Stop OR m[0, 2] <> Go OR m[1, 2] <> Go THEN wrong := wrong + 2; END_IF;
+        IF a.place <> 9 OR a.name <> 'a' OR a.limits[1] <> 4 THEN wrong := wrong + 4; END_IF;
+        IF b[1].place <> 9 OR b[1].name <> 'b' OR b[2].place <> 9 OR b[2].name <> 'axis' THEN wrong := wrong + 8; END_IF;
+        IF l.axes[1].place <> 2 OR l.axes[1].name <> 'x' OR l.axes[3].name <> 'two' OR l.axes[3].place <> 1
+            THEN wrong := wrong + 16; END_IF;
+        IF l.last.place <> 7 OR l.last.name <> 'last' OR l.last.limits[0] <> 5 OR l.last.limits[1] <> 4
+            THEN wrong := wrong + 32; END_IF;
+        IF t[1] <> 8 OR t[2] <> 8 OR t[3] <> 3 OR r[2][1] <> 9 OR r[2][3] <> 3 THEN wrong := wrong + 64; END_IF;
+        IF empty[1].place <> 9 OR empty[2].place <> 9 THEN wrong := wrong + 128; END_IF;";
+    assert_eq!(wrong(declarations, statements), 0);
+}
+
+#[test]
 fn function_blocks_work_on_arrays_of_any_size() {
     let declarations = "
         FUNCTION Sum : DINT
