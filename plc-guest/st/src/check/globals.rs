@@ -76,8 +76,17 @@ impl<'a> Checker<'a> {
             Progress::Waiting => entry.progress = Progress::Begun,
         }
         let (section, variables, name) = (entry.section, entry.variables, entry.name);
-        let resolved =
-            self.deeper(span, |checker| Body::of_constants(checker).variable_type(variables));
+        // Names of one declaration have one type, and what is wrong with it is told once.
+        let place = variables.spec.span;
+        let resolved = match self.global_types.get(&place) {
+            Some(known) => known.clone(),
+            None => {
+                let resolved = self
+                    .deeper(span, |checker| Body::of_constants(checker).variable_type(variables));
+                self.global_types.insert(place, resolved.clone());
+                resolved
+            }
+        };
         if let Some(resolved) = resolved {
             self.define_global(index, section, variables, name, resolved);
         }

@@ -125,6 +125,8 @@ struct Checker<'a> {
     types: Vec<types::TypeEntry<'a>>,
     units: Vec<unit::UnitEntry<'a>>,
     globals: Vec<globals::GlobalEntry<'a>>,
+    /// What declarations of global variables say, by the place of their type.
+    global_types: HashMap<Span, Option<types::Resolved>>,
     configurations: Vec<&'a ast::Configuration>,
     /// Which enumerations have a value of this key.
     enumeration_values: HashMap<String, Vec<(TypeId, i128)>>,
@@ -165,6 +167,7 @@ impl<'a> Checker<'a> {
             types: Vec::new(),
             units: Vec::new(),
             globals: Vec::new(),
+            global_types: HashMap::new(),
             configurations: Vec::new(),
             enumeration_values: HashMap::new(),
             addresses: HashMap::new(),
