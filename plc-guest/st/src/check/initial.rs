@@ -78,14 +78,15 @@ impl<'a> Body<'_, 'a> {
     ) -> Constant {
         let values = match (given, declared) {
             (given, Constant::Default) => return given,
-            (Constant::Default, declared) => return declared.clone(),
+            (Constant::Default, declared) if self.may_fill(size(declared), span) => {
+                return declared.clone();
+            }
             (Constant::Fill(value), Constant::Fill(rest)) => {
                 let value = self.completed(*value, rest, self.type_of_part(ty, 0), span);
                 return Constant::Fill(Box::new(value));
             }
             (Constant::Fill(value), Constant::Aggregate(_)) if leaves_out(&value) => {
-                if self.count(ty) > ELEMENTS {
-                    self.too_many_single(span, self.count(ty));
+                if !self.may_fill(self.count(ty).saturating_mul(size(&value)), span) {
                     return Constant::Fill(value);
                 }
                 vec![*value; self.count(ty) as usize]
@@ -98,8 +99,7 @@ impl<'a> Body<'_, 'a> {
             Constant::Aggregate(rest) => rest.len() as u64,
             _ => 0,
         };
-        if all > ELEMENTS {
-            self.too_many_single(span, all);
+        if !self.may_fill(all, span) {
             return Constant::Aggregate(values);
         }
         let mut values = values.into_iter();
@@ -115,6 +115,19 @@ impl<'a> Body<'_, 'a> {
             whole.push(self.completed(value, rest, self.type_of_part(ty, index), span));
         }
         Constant::Aggregate(whole)
+    }
+
+    /// Counts values that are copied from declarations of types. A short source can ask for very many.
+    fn may_fill(&mut self, count: u64, span: Span) -> bool {
+        let before = self.checker.filled;
+        self.checker.filled = before.saturating_add(count);
+        let fits = self.checker.filled <= ELEMENTS;
+        if !fits && before <= ELEMENTS {
+            let found = "too many values left out, which types declare";
+            let one = Diagnostic::new(Code::InvalidRange, span, found);
+            self.tell(one.allowed(format!("{ELEMENTS} in all initial values together")));
+        }
+        fits
     }
 
     /// The type of a field or an element.
@@ -257,6 +270,15 @@ impl<'a> Body<'_, 'a> {
             });
         }
         self.tell(one);
+    }
+}
+
+/// How many values are in one.
+fn size(value: &Constant) -> u64 {
+    match value {
+        Constant::Fill(value) => size(value),
+        Constant::Aggregate(values) => values.iter().map(size).sum::<u64>() + 1,
+        _ => 1,
     }
 }
 
