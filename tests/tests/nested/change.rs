@@ -5,6 +5,7 @@
 
 mod compiling;
 mod shadow;
+mod versions;
 
 use std::fs;
 use std::process::Command;
