@@ -8,6 +8,8 @@ use crate::syntax::ast::{ArrayElement, Initial, Name};
 
 /// The values that an array's initial value may have one by one, which are kept in memory.
 const ELEMENTS: u64 = 1 << 20;
+/// The values that a program may ask for without writing them: repeated ones, and those that types declare.
+const COPIES: u64 = 4 << 20;
 
 impl<'a> Body<'_, 'a> {
     pub(super) fn initial(&mut self, initial: &'a Initial, ty: TypeId) -> Option<Constant> {
@@ -78,18 +80,16 @@ impl<'a> Body<'_, 'a> {
     ) -> Constant {
         let values = match (given, declared) {
             (given, Constant::Default) => return given,
-            (Constant::Default, declared) if self.may_fill(size(declared), span) => {
-                return declared.clone();
-            }
+            (Constant::Default, declared) => return declared.clone(),
             (Constant::Fill(value), Constant::Fill(rest)) => {
                 let value = self.completed(*value, rest, self.type_of_part(ty, 0), span);
                 return Constant::Fill(Box::new(value));
             }
             (Constant::Fill(value), Constant::Aggregate(_)) if leaves_out(&value) => {
-                if !self.may_fill(self.count(ty).saturating_mul(size(&value)), span) {
+                if !self.may_copy(self.count(ty), span) {
                     return Constant::Fill(value);
                 }
-                vec![*value; self.count(ty) as usize]
+                vec![*value; self.count(ty) as usize].into()
             }
             (Constant::Aggregate(values), _) => values,
             (given, _) => return given,
@@ -99,10 +99,10 @@ impl<'a> Body<'_, 'a> {
             Constant::Aggregate(rest) => rest.len() as u64,
             _ => 0,
         };
-        if !self.may_fill(all, span) {
+        if !self.may_copy(all, span) {
             return Constant::Aggregate(values);
         }
-        let mut values = values.into_iter();
+        let mut values = values.iter().cloned();
         let count = values.len().max(all as usize);
         let mut whole = Vec::with_capacity(count);
         for index in 0..count {
@@ -114,18 +114,19 @@ impl<'a> Body<'_, 'a> {
             let value = values.next().unwrap_or(Constant::Default);
             whole.push(self.completed(value, rest, self.type_of_part(ty, index), span));
         }
-        Constant::Aggregate(whole)
+        Constant::Aggregate(whole.into())
     }
 
-    /// Counts values that are copied from declarations of types. A short source can ask for very many.
-    fn may_fill(&mut self, count: u64, span: Span) -> bool {
-        let before = self.checker.filled;
-        self.checker.filled = before.saturating_add(count);
-        let fits = self.checker.filled <= ELEMENTS;
-        if !fits && before <= ELEMENTS {
-            let found = "too many values left out, which types declare";
+    /// Counts values that are copied. A short source can ask for very many.
+    fn may_copy(&mut self, count: u64, span: Span) -> bool {
+        let before = self.checker.copied;
+        self.checker.copied = before.saturating_add(count);
+        let fits = self.checker.copied <= COPIES;
+        if !fits && before <= COPIES {
+            let found = "too many values that are repeated, or left out and declared by types";
             let one = Diagnostic::new(Code::InvalidRange, span, found);
-            self.tell(one.allowed(format!("{ELEMENTS} in all initial values together")));
+            let allowed = format!("{COPIES} in all initial values together");
+            self.tell(one.allowed(allowed).hint("one value for the whole array is no copy"));
         }
         fits
     }
@@ -188,6 +189,9 @@ impl<'a> Body<'_, 'a> {
                         self.too_many_single(times.span, total);
                         return None;
                     }
+                    if !self.may_copy(total, times.span) {
+                        return None;
+                    }
                     for _ in 0..repeated {
                         values.extend(list.iter().cloned());
                     }
@@ -245,7 +249,7 @@ impl<'a> Body<'_, 'a> {
                 values[index] = self.completed(value, &declared, field, place);
             }
         }
-        Some(Constant::Aggregate(values))
+        Some(Constant::Aggregate(values.into()))
     }
 
     /// Tells that a structure has no such field.
@@ -273,15 +277,6 @@ impl<'a> Body<'_, 'a> {
     }
 }
 
-/// How many values are in one.
-fn size(value: &Constant) -> u64 {
-    match value {
-        Constant::Fill(value) => size(value),
-        Constant::Aggregate(values) => values.iter().map(size).sum::<u64>() + 1,
-        _ => 1,
-    }
-}
-
 /// Whether some part of a value is not written.
 fn leaves_out(value: &Constant) -> bool {
     match value {
@@ -297,7 +292,7 @@ fn leaves_out(value: &Constant) -> bool {
 fn shaped(values: Vec<Constant>, shape: &[u64]) -> Constant {
     let inner: u64 = shape[1..].iter().product();
     if shape.len() == 1 {
-        return Constant::Aggregate(values);
+        return Constant::Aggregate(values.into());
     }
     let mut rows = Vec::new();
     let mut values = values.into_iter().peekable();
@@ -305,7 +300,7 @@ fn shaped(values: Vec<Constant>, shape: &[u64]) -> Constant {
         let row: Vec<Constant> = values.by_ref().take(inner as usize).collect();
         rows.push(shaped(row, &shape[1..]));
     }
-    Constant::Aggregate(rows)
+    Constant::Aggregate(rows.into())
 }
 
 fn shaped_fill(value: Constant, shape: &[u64]) -> Constant {

@@ -150,8 +150,8 @@ struct Checker<'a> {
     ports: Vec<PortEntry>,
     /// The variables that keep the two sides of a test's comparisons, by their types.
     kept: HashMap<(&'static str, TypeId), crate::hir::GlobalId>,
-    /// How many values of types were copied to where an initial value leaves them out.
-    filled: u64,
+    /// How many values were copied: repeated ones, and those of types to where an initial value leaves them out.
+    copied: u64,
     /// How many resolutions on demand are within each other.
     depth: u32,
 }
@@ -182,7 +182,7 @@ impl<'a> Checker<'a> {
             calls: Vec::new(),
             ports: Vec::new(),
             kept: HashMap::new(),
-            filled: 0,
+            copied: 0,
             depth: 0,
         }
     }

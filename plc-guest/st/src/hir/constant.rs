@@ -1,5 +1,7 @@
 //! Values that are known when the program is compiled.
 
+use std::sync::Arc;
+
 use super::{GlobalId, TypeId, Types, types::Type};
 
 /// A value. Its type is where it is used.
@@ -19,8 +21,8 @@ pub enum Constant {
     /// `REF(variable)` of a variable in the state, or of a field of one: the indices of fields on the way to it.
     Address(GlobalId, Vec<u32>),
     /// Array or structure: one value for each element or field, in order. Missing ones at the end are
-    /// [`Constant::Default`].
-    Aggregate(Vec<Constant>),
+    /// [`Constant::Default`]. They are shared: many variables may have the values of one type.
+    Aggregate(Arc<[Constant]>),
     /// Array: as many elements of the same value as the array has.
     Fill(Box<Constant>),
 }

@@ -69,11 +69,8 @@ fn initial_values_are_encoded_through_arrays_and_structures() {
     types.encode(id, &Constant::Default, &mut bytes, &|_, _| 0);
     assert_eq!(bytes, [10, b'a', b'b', 0, 0, 0, 0xFE, 0xFF, 0xFE, 0xFF, 0xFE, 0xFF]);
 
-    let given = Constant::Aggregate(vec![
-        Constant::Integer(7),
-        Constant::Default,
-        Constant::Aggregate(vec![Constant::Integer(1)]),
-    ]);
+    let inner = Constant::Aggregate([Constant::Integer(1)].into());
+    let given = Constant::Aggregate([Constant::Integer(7), Constant::Default, inner].into());
     bytes.fill(0);
     types.encode(id, &given, &mut bytes, &|_, _| 0);
     assert_eq!(bytes, [7, b'a', b'b', 0, 0, 0, 1, 0, 0, 0, 0, 0]);
