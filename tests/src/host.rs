@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::atomic::Ordering;
 
-use crate::{BUILT, Outcome, TIMEOUT_S, Value, built, converse, read_json, root, scratch};
+use crate::{BUILT, Outcome, TIMEOUT_S, Value, built, converse, read_json, root, say_end, scratch};
 
 /// A script of `tests/host`, and what it needs.
 #[derive(Debug)]
@@ -144,6 +144,7 @@ impl Host {
         let mut child = self.0.spawn().expect("scripts/host starts");
         let output = converse(&mut child, &[]);
         let status = child.wait().expect("scripts/host ends").code().unwrap_or(-1);
+        say_end("scripts/host", status, &output);
         BUILT.store(true, Ordering::Relaxed);
         Outcome { status, output, report: Value::Null, trace: Value::Null }
     }

@@ -31,6 +31,9 @@ pub use serde_json::Value;
 const TIMEOUT_S: &str = "900";
 const LONG_TIMEOUT_S: &str = "3600";
 
+/// How many lines of a failed run come before all of it.
+const LAST_LINES: usize = 20;
+
 /// Longest time in ns that an interrupt of the host takes from a guest in the lab, and then some:
 /// 5 us have been seen.
 const INTERRUPT_NS: u64 = 10_000;
@@ -338,9 +341,18 @@ impl<'a> Run<'a> {
             .expect("scripts/run starts");
         let output = converse(&mut child, &self.dialogue);
         let status = child.wait().expect("scripts/run ends").code().unwrap_or(-1);
+        say_end("scripts/run", status, &output);
         BUILT.store(true, Ordering::Relaxed);
         Outcome { status, output, report: read_json(&report), trace: read_json(&trace) }
     }
+}
+
+/// Says how a run ended. The test runner shows it before the message of a failed assertion, whose text is
+/// all of the output: a reader that cuts the text finds the status and the last lines here.
+fn say_end(script: &str, status: i32, output: &str) {
+    let lines: Vec<&str> = output.lines().collect();
+    let last = &lines[lines.len().saturating_sub(LAST_LINES)..];
+    println!("{script} has ended with {status}; its last lines:\n{}\n", last.join("\n"));
 }
 
 /// Whether a script has run to its end, which has built what there is to build, or has failed for that.
