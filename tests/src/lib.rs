@@ -5,6 +5,8 @@
 //! would see: the output, the exit status and the report. In the lab nothing depends on how fast
 //! or how busy the machine below is, so figures may be asserted.
 
+mod dialogue;
+mod emulator_fault;
 mod file;
 mod host;
 mod initrd;
@@ -14,13 +16,13 @@ pub mod record;
 pub mod trusted_lines;
 
 use std::fs;
-use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
 
+use dialogue::converse;
+use emulator_fault::unless_qemu_failed;
 pub use file::{BUSY, File, SOON, System};
 pub use host::Host;
 pub use initrd::{archive, initrd_and, initrd_of, initrd_with};
@@ -311,6 +313,10 @@ impl<'a> Run<'a> {
     /// Runs it.
     #[must_use]
     pub fn run(&self) -> Outcome {
+        unless_qemu_failed(|| self.once())
+    }
+
+    fn once(&self) -> Outcome {
         let name = self.file.file_stem().expect("a partition file has a name").to_owned();
         let output_file = |kind: &str| {
             let mut name = name.clone();
@@ -373,36 +379,6 @@ pub fn parse(text: &str) -> Value {
 
 fn read_json(path: &Path) -> Value {
     fs::read_to_string(path).map_or(Value::Null, |text| parse(&text))
-}
-
-/// Reads all output, and answers the next cue of the dialogue whenever it appears.
-fn converse(child: &mut Child, dialogue: &[(&str, &str)]) -> String {
-    let mut errors = child.stderr.take().expect("stderr is a pipe");
-    let errors = thread::spawn(move || {
-        let mut text = String::new();
-        let _ = errors.read_to_string(&mut text);
-        text
-    });
-    let mut console = child.stdout.take().expect("stdout is a pipe");
-    let mut keyboard = child.stdin.take();
-    let mut dialogue = dialogue.iter();
-    let mut next = dialogue.next();
-    let (mut seen, mut answered) = (Vec::new(), 0);
-    let mut buffer = [0; 4096];
-    while let Ok(read @ 1..) = console.read(&mut buffer) {
-        seen.extend_from_slice(&buffer[..read]);
-        while let (Some((cue, answer)), Some(keyboard)) = (next, &mut keyboard) {
-            let fresh = &seen[answered..];
-            let Some(at) = fresh.windows(cue.len()).position(|w| w == cue.as_bytes()) else {
-                break;
-            };
-            answered += at + cue.len();
-            keyboard.write_all(answer.as_bytes()).expect("somebody reads the keyboard");
-            next = dialogue.next();
-        }
-    }
-    let errors = errors.join().unwrap_or_default();
-    String::from_utf8_lossy(&seen).into_owned() + &errors
 }
 
 /// True if tests that take long are wanted too.
