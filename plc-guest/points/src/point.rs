@@ -7,6 +7,7 @@ use takt_program::{Area, Elementary, Image, TypeId, TypeKind};
 use takt_protocol as protocol;
 
 use crate::Value;
+use crate::value::digits;
 
 /// Most points of one search.
 pub const POINTS_MAX: usize = 10_000;
@@ -233,7 +234,7 @@ pub fn shown(elementary: Elementary, value: Value) -> String {
             format!("16#{bits:0width$X}", width = 2 * elementary.bytes() as usize)
         }
         // With as many digits as a REAL has, not those of an LREAL of the same value.
-        (E::Real, Value::Float(number)) => (number as f32).to_string(),
+        (E::Real, Value::Float(number)) => digits(number as f32),
         (_, value) => value.to_string(),
     }
 }

@@ -97,7 +97,7 @@ impl fmt::Display for Value {
             Self::Bool(on) => write!(f, "{}", u8::from(*on)),
             Self::Signed(number) => write!(f, "{number}"),
             Self::Unsigned(number) => write!(f, "{number}"),
-            Self::Float(number) => write!(f, "{number}"),
+            Self::Float(number) => write!(f, "{}", digits(*number)),
             Self::Duration(number) => {
                 let sign = if *number < 0 { "-" } else { "" };
                 let shown = Nanoseconds(number.unsigned_abs()).to_string().replace(' ', "");
@@ -105,6 +105,15 @@ impl fmt::Display for Value {
             }
         }
     }
+}
+
+/// The fewest digits that give exactly this `REAL` or `LREAL` again. A very large or small one has an exponent: its
+/// zeros would be hundreds of characters, more than an order to Takt has room for.
+#[must_use]
+pub fn digits<F: Copy + Into<f64> + fmt::Display + fmt::LowerExp>(number: F) -> String {
+    let size = number.into().abs();
+    let plain = size == 0.0 || !size.is_finite() || (1e-5..1e16).contains(&size);
+    if plain { number.to_string() } else { format!("{number:e}") }
 }
 
 /// Whether its numbers have a sign.

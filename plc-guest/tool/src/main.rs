@@ -111,16 +111,17 @@ impl Failure {
     }
 }
 
+/// What a shell tells of a process that SIGPIPE ended.
+const READER_GONE: i32 = 128 + libc::SIGPIPE;
+
 /// Ends the process without a word when its output has no reader any more, as in `takt plc inspect tank.plc | head`.
 /// The signal SIGPIPE, which does so elsewhere, would end it for a lost connection to Takt, too.
 fn end_with_the_reader() {
-    /// What a shell tells of a process that SIGPIPE ended.
-    const STATUS: i32 = 128 + libc::SIGPIPE;
     let usual = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
         let text = panic.payload_as_str().unwrap_or_default();
         if text.starts_with("failed printing to ") && text.contains("Broken pipe") {
-            std::process::exit(STATUS);
+            std::process::exit(READER_GONE);
         }
         usual(panic);
     }));

@@ -94,8 +94,15 @@ pub fn parse(elementary: Elementary, text: &str) -> Result<Value, String> {
             _ => Err(format!("found `{found}`; a BOOL is 0, 1, FALSE or TRUE")),
         },
         Elementary::Real | Elementary::Lreal => {
-            let number =
-                text.parse().map_err(|_| format!("found `{found}`, which is no number"))?;
+            // A REAL is read as one: read as an LREAL first, it would be rounded twice.
+            let number = match elementary {
+                Elementary::Real => text.parse::<f32>().map(f64::from),
+                _ => text.parse(),
+            };
+            let number = number.map_err(|_| format!("found `{found}`, which is no number"))?;
+            if number.is_infinite() && text.contains(|c: char| c.is_ascii_digit()) {
+                return Err(format!("found `{found}`, which is too large for {keyword}"));
+            }
             Ok(Value::Float(number))
         }
         Elementary::Time | Elementary::Ltime => duration(text),

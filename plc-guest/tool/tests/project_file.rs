@@ -186,13 +186,20 @@ fn the_tool_ends_without_a_word_when_nobody_reads() {
     let folder = Folder::new();
     folder.takt_plc(&["new", "tank", "--lang", "st"]).expect(0, "");
     folder.takt_plc(&["build", "tank"]).expect(0, "");
-    let (reader, writer) = std::io::pipe().unwrap();
-    drop(reader);
-    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_takt-plc"));
-    command.args(["inspect", "tank.plc"]).current_dir(folder.path()).stdout(writer);
-    let ended = command.stderr(std::process::Stdio::piped()).output().unwrap();
-    assert_eq!(String::from_utf8_lossy(&ended.stderr), "");
-    assert_eq!(ended.status.code(), Some(141));
+    let plant = "version = 1\n[system]\nname = \"s\"\nmajor_frame = \"10ms\"\n\
+        [[partition]]\nname = \"plc\"\nkind = \"plc\"\ncpu = 0\nmemory = \"16MiB\"\n\
+        [[partition.program]]\nimage = \"tank.plc\"\n[[schedule]]\nname = \"normal\"\n\
+        [[schedule.window]]\npartition = \"plc\"\noffset = \"0us\"\nduration = \"5ms\"\n";
+    folder.write("plant.toml", plant);
+    for words in [["inspect", "tank.plc"], ["points", "plant.toml"]] {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_takt-plc"));
+        command.args(words).current_dir(folder.path()).stdout(writer);
+        let ended = command.stderr(std::process::Stdio::piped()).output().unwrap();
+        assert_eq!(String::from_utf8_lossy(&ended.stderr), "", "{words:?}");
+        assert_eq!(ended.status.code(), Some(141), "{words:?}");
+    }
 }
 
 #[test]

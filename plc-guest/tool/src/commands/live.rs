@@ -192,8 +192,11 @@ fn done(connected: &mut Connected<'_>, request: &Request) -> Result<(), Failure>
     }
 }
 
-/// A reader that has had enough ends it, as with any filter.
+/// A reader that has had enough ends it without a word, as with any filter.
 pub fn print(line: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
-    writeln!(out, "{line}").and_then(|()| out.flush()).map_err(Failure::input)
+    writeln!(out, "{line}").and_then(|()| out.flush()).map_err(|error| match error.kind() {
+        io::ErrorKind::BrokenPipe => std::process::exit(crate::READER_GONE),
+        _ => Failure::input(format!("cannot print: {error}")),
+    })
 }
