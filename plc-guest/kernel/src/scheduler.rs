@@ -370,6 +370,14 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         }
     }
 
+    /// What an event task waits for is there, and perhaps it was before: a message stays in its queue until it is received.
+    /// A release that has come of it already, or is to come, is enough; what is left then leads to the next.
+    pub fn signal_again(&mut self, id: TaskId, now: Instant) {
+        if self.task(id).awaits_event() {
+            self.signal(id, now);
+        }
+    }
+
     fn release_event(&mut self, id: TaskId, now: Instant) {
         let task = &mut self.tasks[id.index()];
         if let Release::Event { minimum } = task.settings.release {

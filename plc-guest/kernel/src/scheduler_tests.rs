@@ -159,6 +159,26 @@ fn an_event_task_keeps_its_minimum_and_forgets_no_event() {
 }
 
 #[test]
+fn what_stays_until_the_task_has_taken_it_is_one_release_and_never_lost() {
+    let mut s = started(&[settings(Release::Event { minimum: Span(100) }, 0)]);
+    let id = TaskId(0);
+    // The same message, seen before its job, in it, and left there by it.
+    for now in [10, 11, 12] {
+        s.signal_again(id, Instant(now));
+    }
+    assert_eq!(at(&mut s, 12), Some(0));
+    s.signal_again(id, Instant(13));
+    s.end(Instant(20));
+    assert!(s.task(id).awaits_event(), "what it has taken is no further event");
+    assert_eq!(at(&mut s, 115), None);
+    for now in [116, 117] {
+        s.signal_again(id, Instant(now));
+    }
+    assert_eq!(at(&mut s, 117), Some(0));
+    assert_eq!(s.task(id).statistics().overruns, 0);
+}
+
+#[test]
 fn an_event_during_a_long_job_leads_to_the_next_at_once() {
     let mut s = started(&[settings(Release::Event { minimum: Span(100) }, 0)]);
     s.signal(TaskId(0), Instant(0));

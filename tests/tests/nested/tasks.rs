@@ -123,6 +123,9 @@ fn event_tasks_see_edges_and_messages() {
     let message = Event::Channel("numbers".into());
     let receiver = Program::new("r")
         .port("numbers", Direction::In)
+        // The kernel looks for events at each end of their jobs, with the same message still in the queue.
+        .task(cyclic("first", us(1_000), 0, Entry::Nothing), 0)
+        .task(cyclic("second", us(1_000), 0, Entry::Nothing), 0)
         .task(on("read", message, us(1_000), 0, Entry::ReadPort), 0);
     // Two tasks wait at one sampling port.
     let writer = Program::new("w")

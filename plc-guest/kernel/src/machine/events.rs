@@ -9,7 +9,7 @@
 //! and goes back to the task that it found.
 
 use super::memory::Area;
-use super::ports::Ports;
+use super::ports::{News, Ports};
 use super::program::Program;
 use super::{PROGRAMS, Scheduler};
 use takt_kernel::task::TaskId;
@@ -79,7 +79,11 @@ impl Events {
             let happened = match source {
                 Source::Port { number, seen } => {
                     let tsc = takt_plc_guest::cycle::now();
-                    ports.has_news(*program, u64::from(*number), seen, tsc)
+                    let news = ports.news(*program, u64::from(*number), seen, tsc);
+                    if news == News::Waiting {
+                        scheduler.signal_again(*task, now);
+                    }
+                    news == News::Came
                 }
                 Source::Interrupt { vector, armed } if *armed => {
                     let came = interrupt::taken(*vector);

@@ -30,6 +30,16 @@ enum End {
     Receiver(Receiver, usize),
 }
 
+/// What a port has for a task that waits at it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum News {
+    None,
+    /// A sample, which is told once.
+    Came,
+    /// A message of a queue, which may have been told before.
+    Waiting,
+}
+
 /// The open ports of all programs.
 #[derive(Debug)]
 pub struct Ports {
@@ -161,17 +171,22 @@ impl Ports {
         }
     }
 
-    /// True if there is a message that the program has not read. `seen` is the stamp of the newest one that the
+    /// What there is at a port that the program has not read. `seen` is the stamp of the newest sample that the
     /// caller knows: several tasks may wait at one port, and each of them is told of each message.
-    pub fn has_news(&mut self, program: u8, number: u64, seen: &mut u64, now: u64) -> bool {
-        let Some((end, buffer)) = self.end(program, number) else { return false };
+    pub fn news(&mut self, program: u8, number: u64, seen: &mut u64, now: u64) -> News {
+        let Some((end, buffer)) = self.end(program, number) else { return News::None };
         match end {
-            End::Receiver(receiver, _) => receiver.status().waiting > 0,
+            End::Receiver(receiver, _) => match receiver.status().waiting {
+                0 => News::None,
+                _ => News::Waiting,
+            },
             End::Input(input, read) => {
                 let stamp = input.read(buffer, Tsc(now)).map(|sample| sample.stamp.0);
-                stamp.is_ok_and(|stamp| core::mem::replace(seen, stamp) != stamp && *read != stamp)
+                let came = stamp
+                    .is_ok_and(|stamp| core::mem::replace(seen, stamp) != stamp && *read != stamp);
+                if came { News::Came } else { News::None }
             }
-            End::Output(_) | End::Mapped(..) | End::Sender(_) => false,
+            End::Output(_) | End::Mapped(..) | End::Sender(_) => News::None,
         }
     }
 }
