@@ -86,6 +86,9 @@ fn unescaped(text: &str) -> Option<PathBuf> {
         bytes.push(match byte {
             b'%' => {
                 let digits = [rest.next()?, rest.next()?];
+                if !digits.iter().all(u8::is_ascii_hexdigit) {
+                    return None;
+                }
                 u8::from_str_radix(std::str::from_utf8(&digits).ok()?, 16).ok()?
             }
             byte => byte,
@@ -115,8 +118,14 @@ mod tests {
 
     #[test]
     fn other_addresses_stay_as_they_are() {
-        for text in ["untitled:Untitled-1", "file:///a%", "file:///a%zz", "file:///a%00b", "file:x"]
-        {
+        for text in [
+            "untitled:Untitled-1",
+            "file:///a%",
+            "file:///a%zz",
+            "file:///a%+f",
+            "file:///a%00b",
+            "file:x",
+        ] {
             if let Ok(uri) = Uri::from_str(text) {
                 assert_eq!(Name::new(&uri), Name::Other(text.to_owned()));
             }

@@ -16,7 +16,7 @@ use takt_protocol::Range;
 pub use connected::Connected;
 pub use plc::Plc;
 pub use point::{Kind, POINTS_MAX, Point, Search, TooMany, matches, number_of, shown};
-pub use value::{Value, is_signed};
+pub use value::{Value, digits, is_signed};
 
 /// Why there are no values.
 #[derive(Debug, thiserror::Error)]

@@ -116,8 +116,11 @@ pub fn parse(elementary: Elementary, text: &str) -> Result<Value, String> {
         _ => {
             let most = u64::MAX >> (64 - bits);
             let hex = text.strip_prefix("16#").or_else(|| text.strip_prefix("0x"));
-            let number = hex.map_or_else(|| text.parse(), |hex| u64::from_str_radix(hex, 16));
-            let number = number.ok().filter(|number| *number <= most);
+            let (digits, radix) = hex.map_or((text, 10), |hex| (hex, 16));
+            // A plus is a sign of a decimal number only.
+            let number = Some(digits).filter(|digits| radix == 10 || !digits.starts_with('+'));
+            let number = number.and_then(|digits| u64::from_str_radix(digits, radix).ok());
+            let number = number.filter(|number| *number <= most);
             let number =
                 number.ok_or_else(|| format!("found `{found}`; {keyword} is 0 to {most}"))?;
             Ok(Value::Unsigned(number))

@@ -26,6 +26,9 @@ fn an_image_is_signed_by_a_key_and_no_other() {
     folder.takt_plc(&["keygen", "a"]).expect(0, "public key a.pub");
     folder.takt_plc(&["keygen", "b"]).expect(0, "");
     folder.takt_plc(&["keygen", "a"]).expect(2, "cannot make a.key");
+    folder.write("half.pub", "");
+    folder.takt_plc(&["keygen", "half"]).expect(2, "cannot make half.pub");
+    assert!(!folder.path().join("half.key").exists());
     folder.takt_plc(&["verify", "p.plc", "--key", "a.pub"]).expect(1, "is not signed");
     folder.takt_plc(&["sign", "p.plc", "--key", "a.key"]).expect(0, "signed by");
     folder
@@ -43,6 +46,9 @@ fn an_image_is_signed_by_a_key_and_no_other() {
     folder
         .takt_plc(&["verify", "p.plc", "--key", "a.key"])
         .expect(2, "a.key: found a takt private key");
+    // A sign is no digit.
+    folder.write("sign.pub", &format!("takt public key {}", "+f".repeat(32)));
+    folder.takt_plc(&["verify", "p.plc", "--key", "sign.pub"]).expect(2, "64 hexadecimal digits");
     let mut bytes = folder.read("p.plc");
     *bytes.last_mut().unwrap() ^= 1;
     std::fs::write(folder.path().join("q.plc"), bytes).unwrap();

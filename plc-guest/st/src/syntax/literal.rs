@@ -125,9 +125,11 @@ pub fn duration(text: &str) -> Result<LiteralValue, Wrong> {
         }
         rest = behind.strip_prefix('_').unwrap_or(behind);
     }
-    let nanoseconds = i64::try_from(total)
-        .map_err(|_| (format!("the duration {}", cut(text)), RANGE))
-        .map(|value| if negative { -value } else { value })?;
+    // With its sign, because the least has no positive counterpart.
+    let signed = i128::try_from(total).map(|total| if negative { -total } else { total });
+    let nanoseconds = signed
+        .and_then(i64::try_from)
+        .map_err(|_| (format!("the duration {}", cut(text)), RANGE))?;
     Ok(LiteralValue::Duration { nanoseconds, long })
 }
 

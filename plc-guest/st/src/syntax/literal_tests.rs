@@ -19,6 +19,7 @@ fn every_form_of_a_duration_is_its_nanoseconds() {
     for (text, expected) in [
         ("T#14ms", 14_000_000),
         ("T#-14ms", -14_000_000),
+        ("LT#-9223372036854775808ns", i64::MIN),
         ("LT#14.7s", 14_700_000_000),
         ("TIME#1.5h", 5_400_000_000_000),
         ("T#25h_15m", 90_900_000_000_000),

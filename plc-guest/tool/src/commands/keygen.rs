@@ -1,6 +1,6 @@
 //! `takt plc keygen`: a pair of Ed25519 keys, as hexadecimal digits in two files.
 
-use std::fs::{File, OpenOptions};
+use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
@@ -29,7 +29,10 @@ impl Keygen {
         let public = signature::public(&private);
         let (key, public_key) = (with(&self.name, ".key"), with(&self.name, ".pub"));
         create(&key, &format!("{PRIVATE} {}", hex(&private)), 0o600)?;
-        create(&public_key, &format!("{PUBLIC} {}", hex(&public)), 0o644)?;
+        create(&public_key, &format!("{PUBLIC} {}", hex(&public)), 0o644).inspect_err(|_| {
+            // Half a pair is of no use, and would be in the way of the next one.
+            let _ = fs::remove_file(&key);
+        })?;
         println!(
             "private key {}, public key {}: {}",
             key.display(),

@@ -100,7 +100,8 @@ fn key(path: &Path, kind: &str) -> Result<[u8; 32], Failure> {
 /// 32 bytes from hexadecimal digits.
 fn from_hex(text: &str) -> Option<[u8; 32]> {
     let text = text.trim();
-    if text.len() != 64 || !text.is_ascii() {
+    // `from_str_radix` alone would take a sign for a digit.
+    if text.len() != 64 || !text.bytes().all(|byte| byte.is_ascii_hexdigit()) {
         return None;
     }
     let mut bytes = [0; 32];

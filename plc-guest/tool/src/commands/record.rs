@@ -6,12 +6,12 @@ use std::path::PathBuf;
 
 use takt_plan::parse_duration;
 use takt_points::{Plc, Point, cut, not_asked_for, ranges};
-use takt_protocol::{Request, from_hex};
+use takt_protocol::{Request, Values, from_hex};
 use takt_scheduler::time::Nanos;
 
 use crate::Failure;
 use crate::live::output::{Form, Writer};
-use crate::live::recording::{Line, Recording};
+use crate::live::recording::{Extent, Line, Recording, Row};
 use crate::live::trigger::{Operator, Written, Wrong};
 use crate::live::{Which, written};
 use crate::value::Value;
@@ -56,52 +56,72 @@ impl Record {
         let mut watched = points.clone();
         watched.extend(trigger.iter().map(|trigger| trigger.point.clone()));
         let mut connected = plc.connect()?;
-        let failed = |error: io::Error| {
-            Failure::input(format!("cannot write {}: {error}", self.out.display()))
-        };
-        let out = BufWriter::new(File::create(&self.out).map_err(failed)?);
-        let mut out = Writer::new(form, out, &points, [self.pre, self.duration]);
-        out.begin(&connected.name()).map_err(failed)?;
         connected.ask(&Request::Watch {
             partition: connected.name(),
             ranges: ranges(&watched),
             interval: Nanos::ZERO,
         })?;
+        let failed = |error: io::Error| {
+            Failure::input(format!("cannot write {}: {error}", self.out.display()))
+        };
+        // Not before Takt has granted it: the file may be a recording that somebody keeps.
+        let out = BufWriter::new(File::create(&self.out).map_err(failed)?);
+        let mut out = Writer::new(form, out, &points, [self.pre, self.duration]);
+        out.begin(&connected.name()).map_err(failed)?;
         let mut recording = Recording::new(self.pre, self.duration);
-        while !recording.is_over() {
-            let values = connected.values()?;
-            let bytes = from_hex(&values.bytes);
-            let Some(bytes) = bytes.filter(|bytes| cut(&watched, bytes).is_some()) else {
-                return Err(not_asked_for().into());
-            };
-            let line = Line {
-                cycle: values.cycle,
-                release_ns: values.release_ns,
-                unsettled: values.unsettled,
-                bytes,
-            };
-            let holds = |line: &Line| {
-                let last = cut(&watched, &line.bytes).and_then(|all| all.last().copied());
-                trigger.as_ref().is_none_or(|t| last.is_some_and(|bytes| t.holds(bytes)))
-            };
-            for row in recording.take(line, holds) {
-                out.row(&row, recording.extent().triggered_ns).map_err(failed)?;
-            }
-        }
+        let holds = |bytes: &[u8]| {
+            let last = cut(&watched, bytes).and_then(|all| all.last().copied());
+            trigger.as_ref().is_none_or(|t| last.is_some_and(|bytes| t.holds(bytes)))
+        };
+        let next = || {
+            let line = of_takt(connected.values()?, &watched);
+            line.ok_or_else(|| not_asked_for().into())
+        };
+        let write = |row: &Row, triggered_ns| out.row(row, triggered_ns).map_err(failed);
+        let ended = record(&mut recording, next, holds, write);
         let extent = recording.extent();
-        out.end(&extent).map_err(failed)?;
-        eprintln!(
-            "takt plc: {} cycles recorded, {} missing between them; triggered at {:.6} s",
-            extent.rows,
-            extent.gaps,
-            extent.triggered_ns as f64 / 1e9
-        );
-        if extent.not_kept > 0 {
-            eprintln!(
-                "takt plc: the time before the trigger is shorter than --pre: too many bytes"
-            );
+        // Whatever has ended it, what is recorded is a whole file.
+        let finished = out.end(&extent).map_err(failed);
+        tell(&extent);
+        ended.and(finished)
+    }
+}
+
+/// A line of values, if it has as many bytes as were asked for.
+fn of_takt(values: Values, watched: &[Point]) -> Option<Line> {
+    let bytes = from_hex(&values.bytes).filter(|bytes| cut(watched, bytes).is_some())?;
+    let Values { cycle, release_ns, unsettled, .. } = values;
+    Some(Line { cycle, release_ns, unsettled, bytes })
+}
+
+/// Takes lines until the recording is over or one of its ways fails.
+fn record(
+    recording: &mut Recording,
+    mut next: impl FnMut() -> Result<Line, Failure>,
+    holds: impl Fn(&[u8]) -> bool,
+    mut write: impl FnMut(&Row, u64) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    while !recording.is_over() {
+        for row in recording.take(next()?, |line| holds(&line.bytes)) {
+            write(&row, recording.extent().triggered_ns)?;
         }
-        Ok(())
+    }
+    Ok(())
+}
+
+fn tell(extent: &Extent) {
+    if extent.rows == 0 {
+        eprintln!("takt plc: nothing is recorded: the trigger has not come");
+        return;
+    }
+    eprintln!(
+        "takt plc: {} cycles recorded, {} missing between them; triggered at {:.6} s",
+        extent.rows,
+        extent.gaps,
+        extent.triggered_ns as f64 / 1e9
+    );
+    if extent.not_kept > 0 {
+        eprintln!("takt plc: the time before the trigger is shorter than --pre: too many bytes");
     }
 }
 
@@ -131,5 +151,33 @@ impl Trigger {
 
     fn holds(&self, bytes: &[u8]) -> bool {
         self.point.value(bytes).is_some_and(|value| self.operator.holds(value, self.value))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_recorded_when_takt_ends_is_written() {
+        let line = |cycle: u64| {
+            let bytes = vec![u8::from(cycle == 3)];
+            Line { cycle, release_ns: cycle * 1_000, unsettled: 0, bytes }
+        };
+        let mut recording = Recording::new(Nanos(1_000), Nanos(1_000_000));
+        let mut lines = (0..5).map(line);
+        let next = || lines.next().ok_or_else(|| Failure::input("the watch has ended"));
+        let mut written = Vec::new();
+        let write = |row: &Row, triggered_ns| {
+            written.push((row.line.cycle, triggered_ns));
+            Ok(())
+        };
+        let ended = record(&mut recording, next, |bytes| bytes == [1], write);
+        assert_eq!(
+            ended.err().map(|failure| failure.message).as_deref(),
+            Some("the watch has ended")
+        );
+        assert_eq!(written, [(2, 3_000), (3, 3_000), (4, 3_000)]);
+        assert_eq!(recording.extent().rows, 3);
     }
 }

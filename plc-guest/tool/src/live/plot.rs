@@ -79,12 +79,16 @@ impl Plot {
         {
             let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
             let (head, body) = area.split_vertically(HEAD);
-            let title = format!(
-                "{} cycles, {} missing; the trigger, at 0, was at {:.6} s",
-                extent.rows,
-                extent.gaps,
-                extent.triggered_ns as f64 / 1e9
-            );
+            let title = if extent.rows == 0 {
+                "no cycles: the trigger has not come".to_owned()
+            } else {
+                format!(
+                    "{} cycles, {} missing; the trigger, at 0, was at {:.6} s",
+                    extent.rows,
+                    extent.gaps,
+                    extent.triggered_ns as f64 / 1e9
+                )
+            };
             let style = FONT.into_font().color(&BLACK.mix(0.8));
             head.draw_text(&title, &style, (10, 10)).map_err(words)?;
             let panels = body.split_evenly((self.curves.len().max(1), 1));

@@ -1,5 +1,6 @@
 //! Values as one writes them in Structured Text.
 
+use takt_points::digits;
 use takt_program::{Nanoseconds, address};
 use takt_st::hir::{Class, Elementary, GlobalId, Program, Type, TypeId};
 
@@ -49,8 +50,8 @@ fn scalar(raw: u64, elementary: Elementary) -> String {
     let signed = raw.cast_signed();
     match elementary {
         E::Bool => if raw & 1 == 1 { "TRUE" } else { "FALSE" }.to_owned(),
-        E::Real => f32::from_bits(raw as u32).to_string(),
-        E::Lreal => f64::from_bits(raw).to_string(),
+        E::Real => digits(f32::from_bits(raw as u32)),
+        E::Lreal => digits(f64::from_bits(raw)),
         E::Byte | E::Word | E::Dword | E::Lword => {
             format!("16#{raw:0width$X}", width = elementary.size() as usize * 2)
         }
