@@ -38,7 +38,8 @@ struct UnderWay {
     number: u32,
     ticket: u64,
     change: ValueOrder,
-    until: Nanos,
+    /// None once the client has been told that no answer came. The kernel may carry the order out all the same.
+    until: Option<Nanos>,
 }
 
 /// What is ordered of the values of a partition, and what is forced in it.
@@ -77,12 +78,17 @@ impl Writes {
             NotSent::NoGuest => refused("the PLC's kernel does not run"),
             NotSent::Full => refused("the PLC's kernel has not taken the orders before this one"),
         })?;
-        self.under_way.push_back(UnderWay { number, ticket, change, until: now.plus(PATIENCE) });
+        let until = Some(now.plus(PATIENCE));
+        self.under_way.push_back(UnderWay { number, ticket, change, until });
         Ok(())
     }
 
-    /// Takes an answer; the ticket of the change that it is about, and what came of it.
+    /// Takes an answer; the ticket of the change that it is about, and what came of it. What comes late is no less
+    /// true, and an event.
     pub fn take(&mut self, number: u32, answer: &Answer, now: Nanos) -> Option<(u64, WriteResult)> {
+        // The kernel answers in the order of the numbers: what it has passed over has lost its answer.
+        let is_passed = |order: &UnderWay| number.wrapping_sub(order.number).cast_signed() > 0;
+        self.under_way.retain(|order| order.until.is_some() || !is_passed(order));
         let Answer::Reply(reply) = answer else { return None };
         let at = self.under_way.iter().position(|order| order.number == number)?;
         let UnderWay { ticket, change, .. } = self.under_way.remove(at)?;
@@ -126,14 +132,19 @@ impl Writes {
         let text = match restarted {
             true => "the PLC has started anew, and what it was ordered before is void",
             false => {
-                "the PLC's kernel has not answered for 2 s: no window leaves it time for orders. It may still \
-                 carry the order out"
+                "the PLC's kernel has not answered for 2 s: no window leaves it time for orders. If it still \
+                 carries the order out, an event tells of it"
             }
         };
+        let refused = || Err(Refusal::new(ErrorKind::Refused, text));
         let mut late = Vec::new();
-        while self.under_way.front().is_some_and(|order| restarted || now >= order.until) {
-            let Some(order) = self.under_way.pop_front() else { break };
-            late.push((order.ticket, Err(Refusal::new(ErrorKind::Refused, text))));
+        for order in &mut self.under_way {
+            if order.until.take_if(|until| restarted || now >= *until).is_some() {
+                late.push((order.ticket, refused()));
+            }
+        }
+        if restarted {
+            self.under_way.clear();
         }
         late
     }
@@ -229,5 +240,37 @@ mod tests {
         assert_eq!(names(&writes), ["tank.q0 FALSE"]);
         assert!(writes.forget().unwrap().starts_with("1 values"));
         assert_eq!((writes.forget(), names(&writes).len()), (None, 0));
+    }
+
+    #[test]
+    fn an_order_that_is_carried_out_late_is_known_and_told_once() {
+        let mut writes = Writes::default();
+        let range = Range { program: 3, area: Area::Output, offset: 0, bytes: 1 };
+        let point = Point::new(range, Some(0)).unwrap();
+        let named = Named { name: "tank.q0".into(), text: "TRUE".into() };
+        let value = PointValue { partition: "plc".into(), point, value: 1, named };
+        let ordered = |number| UnderWay {
+            number,
+            ticket: 7,
+            change: ValueOrder::Force(value.clone()),
+            until: Some(PATIENCE),
+        };
+        writes.under_way.push_back(ordered(u32::MAX));
+        assert!(writes.late(Nanos(PATIENCE.0 - 1), false).is_empty());
+        assert_eq!(writes.late(PATIENCE, false).len(), 1);
+        assert!(writes.late(Nanos::from_millis(9_000), false).is_empty());
+        assert!(writes.keep_version_of(3).is_some_and(|text| text.contains("has not answered")));
+        let done = writes.take(u32::MAX, &Answer::Reply(Ok(())), Nanos::from_millis(9_000));
+        assert!(matches!(done, Some((7, Ok((EventKind::Forced, _))))));
+        assert_eq!((writes.forced().len(), writes.under_way.len()), (1, 0));
+
+        // An answer that is lost is not waited for after a later one has come; one that is not late yet is.
+        writes.under_way.extend([ordered(u32::MAX), ordered(1)]);
+        assert_eq!(writes.late(PATIENCE, false).len(), 2);
+        writes.under_way.push_back(ordered(2));
+        assert!(writes.take(3, &Answer::Reply(Ok(())), PATIENCE).is_none());
+        assert_eq!(writes.under_way.len(), 1);
+        assert_eq!(writes.late(Nanos(0), true).len(), 1);
+        assert!(writes.under_way.is_empty());
     }
 }
