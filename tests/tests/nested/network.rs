@@ -38,7 +38,7 @@ fn run(name: &str, file: &File, commands: &[&str]) -> Outcome {
     let host = ["guest/vmlinuz", "tests/network.img"]
         .iter()
         .fold(host, |host, image| host.with_file(&folder.join(image)));
-    let outcome = host.run("network", &arguments);
+    let outcome = host.run_as(name, "network", &arguments);
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome
 }

@@ -25,7 +25,7 @@ fn run(name: &str, file: &File, signals: &str, disk: Option<&PathBuf>) -> Outcom
     let disk = disk.map(|disk| disk.to_string_lossy().into_owned());
     let arguments: Vec<&str> =
         [&*path, signals].into_iter().chain(disk.iter().map(String::as_str)).collect();
-    let outcome = host.run("power-off", &arguments);
+    let outcome = host.run_as(name, "power-off", &arguments);
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome
 }

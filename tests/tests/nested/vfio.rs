@@ -37,7 +37,7 @@ fn file(size: &str) -> File {
         .window("neighbour", 300, 300)
 }
 
-fn run(devices: &[&str]) -> Outcome {
+fn run(name: &str, devices: &[&str]) -> Outcome {
     let (broken, good) = (file("2MiB").save("vfio-broken"), file("4KiB").save("vfio"));
     let mut host = Host::new().with("--device", "edu");
     for device in devices {
@@ -50,7 +50,7 @@ fn run(devices: &[&str]) -> Outcome {
         host = host.with_file(path);
     }
     let text = |path: &Path| path.to_string_lossy().into_owned();
-    host.run("vfio", &[&text(&broken), &text(&good), "4s"])
+    host.run_as(name, "vfio", &[&text(&broken), &text(&good), "4s"])
 }
 
 #[test]
@@ -58,7 +58,7 @@ fn a_device_behind_an_iommu_reaches_its_partitions_memory_and_nothing_else() {
     if !long() {
         return;
     }
-    let outcome = run(&["iommu"]);
+    let outcome = run("vfio", &["iommu"]);
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     // A start that fails after the device was taken.
     outcome.assert_shows("register 0 of 0000:00:06.0 has 0x100000 bytes");
@@ -89,7 +89,7 @@ fn without_an_iommu_no_device_is_let_master_the_bus() {
     if !long() {
         return;
     }
-    let outcome = run(&[]);
+    let outcome = run("vfio-no-iommu", &[]);
     assert_eq!(outcome.status, 3, "{}", outcome.output);
     outcome.assert_shows("0000:00:06.0 is behind no IOMMU");
 }
