@@ -5,6 +5,7 @@
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use crate::{scratch, target};
 
@@ -44,9 +45,10 @@ pub fn initrd_of(name: &str, script: &str) -> PathBuf {
 }
 
 fn write(file: &str, image: &[u8]) -> PathBuf {
+    static WRITTEN: AtomicU32 = AtomicU32::new(0);
     let path = scratch().join(file);
-    // A run that packs the file at this moment must see the old or the new one.
-    let new = scratch().join(format!("{file}.new"));
+    // A run that packs the file at this moment must see the old or the new one, and two tests may write it at once.
+    let new = scratch().join(format!("{file}.new{}", WRITTEN.fetch_add(1, Ordering::Relaxed)));
     fs::write(&new, image).expect("the image can be written");
     fs::rename(&new, &path).expect("the image can be renamed");
     path

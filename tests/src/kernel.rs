@@ -5,6 +5,7 @@
 
 use std::fs;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use crate::scratch;
 
@@ -192,9 +193,10 @@ pub enum Aim {
 }
 
 fn write(name: &str, code: &[u8]) -> PathBuf {
+    static WRITTEN: AtomicU32 = AtomicU32::new(0);
     let path = scratch().join(name);
-    // A run that packs the file at this moment must see the old or the new one.
-    let new = path.with_extension("new");
+    // A run that packs the file at this moment must see the old or the new one, and two tests may write it at once.
+    let new = path.with_extension(format!("new{}", WRITTEN.fetch_add(1, Ordering::Relaxed)));
     fs::write(&new, image(code)).expect("the kernel can be written");
     fs::rename(&new, &path).expect("the kernel can be renamed");
     path.canonicalize().expect("the kernel is there")
