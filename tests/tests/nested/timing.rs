@@ -163,16 +163,18 @@ fn is_drawn(folder: &Path, releases: u64) {
     assert_eq!(of_each.sum::<u64>(), releases);
 }
 
-/// A PLC that computes without end, with a window of 300 us in 1 ms, and right behind it a good one,
-/// with the shortest gap that the file may have: the time for a kick, and the guard.
-fn monopolist(place: u64) -> File {
+/// The shortest gap between two windows that a file may have, in us: the time for a kick and 20 us of guard.
+const SHORTEST_GAP: u64 = 50;
+
+/// A PLC that computes without end, with a window of 300 us in 1 ms, and behind it a good one.
+fn monopolist(place: u64, gap: u64) -> File {
     File::new("1ms")
         .plc("greedy", Some(plc_image("never-done")), "")
         .plc("plc", None, "")
         .linux(BUSY)
         .schedule("normal")
         .window("greedy", place, 300)
-        .window("plc", place + 350, 100)
+        .window("plc", place + 300 + gap, 100)
 }
 
 fn linux_has_its_minimum(outcome: &Outcome) {
@@ -183,7 +185,12 @@ fn linux_has_its_minimum(outcome: &Outcome) {
 
 #[test]
 fn an_overrun_ends_at_its_windows_end_and_moves_no_release() {
-    let outcome = apart_from_ticks(|at| monopolist(at).run("overrun").lasting("2s").run());
+    // The interrupt by which the kernel ends the window enforcer's claim to bandwidth comes some 50 us after a kick
+    // (docs/frame.md), with the shortest gap about when the window opens. Which release it meets is decided by a few
+    // instructions, so a run in which it met one says nothing about the overrun, and the other run has a longer gap.
+    let gap = |place| if place == PLACES[0] { SHORTEST_GAP } else { 3 * SHORTEST_GAP };
+    let run = |place| monopolist(place, gap(place)).run("overrun").lasting("2s").run();
+    let outcome = apart_from_ticks(run);
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     let overruns = outcome.number("greedy", "overruns");
     assert!(overruns >= 1_980, "{overruns} overruns\n{}", outcome.output);
@@ -196,7 +203,8 @@ fn an_overrun_ends_at_its_windows_end_and_moves_no_release() {
 
 #[test]
 fn without_the_kick_the_reservation_still_bounds_an_overrun() {
-    let outcome = monopolist(0).run("no-kick").hooked("without-kick").lasting("2s").run();
+    let outcome =
+        monopolist(0, SHORTEST_GAP).run("no-kick").hooked("without-kick").lasting("2s").run();
     assert_eq!(outcome.report["kick"], false);
     // 370 us in each ms are reserved: guard, window and 50 us for the kick that does not come. The
     // scheduler enforces that as its timer finds it, 1.3 % of the CPU late.
