@@ -31,12 +31,12 @@ pub fn converse(child: &mut Child, dialogue: &[(&str, &str)]) -> String {
     String::from_utf8_lossy(&seen).into_owned() + &errors
 }
 
-/// Where a cue ends in what a console has shown. A line of Takt's, or of a partition that has its name before its
-/// lines, may come in the middle of a line of Linux and so of the cue.
-fn end_of(cue: &str, shown: &[u8]) -> Option<usize> {
-    let find = |text: &[u8]| text.windows(cue.len()).position(|part| part == cue.as_bytes());
+/// Where a text ends in what a console has shown. A line of Takt's, or of a partition that has its name before its
+/// lines, may come in the middle of a line of Linux and so of the text.
+pub fn end_of(wanted: &str, shown: &[u8]) -> Option<usize> {
+    let find = |text: &[u8]| text.windows(wanted.len()).position(|part| part == wanted.as_bytes());
     if let Some(at) = find(shown) {
-        return Some(at + cue.len());
+        return Some(at + wanted.len());
     }
     let (mut text, mut places) = (Vec::new(), Vec::new());
     let mut at = 0;
@@ -53,7 +53,7 @@ fn end_of(cue: &str, shown: &[u8]) -> Option<usize> {
         }
         at += line.len();
     }
-    find(&text).and_then(|start| places.get(start + cue.len() - 1)).map(|last| last + 1)
+    find(&text).and_then(|start| places.get(start + wanted.len() - 1)).map(|last| last + 1)
 }
 
 #[cfg(test)]
@@ -61,7 +61,7 @@ mod tests {
     use super::end_of;
 
     #[test]
-    fn a_cue_is_found_although_other_lines_come_in_its_middle() {
+    fn a_text_is_found_although_other_lines_come_in_its_middle() {
         assert_eq!(end_of("on 1: 42", b"and on 1: 42\n"), Some(12));
         let shown =
             b"linux#\r\n[takt] plc: deadline-missed: release 7\r\n[plc] cycle 9\r\n \x1b[6n";

@@ -72,9 +72,10 @@ impl Outcome {
         value.as_u64().unwrap_or_else(|| panic!("{partition}.{key} is {value}\n{}", self.output))
     }
 
-    /// Fails with the output unless `text` is in it.
+    /// Fails with the output unless `text` is in it, if need be with lines of others in its middle.
     pub fn assert_shows(&self, text: &str) {
-        assert!(self.output.contains(text), "not shown: {text}\n{}", self.output);
+        let shown = dialogue::end_of(text, self.output.as_bytes()).is_some();
+        assert!(shown, "not shown: {text}\n{}", self.output);
     }
 
     /// A partition's part of the CPU, from 0 to 1.
