@@ -521,10 +521,10 @@ functions! {
         "mov eax, 2", "mov rdi, 0x50000038", "mov dword ptr [rdi], 0x6c6c6568",
         "mov byte ptr [rdi + 4], 0x6f", "mov esi, 5", "syscall",
     ]
-    /// Says "hi", a line feed and "you".
+    /// Says "hi", a line feed, U+0085, which is one too, and "you".
     LogTwoLines = "takt_test_log_two_lines": [
-        "mov eax, 2", "mov rdi, 0x50000078", "mov dword ptr [rdi], 0x790a6968",
-        "mov word ptr [rdi + 4], 0x756f", "mov esi, 6", "syscall",
+        "mov eax, 2", "mov rdi, 0x50000078", "mov dword ptr [rdi], 0xc20a6968",
+        "mov dword ptr [rdi + 4], 0x756f7985", "mov esi, 8", "syscall",
     ]
 }
 

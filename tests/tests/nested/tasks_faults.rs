@@ -179,7 +179,20 @@ fn a_program_that_always_fails_to_start_fills_neither_the_windows_nor_the_consol
     assert!((100..=32 + 126).contains(&told), "{told}\n{}", outcome.output);
     outcome.assert_shows("faults were not told");
     // No line of a program's text looks like another's.
-    outcome.assert_shows("good.log: hi you");
+    outcome.assert_shows("good.log: hi   you");
+}
+
+#[test]
+fn a_task_over_its_budget_in_each_job_tells_how_many_lines_are_left_out() {
+    let task = cyclic("main", us(1_000), 0, Entry::Work);
+    let program = Program::new("p").task(Task { budget: Some(Nanoseconds(1_000)), ..task }, 5_000);
+    let programs = [("p", program, "on_overrun = \"skip\"")];
+    let file = plc("tasks-over-budget", 1_000, 300, &programs);
+    let outcome = file.run("tasks-over-budget").lasting("500ms").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("program p, task main: ");
+    // One line each 20 ms, and a job each millisecond.
+    outcome.assert_shows("p: 19 lines were too many");
 }
 
 #[test]

@@ -194,8 +194,7 @@ impl Kernel {
         let from = self.message(task, pointer, bytes, limit::LOG_BYTES)?;
         let mut buffer = [0; limit::LOG_BYTES as usize];
         from.read(&mut buffer);
-        // A line feed in it would begin a line that seems to be the kernel's, or another program's.
-        buffer.iter_mut().filter(|byte| byte.is_ascii_control()).for_each(|byte| *byte = b' ');
+        blank_controls(&mut buffer);
         let now = self.now();
         let number = self.places[task.index()].number;
         let text = core::str::from_utf8(&buffer[..bytes as usize]).unwrap_or("(not UTF-8)");
@@ -298,5 +297,18 @@ impl Slot {
             buffer.copy_from(from);
         }
         bytes as i64
+    }
+}
+
+/// Blanks the control characters of a line: a line feed would begin another one that seems to be the kernel's or another
+/// program's. U+0080 to U+009F, which have the lead byte 0xc2 in UTF-8, are such characters too (ECMA-48, section 5.3).
+fn blank_controls(text: &mut [u8]) {
+    let mut lead: Option<&mut u8> = None;
+    for byte in text {
+        match lead.take() {
+            Some(lead) if (0x80..0xa0).contains(byte) => (*lead, *byte) = (b' ', b' '),
+            _ if byte.is_ascii_control() => *byte = b' ',
+            _ => lead = (*byte == 0xc2).then_some(byte),
+        }
     }
 }

@@ -76,8 +76,9 @@ impl Kernel {
         let now = self.now();
         let Some(program) = &mut self.programs[usize::from(place.program)] else { return };
         // A task that misses each of its deadlines must not cost its neighbours an exit each time.
-        if program.lines.take(now).is_none() {
-            return;
+        let Some(dropped) = program.lines.take(now) else { return };
+        if dropped > 0 {
+            print(format_args!("{}: {dropped} lines were too many", program.name()));
         }
         print(format_args!(
             "program {}, task {}: {what}: {}",
@@ -126,13 +127,13 @@ impl fmt::Display for Line<'_> {
     }
 }
 
-/// The column, which traps have.
+/// The column, which traps of a compiler have that knows it.
 struct Column<'a>(u64, &'a Program);
 
 impl fmt::Display for Column<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let trap = offset(self.0).and_then(|at| self.1.image.trap(at));
-        match trap.and_then(|trap| trap.place) {
+        match trap.and_then(|trap| trap.place).filter(|place| place.column > 0) {
             Some(place) => write!(f, " (column {})", place.column),
             None => Ok(()),
         }
