@@ -3,6 +3,8 @@
 mod subcommand;
 
 use std::ffi::OsString;
+use std::fmt::Display;
+use std::io::{self, ErrorKind, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -21,6 +23,8 @@ mod status {
     pub const BAD_FILE_OR_USAGE: u8 = 2;
     pub const HOST_CANNOT: u8 = 3;
     pub const PARTITION_FAILED: u8 = 4;
+    /// What a shell tells of a process that the signal SIGPIPE ended.
+    pub const READER_GONE: u8 = 128 + 13;
 }
 
 const AFTER_HELP: &str = "\
@@ -164,19 +168,14 @@ fn command_line(arguments: &[OsString], role: Role) -> u8 {
             status::BAD_FILE_OR_USAGE
         }
         Command::Run(run) => run.run(role),
-        Command::Check { file, needs: true } => with_file(&file, None, |file| {
-            print!("{}", check::needs(&file));
-            status::GOOD
-        }),
-        Command::Check { file, needs: false } => with_file(&file, Some(host_cpus()), |file| {
-            print!("{}", check::report(&file));
-            status::GOOD
-        }),
+        Command::Check { file, needs: true } => {
+            with_file(&file, None, |file| print(check::needs(&file), status::GOOD))
+        }
+        Command::Check { file, needs: false } => {
+            with_file(&file, Some(host_cpus()), |file| print(check::report(&file), status::GOOD))
+        }
         Command::Probe { json: true } => match serde_json::to_string(&probe::examine()) {
-            Ok(text) => {
-                println!("{text}");
-                status::GOOD
-            }
+            Ok(text) => print(text + "\n", status::GOOD),
             Err(error) => {
                 eprintln!("takt: cannot print what was found: {error}");
                 status::HOST_CANNOT
@@ -184,14 +183,24 @@ fn command_line(arguments: &[OsString], role: Role) -> u8 {
         },
         Command::Probe { json: false } => match probe::probe() {
             Ok(speed) => {
-                println!("{speed}");
-                if speed.is_hardware() { status::GOOD } else { status::HOST_CANNOT }
+                let status = if speed.is_hardware() { status::GOOD } else { status::HOST_CANNOT };
+                print(format!("{speed}\n"), status)
             }
-            Err(error) => {
-                println!("no usable KVM: {error}");
-                status::HOST_CANNOT
-            }
+            Err(error) => print(format!("no usable KVM: {error}\n"), status::HOST_CANNOT),
         },
+    }
+}
+
+/// Prints an answer; the exit status. A reader that goes, as in `takt check FILE | head`, is told nothing.
+fn print(answer: impl Display, status: u8) -> u8 {
+    let mut out = io::stdout().lock();
+    match write!(out, "{answer}").and_then(|()| out.flush()) {
+        Ok(()) => status,
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => status::READER_GONE,
+        Err(error) => {
+            eprintln!("takt: cannot print: {error}");
+            status::HOST_CANNOT
+        }
     }
 }
 

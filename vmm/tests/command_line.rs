@@ -43,6 +43,19 @@ fn a_bad_file_gives_status_2_one_message_and_starts_nothing() {
 }
 
 #[test]
+fn a_reader_that_goes_is_told_nothing() {
+    let file = "tests/partition_files/good/plc-alone.toml";
+    for arguments in [&["check", file][..], &["check", file, "--needs"], &["probe"]] {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_takt"));
+        let command = command.args(arguments).current_dir(PLAN).stdout(writer);
+        let output = command.stderr(std::process::Stdio::piped()).output().unwrap();
+        assert_eq!((output.status.code(), text(&output.stderr)), (Some(141), String::new()));
+    }
+}
+
+#[test]
 fn a_good_file_is_drawn() {
     let output = takt(&["check", "tests/partition_files/good/plc-alone.toml"]);
     assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));

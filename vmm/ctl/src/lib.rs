@@ -13,10 +13,14 @@ mod text;
 mod top;
 mod trace;
 
+use std::io::ErrorKind;
 use std::process::ExitCode;
 
 use clap::Parser;
 use takt_client::{ClientError, error, socket};
+
+/// What a shell tells of a process that the signal SIGPIPE ended.
+const READER_GONE: u8 = 128 + 13;
 
 /// All of `takt-ctl`.
 #[must_use]
@@ -47,6 +51,10 @@ fn run_with<C: Parser>(name: &str, run: impl FnOnce(C) -> Result<(), ClientError
     };
     match run(cli) {
         Ok(()) => ExitCode::SUCCESS,
+        // As in `takt ctl FILE events --follow | head`.
+        Err(ClientError::Output(error)) if error.kind() == ErrorKind::BrokenPipe => {
+            ExitCode::from(READER_GONE)
+        }
         Err(error) => {
             match &error {
                 // It begins with the file's name, and has several lines.

@@ -308,6 +308,19 @@ fn a_console_shows_its_last_bytes_unchanged_and_takes_all_that_is_piped() {
 }
 
 #[test]
+fn a_reader_that_goes_is_told_nothing() {
+    let plant = Plant::running("reader");
+    for request in [&["plant.toml", "status"][..], &["plant.toml", "events", "--follow"]] {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_takt-ctl"));
+        let command = command.args(request).current_dir(&plant.folder).stdout(writer);
+        let output = command.stderr(Stdio::piped()).output().unwrap();
+        assert_eq!((output.status.code(), output.stderr), (Some(141), vec![]), "{request:?}");
+    }
+}
+
+#[test]
 fn a_program_is_changed_in_steps() {
     let plant = Plant::running("change");
     fs::write(plant.folder.join("new.plc"), vec![7; 60_000]).unwrap();

@@ -20,7 +20,7 @@ mod recorded;
 mod report;
 mod steering;
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -40,6 +40,8 @@ mod status {
     pub const WARNINGS: u8 = 1;
     pub const BAD_FILE_OR_USAGE: u8 = 2;
     pub const HOST_CANNOT: u8 = 3;
+    /// What a shell tells of a process that the signal SIGPIPE ended.
+    pub const READER_GONE: u8 = 128 + 13;
 }
 
 const AFTER_HELP: &str = "\
@@ -96,9 +98,16 @@ fn main() -> ExitCode {
     let report = Report::new(&host, &demand, findings);
     let text = if cli.json { report.json() } else { report.table(columns()) };
     let mut out = io::stdout().lock();
-    if let Err(error) = out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        eprintln!("takt-doctor: cannot write the report: {error}");
-        return ExitCode::from(status::HOST_CANNOT);
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Ok(()) => {}
+        // As in `takt doctor | head`.
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => {
+            return ExitCode::from(status::READER_GONE);
+        }
+        Err(error) => {
+            eprintln!("takt-doctor: cannot write the report: {error}");
+            return ExitCode::from(status::HOST_CANNOT);
+        }
     }
     ExitCode::from(match report.verdict() {
         Severity::Good => status::GOOD,

@@ -78,3 +78,15 @@ fn wrong_usage_and_a_wrong_file_are_no_findings() {
     let text = String::from_utf8(help.stdout).unwrap();
     assert!(text.contains("Exit status: 0 ") && text.contains("3 the host cannot"), "{text}");
 }
+
+#[test]
+fn a_reader_that_goes_is_told_nothing() {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_takt-doctor"));
+    let command = command.args([&shipped("plc-alone.toml"), "--for", "10ms"]).stdout(writer);
+    let output = command.stderr(std::process::Stdio::piped()).output().unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(141), "{told}");
+    assert!(!told.contains("cannot write") && !told.contains("panicked"), "{told}");
+}
