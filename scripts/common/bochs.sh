@@ -25,13 +25,16 @@ bochs_machine() {
     # Bochs knows no end at a restart, but one at a triple fault. It counts each repetition of an
     # instruction: without these two features kernels move eight bytes by one, as in the lab.
     words="reboot=triple clearcpuid=erms,fsrm $words"
+    # By the firmware's tables for ACPI, all functions of PCI but the bridge are unplugged, and Linux takes them away.
+    [[ -z ${control_line-} ]] || words="acpiphp.disable=1 $words"
     printf '%s\0' "$words" >"$work/words"
     objcopy --output-target=binary "$appliance/vmlinux" "$work/kernel"
     make_disk
     open_console
     configure_bochs
     # Bochs shows its clock in local time.
-    machine=(env TZ=UTC "$root/target/bochs/bochs" -q -f "$work/bochsrc")
+    machine=(env TZ=UTC ${control_line:+"BOCHS_SHARED_MEMORY=$control_line"}
+        "$root/target/bochs/bochs" -q -f "$work/bochsrc")
     # What the appliance writes to port 0xe9 is Bochs's output. Its errors are what it has to say at the
     # end, which it has always.
     exec {output}>"$work/results" {errors}>"$work/bochs.log"

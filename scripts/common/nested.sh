@@ -40,6 +40,7 @@ run_appliance() {
     for word in "${command[@]}"; do
         words+=" $(kernel_word "$word")"
     done
+    [[ -z ${control-} ]] || words="$(control_words)$words"
     case $lane in
     vmx | svm) bochs_machine ;;
     *) qemu_machine ;;

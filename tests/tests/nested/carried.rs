@@ -43,6 +43,10 @@ struct Plant {
 
 impl Plant {
     fn new(name: &'static str) -> Self {
+        Self::beside(name, |file| file.linux(BUSY))
+    }
+
+    fn beside(name: &'static str, others: impl Fn(File) -> File) -> Self {
         build_clients();
         let image = save_bytes(&format!("{name}.plc"), &st::image("p", "main.st", PROGRAM));
         let program = format!(
@@ -50,12 +54,9 @@ impl Plant {
              allow_force = true\n",
             plc_image("kernel")
         );
-        let text = File::new("1ms")
-            .lines(&format!("control = \"{name}.sock\""))
-            .plc_with("plc", &program)
-            .linux(BUSY)
-            .schedule("normal")
-            .window("plc", 0, 300);
+        let text =
+            File::new("1ms").lines(&format!("control = \"{name}.sock\"")).plc_with("plc", &program);
+        let text = others(text).schedule("normal").window("plc", 0, 300);
         let socket = target("tests").canonicalize().unwrap().join(format!("{name}.sock"));
         let file = text.save(name);
         Self { name, file, socket, text }
@@ -145,7 +146,7 @@ fn operate(file: &Path) {
 
 /// Records around a trigger, as a table, as counters and as a picture.
 fn record(file: &str) {
-    let out = |kind: &str| target("tests").join(format!("carried-record.{kind}"));
+    let out = |kind: &str| Path::new(file).with_extension(format!("record.{kind}"));
     for kind in ["csv", "json", "svg"] {
         let (path, points) = (out(kind), "p.main.n,p.main.twice");
         let options = ["--trigger", "p.main.seen = 2.25", "--pre", "10ms", "--for", "100ms"];
@@ -210,6 +211,25 @@ fn the_socket_is_there_outside_and_no_client_of_it_moves_a_release() {
     let operator = &outcome.partition("plc")["operator"];
     assert_eq!((&operator["forced"], &operator["at_the_end"]), (&1.into(), &Value::Array(vec![])));
     assert!(unread.contains("\"answer\":\"trace\""), "{unread}");
+    assert!(!plant.socket.exists(), "it goes with the run");
+    outcome.assert_kept_its_time("plc", outcome.cycles(1_000) - 10);
+    outcome.assert_punctual("plc");
+}
+
+#[test]
+fn the_socket_is_there_outside_of_bochs_too() {
+    let plant = Plant::beside("carried-vmx", |file| file);
+    let outcome = thread::scope(|scope| {
+        let run = plant.text.run(plant.name).in_lane("vmx").lasting("12s");
+        let run = scope.spawn(move || run.run());
+        drop(plant.connect());
+        operate(&plant.file);
+        run.join().unwrap()
+    });
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("emulated by Bochs 3.");
+    outcome.assert_shows("p.main.setpoint is forced no longer");
+    assert_eq!(outcome.partition("plc")["operator"]["forced"], 1);
     assert!(!plant.socket.exists(), "it goes with the run");
     outcome.assert_kept_its_time("plc", outcome.cycles(1_000) - 10);
     outcome.assert_punctual("plc");
