@@ -227,6 +227,7 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         for id in self.tasks_of(program) {
             let task = &mut self.tasks[id.index()];
             task.cycle = 0;
+            task.watchdog.forget();
             if task.settings.release == Release::Start {
                 self.release(id, now);
                 starting = true;

@@ -241,6 +241,20 @@ fn a_job_over_its_budget_is_told_once() {
 }
 
 #[test]
+fn jobs_before_a_restart_do_not_count_against_those_after_it() {
+    let settings = Settings { budget: Span(10), sensitivity: 1, ..cyclic(100, 0, 0) };
+    let mut s = started(&[settings]);
+    let ends = |s: &mut Small, now| {
+        assert_eq!(at(s, now), Some(0));
+        assert_eq!(s.account(Span(15)), None);
+        s.end(Instant(now + 15))
+    };
+    assert_eq!(ends(&mut s, 0), None);
+    s.start(PROGRAM, Instant(100));
+    assert_eq!([ends(&mut s, 100), ends(&mut s, 200)], [None, Some(Violation::Budget)]);
+}
+
+#[test]
 fn a_skipped_job_gives_back_what_it_holds_and_the_task_goes_on() {
     let mut s = started(&[cyclic(100, 0, 1)]);
     assert_eq!(at(&mut s, 0), Some(0));

@@ -44,6 +44,11 @@ impl Watchdog {
         self.budget.0 != 0 && executed.0 > self.budget.0
     }
 
+    /// The program starts anew: what jobs did before counts no more.
+    pub const fn forget(&mut self) {
+        self.exceeded = 0;
+    }
+
     /// A job has ended. True if it was one too many over its budget; the count then starts anew.
     pub fn ended(&mut self, executed: Span) -> bool {
         if !self.exceeds(executed) {

@@ -196,6 +196,38 @@ fn a_task_over_its_budget_in_each_job_tells_how_many_lines_are_left_out() {
 }
 
 #[test]
+fn deadlines_that_end_at_a_release_cost_the_most_urgent_task_nothing() {
+    // The first one takes 50 ms, and the others wait for it. Their deadlines are found at a window's start, and each has a line.
+    let names = ["a", "b", "c", "d", "e", "f", "g", "h"];
+    let late = |n: u8| {
+        let task = cyclic(names[usize::from(n)], us(600_000), 10 + n, Entry::Work);
+        Task { deadline: Some(Nanoseconds(40_000_000)), ..task }
+    };
+    let work = |n| if n == 0 { 7_500_000 } else { 100 };
+    let lesser = (0..8).fold(Program::new("lesser"), |program, n| program.task(late(n), work(n)));
+    let good = Program::new("good").task(cyclic("main", us(1_000), 0, Entry::Work), 1_000);
+    let programs = [("lesser", lesser, "on_deadline = \"log\""), ("good", good, "")];
+    let outcome = plc("tasks-late", 1_000, 300, &programs).run("tasks-late").lasting("2s").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    for name in names {
+        let line = "was not complete at its deadline: it goes on";
+        outcome.assert_shows(&format!("program lesser, task {name}: {line}"));
+    }
+    Row::of(&outcome, "good.main").assert_in_time(900);
+    assert_on_time(&outcome, "good.main");
+}
+
+#[test]
+fn a_deadline_is_told_although_the_late_job_has_all_of_each_window() {
+    let endless = Program::new("p").task(cyclic("main", us(10_000), 0, Entry::Endless), 0);
+    let programs = [("p", endless, "on_deadline = \"log\"")];
+    let outcome =
+        plc("tasks-never-idle", 1_000, 300, &programs).run("tasks-never-idle").lasting("1s").run();
+    let line = "was not complete at its deadline: it goes on";
+    outcome.assert_shows(&format!("program p, task main: {line}"));
+}
+
+#[test]
 fn a_program_can_stop_its_partition() {
     let program = Program::new("p").task(cyclic("main", us(1_000), 0, Entry::Null), 0);
     let programs = [("p", program, "on_fault = \"stop-partition\"")];

@@ -1,10 +1,12 @@
 //! What is told of errors of tasks.
 //!
 //! A line says which program and task it was, what happened, where in the source if the image knows, and
-//! what follows. It costs one exit of the partition's window, and only errors have it.
+//! what follows. It costs one exit of the partition's window, and only errors have it. It is printed behind the window's
+//! release, however late the error was found.
 
 use super::context::Fault;
 use super::kernel::Kernel;
+use super::lines::Allowance;
 use super::program::Program;
 use core::fmt;
 use takt_abi::exception_name;
@@ -22,6 +24,14 @@ const WRITTEN: u64 = 1 << 1;
 const FETCHED: u64 = 1 << 4;
 
 impl Program {
+    /// How many lines it may have for errors of this kind.
+    fn allowance(&mut self, error: Untold) -> &mut Allowance {
+        match error {
+            Untold::Fault(..) => &mut self.fault_lines,
+            Untold::Violation { .. } => &mut self.lines,
+        }
+    }
+
     /// The name of a task of the image; of the initialisation without a number.
     pub fn task_name(&self, number: Option<u16>) -> &'static str {
         let task = number.and_then(|number| self.image.tasks().nth(number.into()));
@@ -46,46 +56,84 @@ fn consequence(leaves: bool, wanted: u32) -> &'static str {
     }
 }
 
+/// An error of which a line is still to be printed.
+#[derive(Clone, Copy, Debug)]
+pub enum Untold {
+    /// An exception; with true if the version was on trial.
+    Fault(Fault, bool),
+    /// A limit that a job did not keep.
+    Violation {
+        /// In words.
+        what: &'static str,
+        /// What the partition file wants.
+        wanted: u32,
+        /// True if the version was on trial and is left for it.
+        leaves: bool,
+    },
+}
+
 impl Kernel {
-    /// Tells of an exception.
-    pub fn tell_fault(&mut self, id: TaskId, fault: &Fault) {
-        let place = self.places[id.index()];
-        let now = self.now();
-        let on_trial = self.change.is_on_trial(place.program);
-        let Some(program) = &mut self.programs[usize::from(place.program)] else { return };
-        // A program that starts anew and fails, again and again, must not fill the console.
-        let Some(untold) = program.fault_lines.take(now) else { return };
-        if untold > 0 {
-            print(format_args!("program {}: {untold} faults were not told", program.name()));
+    /// Has an error of a task told. A second one of the same task before that counts as a line too many.
+    pub fn tell(&mut self, id: TaskId, error: Untold) {
+        match &mut self.untold[id.index()] {
+            free @ None => *free = Some(error),
+            Some(_) => {
+                if let Some(program) =
+                    &mut self.programs[usize::from(self.places[id.index()].program)]
+                {
+                    program.allowance(error).drop_line();
+                }
+            }
         }
-        print(format_args!(
-            "program {}, task {}: {}{}{} at {:#x}: {}",
-            program.name(),
-            program.task_name(place.number),
-            Line(fault.frame.rip, program),
-            What(fault, program),
-            Column(fault.frame.rip, program),
-            fault.frame.rip,
-            consequence(on_trial, program.entry.on_fault),
-        ));
+        self.has_untold |= 1 << id.0;
     }
 
-    /// Tells of a limit that a job did not keep; `leaves` if its version is on trial and is left for it.
-    pub fn tell_violation(&mut self, id: TaskId, what: &str, wanted: u32, leaves: bool) {
-        let place = self.places[id.index()];
+    /// Prints a line that waits, unless that might delay a release: many errors are found at a window's start, in the time
+    /// that its most urgent task needs. False if there is nothing to print now.
+    pub fn print_untold(&mut self) -> bool {
+        self.has_untold != 0 && self.window.is_at_work() && self.print_next()
+    }
+
+    /// Prints all lines that wait.
+    pub fn print_all_untold(&mut self) {
+        while self.print_next() {}
+    }
+
+    fn print_next(&mut self) -> bool {
+        let task = self.has_untold.trailing_zeros() as usize;
+        let Some(error) = self.untold.get_mut(task).and_then(Option::take) else { return false };
+        self.has_untold &= self.has_untold - 1;
+        let place = self.places[task];
         let now = self.now();
-        let Some(program) = &mut self.programs[usize::from(place.program)] else { return };
-        // A task that misses each of its deadlines must not cost its neighbours an exit each time.
-        let Some(dropped) = program.lines.take(now) else { return };
-        if dropped > 0 {
-            print(format_args!("{}: {dropped} lines were too many", program.name()));
+        let Some(program) = &mut self.programs[usize::from(place.program)] else { return true };
+        // A task that fails in each job must neither fill the console nor cost its neighbours an exit each time.
+        let Some(dropped) = program.allowance(error).take(now) else { return true };
+        let (name, task) = (program.name(), program.task_name(place.number));
+        match error {
+            Untold::Fault(fault, on_trial) => {
+                if dropped > 0 {
+                    print(format_args!("program {name}: {dropped} faults were not told"));
+                }
+                let rip = fault.frame.rip;
+                print(format_args!(
+                    "program {name}, task {task}: {}{}{} at {rip:#x}: {}",
+                    Line(rip, program),
+                    What(&fault, program),
+                    Column(rip, program),
+                    consequence(on_trial, program.entry.on_fault),
+                ));
+            }
+            Untold::Violation { what, wanted, leaves } => {
+                if dropped > 0 {
+                    print(format_args!("{name}: {dropped} lines were too many"));
+                }
+                print(format_args!(
+                    "program {name}, task {task}: {what}: {}",
+                    consequence(leaves, wanted),
+                ));
+            }
         }
-        print(format_args!(
-            "program {}, task {}: {what}: {}",
-            program.name(),
-            program.task_name(place.number),
-            consequence(leaves, wanted),
-        ));
+        true
     }
 }
 

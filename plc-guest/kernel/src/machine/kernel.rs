@@ -22,6 +22,7 @@
 use super::change::Change;
 use super::context::{self, Context, Entry};
 use super::events::Events;
+use super::faults::Untold;
 use super::figures::Figures;
 use super::io::{Io, Job};
 use super::live::Live;
@@ -74,6 +75,11 @@ impl Window {
     pub fn is_over(&self) -> bool {
         pages::release() != self.release
     }
+
+    /// Its release is past, and it is not over.
+    pub fn is_at_work(&self) -> bool {
+        self.begun && !self.is_over()
+    }
 }
 
 /// All that there is.
@@ -94,6 +100,10 @@ pub struct Kernel {
     pub io: Io,
     /// Tasks whose jobs have not read their inputs yet, a bit for each.
     unread: u64,
+    /// Tasks with an error in [`untold`](Self::untold), a bit for each.
+    pub has_untold: u64,
+    /// Errors of tasks whose lines wait.
+    pub untold: [Option<Untold>; TASKS],
     pub figures: Figures,
     /// Orders from Takt, and answers.
     pub live: Live,
@@ -120,6 +130,8 @@ impl Kernel {
         space: None,
         io: Io::NONE,
         unread: 0,
+        has_untold: 0,
+        untold: [None; TASKS],
         figures: Figures::START,
         live: Live::CLOSED,
         change: Change::NONE,
@@ -145,6 +157,7 @@ impl Kernel {
             let due = now.max(self.clock.instant(self.window.release_tsc)).after(ROUNDING);
             self.scheduler.advance(due);
             self.see_to_the_late();
+            self.print_untold();
             match self.scheduler.pick() {
                 Some(picked) => self.dispatch(picked),
                 None => self.idle(),
@@ -196,7 +209,7 @@ impl Kernel {
 
     /// Nothing is ready.
     fn idle(&mut self) {
-        if self.begin_window().is_none() {
+        if self.begin_window().is_none() || self.print_untold() {
             return;
         }
         let next = self.clock.tsc(self.scheduler.next_event());
@@ -242,6 +255,11 @@ impl Kernel {
         if let Some(wake) = wake {
             self.end_wait(task, wake);
         }
+        // A job that goes on is in no hurry, and it may be all that is left of each window.
+        let goes_on = !begins && wake.is_none();
+        if self.has_untold != 0 && goes_on && self.begin_window().is_some() {
+            self.print_untold();
+        }
         self.enter_space(place);
         self.live.forces.unsettle(place.program);
         // If the window is over by now, all that was prepared waits for the next one.
@@ -283,7 +301,8 @@ impl Kernel {
     fn ends_program(&mut self, task: TaskId, entry: Entry) -> bool {
         match entry {
             Entry::Fault(fault) => {
-                self.tell_fault(task, &fault);
+                let on_trial = self.change.is_on_trial(self.places[task.index()].program);
+                self.tell(task, Untold::Fault(fault, on_trial));
                 if !self.trial_fails(task, ChangeReason::Fault) {
                     self.act(task, self.entry_of(task).on_fault);
                 }
@@ -429,17 +448,17 @@ impl Kernel {
     /// A job has not kept a limit.
     fn violated(&mut self, id: TaskId, violation: Violation) {
         let entry = self.entry_of(id);
-        let (what, action) = match violation {
+        let (what, wanted) = match violation {
             Violation::Budget => ("has used up its budget", entry.on_overrun),
             Violation::Deadline => ("was not complete at its deadline", entry.on_deadline),
         };
         let leaves = violation == Violation::Budget
             && self.change.is_on_trial(self.places[id.index()].program);
-        self.tell_violation(id, what, action, leaves);
+        self.tell(id, Untold::Violation { what, wanted, leaves });
         if violation == Violation::Budget && self.trial_fails(id, ChangeReason::Budget) {
             return;
         }
-        self.act(id, action);
+        self.act(id, wanted);
     }
 
     /// What the partition file wants after an error of a task.
@@ -464,6 +483,7 @@ impl Kernel {
                 }
             }
             action::STOP_PARTITION => {
+                self.print_all_untold();
                 self.print_figures();
                 print(format_args!("the partition ends itself, as its file says"));
                 port::exit(STOPPED_BY_PROGRAM);

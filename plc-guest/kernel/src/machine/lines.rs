@@ -36,10 +36,15 @@ impl Allowance {
                 Some(core::mem::take(&mut self.dropped))
             }
             None => {
-                self.dropped = self.dropped.saturating_add(1);
+                self.drop_line();
                 None
             }
         }
+    }
+
+    /// Counts a line that is not printed.
+    pub fn drop_line(&mut self) {
+        self.dropped = self.dropped.saturating_add(1);
     }
 
     /// Takes back a line that was not printed, and so many before it whose loss was not told.
