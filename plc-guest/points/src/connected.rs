@@ -1,5 +1,6 @@
 //! A PLC that runs, through a connection to its Takt.
 
+use std::os::fd::RawFd;
 use std::path::Path;
 
 use takt_client::{ClientError, Connection};
@@ -62,6 +63,12 @@ impl<'a> Connected<'a> {
             Answer::Error(refusal) => Err(ClientError::from(refusal).into()),
             _ => Err(strange()),
         }
+    }
+
+    /// The number of the connection's descriptor, as long as it is open.
+    #[must_use]
+    pub fn descriptor(&self) -> RawFd {
+        self.takt.descriptor()
     }
 
     /// The name of the partition, for requests.

@@ -141,6 +141,7 @@ fn operate(file: &Path) {
     }
     assert_eq!(lines.len(), 30);
     record(file);
+    interrupt_a_recording(file);
     client("takt-plc", &["release", file, "p.main.setpoint"]);
 }
 
@@ -176,6 +177,29 @@ fn record(file: &str) {
         events.filter(|event| event["name"] == name && event["ph"] == "C").count()
     };
     assert!(of("p.main.n") >= 2 && of("p.main.n") == of("p.main.twice"), "{picture:#}");
+}
+
+/// Ctrl-C ends a recording whose trigger has not come, and its file has an end.
+fn interrupt_a_recording(file: &str) {
+    let out = Path::new(file).with_extension("interrupted.json");
+    let _ = std::fs::remove_file(&out);
+    let mut command = Command::new(root().join("target/x86_64-unknown-linux-gnu/debug/takt-plc"));
+    let options = ["--trigger", "p.main.n < 0", "--for", "100s", "--out", out.to_str().unwrap()];
+    command.args(["record", file, "--points", "p.main.n"]).args(options).stderr(Stdio::piped());
+    let child = command.spawn().expect("takt-plc starts");
+    for _ in 0..20_000 {
+        if out.exists() {
+            break;
+        }
+        thread::sleep(Duration::from_millis(20));
+    }
+    // SAFETY: takes numbers only, and the child has not been waited for.
+    unsafe { libc::kill(child.id() as libc::pid_t, libc::SIGINT) };
+    let output = child.wait_with_output().expect("takt-plc ends");
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{told}");
+    assert!(told.contains("the trigger has not come") && told.contains("interrupted: "), "{told}");
+    assert!(parse(&std::fs::read_to_string(&out).unwrap()).is_array());
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::Shutdown;
+use std::os::fd::{AsRawFd, RawFd};
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::Duration;
@@ -47,6 +48,12 @@ impl Connection {
     /// What the kernel says.
     pub fn wait_for(&mut self, time: Duration) -> Result<(), ClientError> {
         self.0.get_ref().set_read_timeout(Some(time)).map_err(ClientError::Lost)
+    }
+
+    /// The number of its descriptor, as long as it is open.
+    #[must_use]
+    pub fn descriptor(&self) -> RawFd {
+        self.0.get_ref().as_raw_fd()
     }
 
     /// Sends a request. That Takt has closed already is no error yet: it has said why.

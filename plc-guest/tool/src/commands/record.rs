@@ -10,6 +10,7 @@ use takt_protocol::{Request, Values, from_hex};
 use takt_scheduler::time::Nanos;
 
 use crate::Failure;
+use crate::live::interrupt;
 use crate::live::output::{Form, Writer};
 use crate::live::recording::{Extent, Line, Recording, Row};
 use crate::live::trigger::{Operator, Written, Wrong};
@@ -64,6 +65,8 @@ impl Record {
         let failed = |error: io::Error| {
             Failure::input(format!("cannot write {}: {error}", self.out.display()))
         };
+        interrupt::ends(connected.descriptor())
+            .map_err(|error| Failure::input(format!("cannot take Ctrl-C: {error}")))?;
         // Not before Takt has granted it: the file may be a recording that somebody keeps.
         let out = BufWriter::new(File::create(&self.out).map_err(failed)?);
         let mut out = Writer::new(form, out, &points, [self.pre, self.duration]);
@@ -83,7 +86,8 @@ impl Record {
         // Whatever has ended it, what is recorded is a whole file.
         let finished = out.end(&extent).map_err(failed);
         tell(&extent);
-        ended.and(finished)
+        let ended = if interrupt::came() { Err(interrupted()) } else { ended };
+        finished.and(ended)
     }
 }
 
@@ -107,6 +111,12 @@ fn record(
         }
     }
     Ok(())
+}
+
+/// The status is what a shell tells of a process that SIGINT ended.
+fn interrupted() -> Failure {
+    let message = "interrupted: the file has what was recorded until then".to_owned();
+    Failure { status: 128 + libc::SIGINT as u8, message }
 }
 
 fn tell(extent: &Extent) {

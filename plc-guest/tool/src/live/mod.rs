@@ -2,6 +2,7 @@
 //!
 //! Names, connection and lines of values are `takt-points`, which `takt top` uses as well.
 
+pub mod interrupt;
 pub mod output;
 pub mod plot;
 pub mod recording;
