@@ -13,6 +13,9 @@ use super::link::Link;
 /// From here on clients are Takt itself, which looks at what programs retain: the partition file's budgets are not for it.
 pub const OWN_CLIENTS: u64 = u64::MAX - 255;
 
+/// Time between two looks at the queue of samples.
+const TURN: Nanos = Nanos::from_millis(20);
+
 /// What one client looks at.
 struct Subscription {
     client: u64,
@@ -183,7 +186,10 @@ impl Watching {
             if now < subscription.next {
                 continue;
             }
-            subscription.next = now.plus(subscription.interval);
+            // Samples are taken from the queue once in a turn. One that waited a little longer than the next makes that no line
+            // too early: else a client would miss each second sample of a kernel that keeps to its interval.
+            let soonest = now.plus(subscription.interval).less(TURN);
+            subscription.next = subscription.next.plus(subscription.interval).max(soonest);
             let missed = std::mem::take(&mut subscription.missed);
             let bytes = subscription.cut(&self.sample);
             deliver(Sampled { client: subscription.client, head: *head, missed, bytes });
@@ -363,5 +369,18 @@ mod tests {
         assert_eq!(told, [(1, vec![3, 4, 1, 2]), (2, vec![2])]);
         let told = taken(&mut all, head(5, 0, true), &[5, 6, 7, 8], 99);
         assert_eq!(told, [(1, vec![7, 8, 5, 6])], "the other one is not due");
+    }
+
+    #[test]
+    fn a_client_misses_no_sample_of_a_kernel_that_keeps_to_its_interval() {
+        let mut all = Watching::default();
+        all.watch(1, vec![range(0, 0, 1)], Nanos::from_millis(100), &limits(100)).unwrap();
+        (all.serial, all.unsent) = (5, false);
+        let mut at = |ms| taken(&mut all, head(5, 0, true), &[7], ms).len();
+        // Taken up to 20 ms after they were made.
+        let lines: Vec<usize> = [20, 119, 205, 320, 401].map(&mut at).to_vec();
+        assert_eq!(lines, [1; 5]);
+        // From a kernel that sends one each ms for another client it has one each 100 ms.
+        assert_eq!((402..1402).map(at).sum::<usize>(), 10);
     }
 }
