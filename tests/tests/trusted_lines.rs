@@ -7,7 +7,7 @@ use takt_tests::trusted_lines::by_folder;
 /// Most lines of each folder. A change that needs more raises the number and says in its commit what the lines are for.
 /// A change that needs fewer lowers it.
 const MOST: [(&str, usize); 13] = [
-    ("vmm/src", 16_590),
+    ("vmm/src", 16_630),
     ("vmm/plan/src", 7_580),
     ("vmm/host/src", 640),
     ("vmm/record/src", 300),
@@ -17,9 +17,9 @@ const MOST: [(&str, usize); 13] = [
     ("scheduler/src", 2_080),
     ("devices/src", 1_500),
     ("devices/channel/src", 1_200),
-    ("devices/abi/src", 1_060),
+    ("devices/abi/src", 1_075),
     ("plc-guest/program/src", 2_640),
-    ("plc-guest/change/src", 1_670),
+    ("plc-guest/change/src", 2_100),
 ];
 
 #[test]

@@ -30,7 +30,7 @@ pub mod live;
 pub mod program;
 
 /// Version of this interface. A guest that finds another in [`Information::version`] must stop.
-pub const VERSION: u32 = 6;
+pub const VERSION: u32 = 7;
 
 /// First field of the information page: `"TAKT"`, little-endian.
 pub const MAGIC: u32 = u32::from_le_bytes(*b"TAKT");

@@ -124,6 +124,8 @@ pub struct Program {
     pub on_deadline: u32,
     /// What the block has at the guest's start: one of [`restored`].
     pub restored: u32,
+    /// Start of the memory for the state of another version, as long as that of the first; 0 if there is none.
+    pub second_state: u64,
 }
 
 impl Program {
@@ -142,6 +144,7 @@ impl Program {
         on_overrun: 0,
         on_deadline: 0,
         restored: restored::NOTHING,
+        second_state: 0,
     };
 }
 
@@ -172,7 +175,7 @@ pub mod action {
 }
 
 const _: () = {
-    assert!(size_of::<Program>() == 112);
-    assert!(size_of::<ProgramTable>() == 32 + PROGRAMS_MAX * 112);
+    assert!(size_of::<Program>() == 120);
+    assert!(size_of::<ProgramTable>() == 32 + PROGRAMS_MAX * 120);
     assert!(size_of::<ProgramTable>() as u64 <= memory::PAGE);
 };

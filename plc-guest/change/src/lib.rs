@@ -16,6 +16,7 @@
 //! | [`conversion`] | which types widen to which, and how a value does |
 //! | [`apply`] | carries a plan out |
 //! | [`cost`] | the time that it takes |
+//! | [`large`] | a plan for more than fits between two cycles, and what carries it out |
 //! | [`make`] (feature `make`) | from two images to a plan, with what engineers are told |
 
 #![no_std]
@@ -27,6 +28,8 @@ extern crate std;
 pub mod apply;
 pub mod conversion;
 pub mod cost;
+mod header;
+pub mod large;
 #[cfg(feature = "make")]
 pub mod make;
 pub mod plan;
@@ -34,4 +37,6 @@ pub mod plan;
 pub use apply::{Memory, Ready, Room};
 pub use conversion::Conversion;
 pub use cost::Cost;
+pub use header::is_to_second;
+pub use large::{LargePlan, TwoStates};
 pub use plan::{Defect, Plan, Step};

@@ -12,7 +12,7 @@
 //! | 80 | u32 | bytes of the state of the first |
 //! | 84 | u32 | bytes of the state of the second |
 //! | 88 | u32 | bytes that are put aside |
-//! | 92 | u32 | reserved: zero |
+//! | 92 | u32 | 0; 1 is a plan of another kind: [`large`](crate::large) |
 //!
 //! A record is a code (u8), two elementary types of a conversion (u8 each, else zero), a zero, and three
 //! numbers (u32): from, to, count. The records are in three groups. First those that write the state, in the order of
@@ -21,10 +21,11 @@
 
 use core::fmt;
 
-use takt_program::{Elementary, Image, address};
+use takt_program::{Elementary, Image};
 
 use crate::conversion::Conversion;
 use crate::cost::{COMMIT_NS, Cost, GATHER_BYTES, SAVED_BYTES};
+use crate::header::{Header, IN_PLACE, relocate};
 
 /// The first bytes of each plan.
 pub const MAGIC: [u8; 8] = *b"TAKTCHG\0";
@@ -130,6 +131,19 @@ impl Step {
         }
     }
 
+    /// The first place that it writes.
+    pub(crate) const fn target(&self) -> u32 {
+        match *self {
+            Self::Keep { at: to, .. }
+            | Self::Copy { to, .. }
+            | Self::Convert { to, .. }
+            | Self::Initial { to, .. }
+            | Self::Restore { to, .. }
+            | Self::Save { to, .. }
+            | Self::Reference { to, .. } => to,
+        }
+    }
+
     /// Whether it is done before the commit: initial values behind the state of the old version, of this
     /// size, which has no use for those bytes.
     #[must_use]
@@ -163,7 +177,7 @@ impl Step {
         record
     }
 
-    fn read(record: &[u8]) -> Option<Self> {
+    pub(crate) fn read(record: &[u8]) -> Option<Self> {
         let number = |at| u32_at(record, at);
         let (from, to, bytes) = (number(4), number(8), number(12));
         let (first, second) = (*record.get(1)?, *record.get(2)?);
@@ -174,7 +188,7 @@ impl Step {
         }
         match code {
             code::KEEP if from == to => Some(Self::Keep { at: from, bytes }),
-            code::COPY if from != to => Some(Self::Copy { from, to, bytes }),
+            code::COPY => Some(Self::Copy { from, to, bytes }),
             code::CONVERT => {
                 let (first, second) =
                     (Elementary::from_code(first)?, Elementary::from_code(second)?);
@@ -190,7 +204,7 @@ impl Step {
     }
 }
 
-fn u32_at(bytes: &[u8], at: usize) -> u32 {
+pub(crate) fn u32_at(bytes: &[u8], at: usize) -> u32 {
     let found = bytes.get(at..).and_then(|rest| rest.first_chunk());
     found.map_or(0, |four| u32::from_le_bytes(*four))
 }
@@ -220,7 +234,9 @@ pub enum Defect {
 impl fmt::Display for Defect {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Header => f.write_str("it is no plan of version 1, or not as long as it says"),
+            Self::Header => {
+                f.write_str("it is no plan of its kind of version 1, or not as long as it says")
+            }
             Self::Images => f.write_str("it is for other images"),
             Self::Record(index) => write!(f, "record {index} is none that there is"),
             Self::Range(index) => write!(f, "record {index} leads out of the state"),
@@ -239,7 +255,7 @@ impl fmt::Display for Defect {
 /// A plan. There is none that has not been checked: see [`Plan::parse`].
 #[derive(Clone, Copy, Debug)]
 pub struct Plan<'a> {
-    bytes: &'a [u8],
+    header: Header<'a>,
     cost: Cost,
 }
 
@@ -256,26 +272,17 @@ impl<'a> Plan<'a> {
     /// # Errors
     /// The first defect that is found.
     pub fn parse(bytes: &'a [u8], old: &Image<'_>, new: &Image<'_>) -> Result<Self, Defect> {
-        let records = u32_at(bytes, 12);
-        let length = HEADER_BYTES + records.min(RECORDS) as usize * RECORD_BYTES;
-        let is_plan = bytes.starts_with(&MAGIC) && u32_at(bytes, 8) == VERSION;
-        if !is_plan || records > RECORDS || bytes.len() != length || u32_at(bytes, 92) != 0 {
-            return Err(Defect::Header);
-        }
-        let mut plan = Self { bytes, cost: Cost::default() };
-        let hashes = (bytes.get(16..48), bytes.get(48..80));
-        let sizes = (plan.old_bytes(), plan.new_bytes());
-        if hashes != (Some(&old.hash()[..]), Some(&new.hash()[..]))
-            || sizes != (old.state_bytes(), new.state_bytes())
-        {
+        let header = Header::read(bytes, IN_PLACE, RECORDS)?;
+        if !header.is_of(old, new) {
             return Err(Defect::Images);
         }
+        let mut plan = Self { header, cost: Cost::default() };
         if plan.saved_bytes() > SAVED_BYTES {
             return Err(Defect::Room);
         }
         let mut before = Before { group: 0, end: 0, gathered: 0 };
-        for index in 0..records {
-            let step = plan.step(index).ok_or(Defect::Record(index))?;
+        for index in 0..header.records() {
+            let step = header.step(index).ok_or(Defect::Record(index))?;
             plan.check(&step, &mut before).map_err(|defect| defect(index))?;
             plan.cost.add(&step, plan.old_bytes());
         }
@@ -294,6 +301,7 @@ impl<'a> Plan<'a> {
         // What is read, from how much; what is written, to how much.
         let (group, source, target) = match *step {
             Step::Keep { at, .. } => (0, Some((at, bytes, old)), (at, new)),
+            Step::Copy { from, to, .. } if from == to => return Err(Defect::Record),
             Step::Copy { from, to, .. } => (0, Some((from, bytes, old)), (to, new)),
             Step::Convert { from, to, count, conversion } => {
                 let read = count.saturating_mul(conversion.from().bytes());
@@ -330,33 +338,28 @@ impl<'a> Plan<'a> {
         Ok(())
     }
 
-    fn step(&self, index: u32) -> Option<Step> {
-        let at = HEADER_BYTES + index as usize * RECORD_BYTES;
-        Step::read(self.bytes.get(at..)?.get(..RECORD_BYTES)?)
-    }
-
     /// The steps, in the order of the records.
     pub fn steps(&self) -> impl Iterator<Item = Step> + use<'a> {
-        let plan = *self;
-        (0..u32_at(self.bytes, 12)).filter_map(move |index| plan.step(index))
+        let header = self.header;
+        (0..header.records()).filter_map(move |index| header.step(index))
     }
 
     /// Size of the state that is left.
     #[must_use]
     pub fn old_bytes(&self) -> u32 {
-        u32_at(self.bytes, 80)
+        self.header.old_bytes()
     }
 
     /// Size of the state that is entered.
     #[must_use]
     pub fn new_bytes(&self) -> u32 {
-        u32_at(self.bytes, 84)
+        self.header.new_bytes()
     }
 
     /// How many bytes it puts aside or takes back.
     #[must_use]
     pub fn saved_bytes(&self) -> u32 {
-        u32_at(self.bytes, 88)
+        self.header.saved_bytes()
     }
 
     /// What it does at the commit.
@@ -365,24 +368,18 @@ impl<'a> Plan<'a> {
         self.cost
     }
 
-    /// Where an address of the old version leads in the new one: 0 for what is gone. Only the state moves; inputs,
-    /// outputs and markers stay. Stacks are empty between two jobs, and constants have no places that are kept.
+    /// Where an address of the old version leads in the new one: 0 for what is gone.
     #[must_use]
     pub fn relocated(&self, target: u64) -> u64 {
-        if (address::INPUT..address::TASK_INFORMATION).contains(&target) {
-            return target;
-        }
-        let offset =
-            target.checked_sub(address::STATE).and_then(|offset| u32::try_from(offset).ok());
-        let Some(offset) = offset.filter(|offset| *offset < self.old_bytes()) else { return 0 };
-        let found = self.steps().find_map(|step| {
-            let (from, to, bytes) = match step {
-                Step::Keep { at, bytes } => (at, at, bytes),
-                Step::Copy { from, to, bytes } => (from, to, bytes),
-                _ => return None,
-            };
-            offset.checked_sub(from).filter(|inside| *inside < bytes).map(|inside| to + inside)
-        });
-        found.map_or(0, |offset| address::STATE + u64::from(offset))
+        relocate(target, self.old_bytes(), |offset| {
+            self.steps().find_map(|step| {
+                let (from, to, bytes) = match step {
+                    Step::Keep { at, bytes } => (at, at, bytes),
+                    Step::Copy { from, to, bytes } => (from, to, bytes),
+                    _ => return None,
+                };
+                offset.checked_sub(from).filter(|inside| *inside < bytes).map(|inside| to + inside)
+            })
+        })
     }
 }

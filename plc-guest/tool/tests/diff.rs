@@ -6,8 +6,13 @@ use common::Folder;
 
 /// A program in Structured Text with these declarations, in this version.
 fn program(folder: &Folder, name: &str, variables: &str, body: &str) {
+    program_with(folder, name, "", variables, body);
+}
+
+/// The same, with these types.
+fn program_with(folder: &Folder, name: &str, types: &str, variables: &str, body: &str) {
     let source = format!(
-        "PROGRAM Main\nVAR\n  q AT %QW0 : INT;\n{variables}\nEND_VAR\n{body}\nEND_PROGRAM\n\
+        "{types}PROGRAM Main\nVAR\n  q AT %QW0 : INT;\n{variables}\nEND_VAR\n{body}\nEND_PROGRAM\n\
          CONFIGURATION c\nTASK t (INTERVAL := T#10ms, PRIORITY := 1);\n\
          PROGRAM main WITH t : Main;\nEND_CONFIGURATION\n"
     );
@@ -57,6 +62,38 @@ fn a_change_tells_what_becomes_of_each_variable() {
     }
     // The same program stays as it is.
     folder.takt_plc(&["diff", "old.plc", "old.plc"]).expect(0, "0 bytes in 0 steps");
+}
+
+#[test]
+fn a_change_of_more_than_fits_between_two_cycles_names_the_key_that_it_takes() {
+    let folder = Folder::new();
+    let block = "  meters : ARRAY[1..300] OF Meter; last : INT;";
+    let program = |name: &str, fields: &str| {
+        let ty = format!("TYPE Meter : STRUCT {fields} END_STRUCT; END_TYPE\n");
+        program_with(
+            &folder,
+            name,
+            &ty,
+            block,
+            "last := last + 1; q := last; meters[1].n := last;",
+        );
+    };
+    program("old", "n : INT; sum : LREAL;");
+    program("new", "more : LREAL; sum : LREAL; n : INT;");
+    let ended = folder.takt_plc(&["diff", "old.plc", "new.plc"]).expect(0, "");
+    for line in [
+        "large        the change takes more than 256 steps",
+        "second state ",
+        "before a commit that moves nothing; takes the key `second_state` of the partition file",
+    ] {
+        assert!(ended.text.contains(line), "{line}\n{}", ended.text);
+    }
+    assert!(!ended.text.contains("roll-back"), "{}", ended.text);
+    let json = folder.takt_plc(&["diff", "old.plc", "new.plc", "--json"]).expect(0, "");
+    let value: serde_json::Value = serde_json::from_str(&json.text).unwrap();
+    assert_eq!((&value["possible"], &value["commit"]), (&true.into(), &serde_json::Value::Null));
+    assert_eq!(value["large"]["reason"], "the change takes more than 256 steps");
+    assert!(value["large"]["steps"].as_u64().unwrap() >= 600, "{value:#}");
 }
 
 #[test]

@@ -55,5 +55,9 @@ pub fn shown(status: &VersionStatus) -> String {
         let cycle = status.cycle;
         let _ = writeln!(text, "{:<16} last change at {at:.3} s, cycle {cycle}, in {took} ns", "");
     }
+    if status.carried_pages > 0 {
+        let (pages, time) = (status.carried_pages, status.carrying_ns.div_ceil(1000));
+        let _ = writeln!(text, "{:<16} {pages} pages carried to a second state in {time} us", "");
+    }
     text.lines().map(|line| plain(line) + "\n").collect()
 }

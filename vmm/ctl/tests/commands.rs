@@ -174,6 +174,8 @@ impl Operator for FakeRun {
                 took_ns: 3120,
                 at_ns: 2_000_000_000,
                 cycle: 2000,
+                carried_pages: 0,
+                carrying_ns: 0,
             }]
         })
     }

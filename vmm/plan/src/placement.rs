@@ -1,6 +1,7 @@
 //! Where the programs of a PLC lie in its memory.
 //!
-//! Behind the guest's own image, one after the other: bank 0 with the image, bank 1, the state, the retained values. What is left
+//! Behind the guest's own image, one after the other: bank 0 with the image, bank 1, the state, a second one if the file asks for
+//! it, the retained values. What is left
 //! of the memory is the guest's to work with. None of it depends on anything but the partition file and the
 //! images, so a file that does not fit is refused before anything is started.
 
@@ -29,10 +30,14 @@ pub fn place(checked: &mut Checked, guest_end: u64) -> Result<(), Diagnostic> {
         at
     };
     for program in &mut checked.programs {
+        let second_state = program.second_state;
         let place = &mut program.program.place;
         place.image = take(place.bank_bytes);
         place.second_bank = take(place.bank_bytes);
         place.state = take(place.state_bytes);
+        if second_state {
+            place.second_state = take(place.state_bytes);
+        }
         place.retained = take(place.retained_bytes);
     }
     let work: u64 = checked.programs.iter().map(|program| program.work).sum();

@@ -29,7 +29,7 @@ const KEYS_MAX: usize = 16;
 /// Longest image: its segments, the longest of its tables, and room to spare.
 const IMAGE_MAX: u64 = 192 << 20;
 /// What one page table maps.
-const BANK_TABLE: u64 = 2 << 20;
+const TABLE: u64 = 2 << 20;
 /// What a bank and the memory for the state are a multiple of, where the file gives no size.
 const STEP: u64 = 64 << 10;
 
@@ -108,6 +108,8 @@ pub struct CheckedProgram {
     pub span: Span,
     /// What the guest needs for it in its working area, in bytes.
     pub work: u64,
+    /// Whether another version may have a state of its own.
+    pub second_state: bool,
 }
 
 /// Reads and checks the programs of a partition, in the order of the file.
@@ -178,14 +180,15 @@ fn check_one(
         on_deadline: check_action("on_deadline", raw.on_deadline.as_ref(), &DEADLINE_ACTIONS)?,
         ..program::Program::NONE
     };
-    let work = work(&image, bank);
+    let second_state = raw.second_state.as_ref().is_some_and(|second| *second.get_ref());
+    let work = work(&image, &place, second_state);
     let watch = check_watch(raw.watch.as_ref())?;
     let allow_force = raw.allow_force.as_ref().is_some_and(|allow| *allow.get_ref());
     let retain = retain::check(raw, around)?;
     let image = bytes.into();
     let path = file.path;
     let program = Program { name, path, place, trust, watch, allow_force, retain, keys, image };
-    Ok(CheckedProgram { program, span: file.span, work })
+    Ok(CheckedProgram { program, span: file.span, work, second_state })
 }
 
 /// What may be watched where the file does not say.
@@ -309,7 +312,7 @@ fn area(
 }
 
 /// What the guest needs to run it, apart from banks and state.
-fn work(image: &Image<'_>, bank: u64) -> u64 {
+fn work(image: &Image<'_>, place: &program::Program, second_state: bool) -> u64 {
     let stacks = image.tasks().map(|task| u64::from(task.stack_bytes));
     let objects = image.objects().map(|object| match object.kind {
         ObjectKind::Queue { message_bytes, depth } => program::queue_bytes(message_bytes, depth),
@@ -319,8 +322,12 @@ fn work(image: &Image<'_>, bank: u64) -> u64 {
     // Each object's messages have pages of their own.
     let objects = objects.map(|bytes| bytes.next_multiple_of(PAGE));
     // The kernel closes both banks to itself page by page, with a table for each part of 2 MiB, of which a bank may
-    // begin and end in the middle.
-    let tables = 2 * (bank / BANK_TABLE + 2) * PAGE;
+    // begin and end in the middle. The program sees both banks and its states by tables of its own; the first of each bank and
+    // of the first state is among what each program has.
+    let closed = 2 * (place.bank_bytes / TABLE + 2);
+    let seen = 2 * (place.bank_bytes / TABLE) + place.state_bytes / TABLE;
+    let second = if second_state { place.state_bytes / TABLE + 1 } else { 0 };
+    let tables = (closed + seen + second) * PAGE;
     let area = |area| image.area_bytes(area);
     let views =
         image.tasks().len() as u64 * program::view_bytes(area(Area::Input), area(Area::Output));

@@ -121,6 +121,7 @@ pub struct Program {
     pub name: Option<Spanned<String>>,
     pub bank: Option<Spanned<Bytes>>,
     pub state: Option<Spanned<Bytes>>,
+    pub second_state: Option<Spanned<bool>>,
     pub keys: Option<Spanned<Vec<Spanned<String>>>>,
     pub on_fault: Option<Spanned<String>>,
     pub on_overrun: Option<Spanned<String>>,

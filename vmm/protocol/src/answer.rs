@@ -183,6 +183,12 @@ pub struct VersionStatus {
     pub at_ns: u64,
     /// Jobs of the first task up to then.
     pub cycle: u64,
+    /// Pages that were carried to a second state for the last change, each as often as it was.
+    #[serde(default)]
+    pub carried_pages: u64,
+    /// Time without a job that this took.
+    #[serde(default)]
+    pub carrying_ns: u64,
 }
 
 /// An image.

@@ -26,7 +26,7 @@ use crate::memory::{GuestMemory, Pages};
 
 const FILE: &str = "version = 1\n[system]\nname = \"s\"\nmajor_frame = \"1ms\"\n\
     [[partition]]\nname = \"plc\"\nkind = \"plc\"\ncpu = 0\nmemory = \"8MiB\"\n\
-    [[partition.program]]\nimage = \"a.plc\"\n[[partition.program]]\nimage = \"b.plc\"\n[[schedule]]\nname = \"normal\"\n\
+    [[partition.program]]\nimage = \"a.plc\"\nsecond_state = true\n[[partition.program]]\nimage = \"b.plc\"\n[[schedule]]\nname = \"normal\"\n\
     [[schedule.window]]\npartition = \"plc\"\noffset = \"0us\"\nduration = \"300us\"\n";
 
 /// A version of `a` with this many variables.
@@ -182,6 +182,76 @@ fn a_version_is_checked_brought_into_the_bank_entered_and_left() {
     // The next version goes into the bank that is free now: the second one again.
     plant.load(&image(2, 2, 10_000)).unwrap();
     assert_eq!(plant.phase().2, Some("1.0.2".into()));
+}
+
+/// A version with so many variables, each at another place than in [`image_of`].
+fn reversed(program: &str, patch: u16, variables: u32) -> Vec<u8> {
+    let mut image = Builder::new(program);
+    image.version = Version { major: 1, minor: 0, patch };
+    image.code = vec![0xc3];
+    image.state_bytes = 8 * variables;
+    let ty = image.elementary(Elementary::Ulint);
+    for index in 0..variables {
+        let place = 8 * (variables - 1 - index);
+        image.variable(Variable::new(&format!("v{index}"), ty, Area::State, place));
+    }
+    let mut task = Task::cyclic("main", Nanoseconds(1_000_000), CodeOffset(0));
+    task.budget = Some(Nanoseconds(10_000));
+    image.task(task);
+    image.build().unwrap()
+}
+
+#[test]
+fn what_is_too_large_for_two_cycles_takes_the_second_state_if_the_file_gives_one() {
+    let mut plant = Plant::new("large");
+    let (mut orders, mut answers) = plant.case.guest();
+    plant.tick();
+    let mut tell = |plant: &mut Plant, record: ChangeRecord| {
+        let mut buffer = [0; MESSAGE_BYTES];
+        let number = plant.case.running.link.last();
+        let answer = Answer::Change(record);
+        answers.send(answer.encode(number, &mut buffer).unwrap(), takt_channel::Tsc(1)).unwrap();
+        plant.tick()
+    };
+    for (program, place) in [("a", 0), ("b", 1)] {
+        plant.load_into(program, &image_of(program, 1, 300, 10_000)).unwrap();
+        for phase in [Phase::Prepared, Phase::Held] {
+            if phase == Phase::Held {
+                plant.case.running.commit(program).unwrap();
+                tell(&mut plant, ChangeRecord { program: place, ..record(Phase::Trial) });
+            }
+            tell(&mut plant, ChangeRecord { program: place, ..record(phase) });
+        }
+    }
+    let said = plant.load_into("b", &reversed("b", 2, 300)).unwrap_err();
+    assert!(said.starts_with("the change takes more than 256 steps. With the key `second_state`"));
+    let mut buffer = [0; MESSAGE_BYTES];
+    while orders.receive(&mut buffer).is_ok() {}
+
+    let next = reversed("a", 2, 300);
+    let said = plant.load(&next).unwrap();
+    assert!(said.contains("carried to the second state, in 300 steps and 76 us"), "{said}");
+    let message = orders.receive(&mut buffer).unwrap();
+    let Ok((_, Order::Prepare { image_bytes, forward_bytes, .. })) = decode_order(message.bytes)
+    else {
+        panic!("another order")
+    };
+    assert_eq!((image_bytes as usize, forward_bytes), (next.len(), 96 + 300 * 16));
+    // Version 1.0.1 runs in the second bank.
+    let place = plant.banks.programs.all()[0].place;
+    let mut plan = vec![0; forward_bytes as usize];
+    let at = GuestAddress(place.image + u64::from(image_bytes).next_multiple_of(PAGE));
+    plant.banks.memory.regions().read_slice(&mut plan, at).unwrap();
+    let old = image(1, 300, 10_000);
+    let images = [&old, &next].map(|bytes| Image::parse(bytes).unwrap());
+    takt_change::LargePlan::parse(&plan, &images[0], &images[1]).unwrap();
+
+    let carried = ChangeRecord { carried: 9, carrying: 41_001, ..record(Phase::Prepared) };
+    let news = tell(&mut plant, carried);
+    let told = "a: a version is prepared; 9 pages were carried to its state in 42 us";
+    assert!(news.iter().any(|text| text == told), "{news:?}");
+    let status = plant.case.running.changes.status().remove(0);
+    assert_eq!((status.carried_pages, status.carrying_ns), (9, 41_001));
 }
 
 #[test]

@@ -10,7 +10,7 @@ use takt_abi::live::{
     Refusal as KernelRefusal,
 };
 use takt_abi::memory::PAGE;
-use takt_change::make::{Change, NoteKind, Plans};
+use takt_change::make::{Change, NoteKind};
 use takt_plan::{PIECES_MAX, Program};
 use takt_program::Image;
 use takt_protocol::{ErrorKind, ImageVersion, Refusal, VersionStatus};
@@ -34,6 +34,14 @@ pub struct Versions {
     pub ordered: Option<u32>,
     /// Another version has been entered since that was asked last.
     pub exchanged: bool,
+}
+
+/// The plans of a change, for the way that it takes.
+struct Chosen {
+    forward: Vec<u8>,
+    back: Vec<u8>,
+    /// What the operator is told of them.
+    told: String,
 }
 
 /// An order is not carried out, for this reason.
@@ -156,18 +164,17 @@ impl Versions {
         self.send(link, &Order::Prepare { program, image_bytes, forward_bytes, back_bytes })?;
         self.record = ChangeRecord { program, phase: Phase::Preparing, ..ChangeRecord::default() };
         let text = format!(
-            "{}: version {} is being prepared; a commit moves {} bytes in {} ns by the model",
+            "{}: version {} is being prepared; {}",
             self.program.name,
             version_of(&bytes),
-            plans.cost.bytes(),
-            plans.cost.nanoseconds()
+            plans.told
         );
         self.other = Some(bytes);
         Ok(text)
     }
 
     /// Whether the running version may change to this one.
-    fn check(&self, bytes: &[u8]) -> Result<Plans, Refusal> {
+    fn check(&self, bytes: &[u8]) -> Result<Chosen, Refusal> {
         let bad = |error| refused(format!("this is no program image: {error}"));
         let new = Image::verify(bytes).map_err(bad)?;
         let old = Image::parse(&self.running).map_err(bad)?;
@@ -210,7 +217,25 @@ impl Versions {
             return Err(refused(format!("a change of tasks needs a restart: {}", note.text)));
         }
         let reasons: Vec<String> = change.refusals.iter().map(ToString::to_string).collect();
-        change.plans.ok_or_else(|| refused(reasons.join("; ")))
+        match (change.plans, change.large, change.too_large) {
+            (Some(plans), ..) => {
+                let (bytes, time) = (plans.cost.bytes(), plans.cost.nanoseconds());
+                let told = format!("a commit moves {bytes} bytes in {time} ns by the model");
+                Ok(Chosen { forward: plans.forward, back: plans.back, told })
+            }
+            (None, Some(large), _) if self.program.place.second_state > 0 => {
+                let (records, time) = (large.records, large.nanoseconds.div_ceil(1000));
+                let told = format!(
+                    "before a commit its values are carried to the second state, in {records} steps and {time} us of \
+                     time without a job by the model"
+                );
+                Ok(Chosen { forward: large.forward, back: large.back, told })
+            }
+            (None, Some(_), Some(reason)) => Err(refused(format!(
+                "{reason}. With the key `second_state` of the partition file the change can be made"
+            ))),
+            _ => Err(refused(reasons.join("; "))),
+        }
     }
 
     /// What the kernel tells, if it can follow what it told before.
@@ -264,6 +289,11 @@ impl Versions {
         };
         (before != after).then(|| match after {
             Phase::None => format!("{name}: the change is given up{}", because(record.reason)),
+            Phase::Prepared if record.carried > 0 => format!(
+                "{name}: a version is prepared; {} pages were carried to its state in {} us",
+                record.carried,
+                record.carrying.div_ceil(1000)
+            ),
             Phase::Prepared => format!("{name}: a version is prepared"),
             Phase::Trial => format!(
                 "{name}: version {version} runs from cycle {cycle} on, on trial; the change took {took} ns{gone}"
@@ -316,6 +346,8 @@ impl Versions {
             took_ns: self.record.took,
             at_ns: self.record.at,
             cycle: self.record.cycle,
+            carried_pages: self.record.carried.into(),
+            carrying_ns: self.record.carrying,
         }
     }
 }

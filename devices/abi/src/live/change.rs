@@ -76,6 +76,11 @@ pub struct ChangeRecord {
     pub at: u64,
     /// Jobs of the program's first task up to then.
     pub cycle: u64,
+    /// Pages that were carried over to a second state for this commit or roll-back, each as often as it was. 0 if the
+    /// values move within one state.
+    pub carried: u32,
+    /// Time that it took, between jobs, in nanoseconds.
+    pub carrying: u64,
 }
 
 impl ChangePhase {
@@ -114,6 +119,8 @@ impl ChangeRecord {
         to.u32(self.jobs);
         to.u32(self.gone);
         [self.took, self.at, self.cycle].into_iter().for_each(|number| to.u64(number));
+        to.u32(self.carried);
+        to.u64(self.carrying);
     }
 
     pub(super) fn read(from: &mut Reader<'_>) -> Option<Self> {
@@ -127,6 +134,8 @@ impl ChangeRecord {
             took: from.u64()?,
             at: from.u64()?,
             cycle: from.u64()?,
+            carried: from.u32()?,
+            carrying: from.u64()?,
         })
     }
 }

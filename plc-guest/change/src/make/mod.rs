@@ -20,6 +20,7 @@ use std::vec::Vec;
 use takt_program::Image;
 
 use crate::cost::Cost;
+use crate::large::LargePlan;
 use crate::plan::{Defect, Plan};
 use carry::Carried;
 
@@ -36,8 +37,12 @@ pub struct Change {
     pub notes: Vec<Note>,
     /// Why the change cannot be made while the program runs.
     pub refusals: Vec<Refusal>,
-    /// The plans, if there is no such reason.
+    /// The plans of a commit within one state, if there is no such reason.
     pub plans: Option<Plans>,
+    /// Why the values cannot move within one state, if nothing else is in the way.
+    pub too_large: Option<Refusal>,
+    /// Then these plans carry them to a second state.
+    pub large: Option<Large>,
 }
 
 /// The plans of a change that can be made.
@@ -51,6 +56,19 @@ pub struct Plans {
     pub cost: Cost,
     /// What the second does.
     pub back_cost: Cost,
+}
+
+/// The plans of a change that takes a second state.
+#[derive(Clone, Debug)]
+pub struct Large {
+    /// From the old version to the new one.
+    pub forward: Vec<u8>,
+    /// Back again.
+    pub back: Vec<u8>,
+    /// How many records the first has.
+    pub records: u32,
+    /// Time without a job that all of the state takes once, by the model, in nanoseconds.
+    pub nanoseconds: u64,
 }
 
 impl Change {
@@ -69,13 +87,22 @@ impl Change {
         }
         refusals.extend(forward.refusals.iter().cloned());
         refusals.extend(compare::rises(old, new, &forward));
-        let mut change = Self { entries: forward.entries.clone(), notes, refusals, plans: None };
+        let entries = forward.entries.clone();
+        let mut change =
+            Self { entries, notes, refusals, plans: None, too_large: None, large: None };
         if forward.too_many || back.too_many {
             change.refusals.push(Refusal::Steps);
         }
         if change.refusals.is_empty() {
             match plans(old, new, &forward, &back) {
                 Ok(plans) => change.plans = Some(plans),
+                Err(reason) if reason.is_of_size() => {
+                    match Large::of(old, new, &forward, &back) {
+                        Ok(large) => change.large = Some(large),
+                        Err(refusal) => change.refusals.push(refusal),
+                    }
+                    change.too_large = Some(reason);
+                }
                 Err(refusal) => change.refusals.push(refusal),
             }
         }
@@ -92,7 +119,7 @@ fn plans(
     let aside = steps::aside(back, forward, new);
     let forward = steps::forward(old, new, forward, &aside);
     let back = steps::back(new, old, back, &aside);
-    let (forward, back) = (forward.ok_or(Refusal::Steps)?, back.ok_or(Refusal::Steps)?);
+    let (forward, back) = (forward.ok_or(Refusal::Records)?, back.ok_or(Refusal::Records)?);
     let refused = |defect| match defect {
         Defect::Cost { nanoseconds } => Refusal::Cost { nanoseconds },
         Defect::Room => Refusal::Room,
@@ -101,4 +128,28 @@ fn plans(
     let cost = Plan::parse(&forward, old, new).map_err(refused)?.cost();
     let back_cost = Plan::parse(&back, new, old).map_err(refused)?.cost();
     Ok(Plans { forward, back, cost, back_cost })
+}
+
+impl Large {
+    /// The plans to a second state, also for a change that needs none. Nothing else may be in the way of the change.
+    ///
+    /// # Errors
+    /// If it takes too many records.
+    pub fn between(old: &Image<'_>, new: &Image<'_>) -> Result<Self, Refusal> {
+        Self::of(old, new, &Carried::from(old, new), &Carried::from(new, old))
+    }
+
+    fn of(
+        old: &Image<'_>,
+        new: &Image<'_>,
+        forward: &Carried,
+        back: &Carried,
+    ) -> Result<Self, Refusal> {
+        let back = steps::from_second(new, old, back, forward).ok_or(Refusal::Steps)?;
+        let forward = steps::to_second(old, new, forward).ok_or(Refusal::Steps)?;
+        let plan = LargePlan::parse(&forward, old, new).map_err(Refusal::Plan)?;
+        let (records, nanoseconds) = (plan.records(), plan.nanoseconds());
+        LargePlan::parse(&back, new, old).map_err(Refusal::Plan)?;
+        Ok(Self { forward, back, records, nanoseconds })
+    }
 }

@@ -6,6 +6,7 @@ use std::string::String;
 use takt_program::Version;
 
 use crate::cost::{COMMIT_NS, GATHER_BYTES, SAVED_BYTES};
+use crate::large;
 use crate::plan::{Defect, RECORDS};
 
 /// A reason, for engineers.
@@ -53,8 +54,10 @@ pub enum Refusal {
         /// The variable.
         name: String,
     },
-    /// It takes too many steps.
+    /// It takes too many steps, even with a second state.
     Steps,
+    /// It takes too many steps for one state.
+    Records,
     /// It moves, or puts aside, more bytes than there is room for.
     Room,
     /// It takes longer than a commit may.
@@ -64,6 +67,13 @@ pub enum Refusal {
     },
     /// The plan that was made is not valid: an error of this program.
     Plan(Defect),
+}
+
+impl Refusal {
+    /// Whether it says only that too much moves between two cycles.
+    pub(super) const fn is_of_size(&self) -> bool {
+        matches!(self, Self::Records | Self::Room | Self::Cost { .. })
+    }
 }
 
 impl fmt::Display for Refusal {
@@ -94,7 +104,8 @@ impl fmt::Display for Refusal {
             Self::Rise { name } => {
                 write!(f, "an event task waits for the rise of {name}, which gets to another place")
             }
-            Self::Steps => write!(f, "the change takes more than {RECORDS} steps"),
+            Self::Steps => write!(f, "the change takes more than {} steps", large::RECORDS),
+            Self::Records => write!(f, "the change takes more than {RECORDS} steps"),
             Self::Room => write!(
                 f,
                 "the change moves more than {GATHER_BYTES} bytes, or puts more than {SAVED_BYTES} aside for \

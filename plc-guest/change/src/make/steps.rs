@@ -6,7 +6,16 @@ use takt_program::Image;
 
 use super::carry::{Carried, Piece, What};
 use super::footprint::state_variables;
+use crate::header::{IN_PLACE, KIND_AT, TO_SECOND};
+use crate::large;
 use crate::plan::{HEADER_BYTES, MAGIC, RECORDS, Step, VERSION};
+
+/// What a plan is for.
+#[derive(Clone, Copy)]
+enum Kind {
+    InPlace { saved: u32 },
+    ToSecond,
+}
 
 /// A gap up to this between two pieces is padding, which may come along.
 const PADDING: u32 = 16;
@@ -70,7 +79,8 @@ pub fn forward(
     for (from, to, bytes) in aside.places() {
         steps.push(Step::Save { from, to, bytes });
     }
-    encode(old, new, steps, carried, aside.bytes()?)
+    let kind = Kind::InPlace { saved: aside.bytes()? };
+    encode(old, new, &with_references(steps, carried), kind)
 }
 
 /// The plan back: what it cannot carry is what was put aside, or is still there.
@@ -85,7 +95,8 @@ pub fn back(new: &Image<'_>, old: &Image<'_>, carried: &Carried, aside: &Aside) 
         Step::Initial { to, .. } | Step::Restore { to, .. } => to,
         Step::Save { .. } | Step::Reference { .. } => u32::MAX,
     });
-    encode(new, old, steps, carried, aside.bytes()?)
+    let kind = Kind::InPlace { saved: aside.bytes()? };
+    encode(new, old, &with_references(steps, carried), kind)
 }
 
 /// The steps that write the state. What stays is among them only if there are references to it.
@@ -118,10 +129,72 @@ fn writing(carried: &Carried, old_bytes: u32) -> Vec<Step> {
     steps
 }
 
+/// The plan back from a second state; none if it is too long. It has only what gets there and back as it is: what does not is
+/// in the old state still, whether the page is carried or not.
+pub fn from_second(
+    new: &Image<'_>,
+    old: &Image<'_>,
+    back: &Carried,
+    forward: &Carried,
+) -> Option<Vec<u8>> {
+    let carry = |piece: &Piece| match piece.what {
+        What::Carry { from, bytes } => Some((from, piece.to, bytes)),
+        _ => None,
+    };
+    let mut there: Vec<_> = forward.pieces.iter().filter_map(carry).collect();
+    there.sort_unstable();
+    let mut back = back.clone();
+    back.pieces.retain(|piece| {
+        carry(piece)
+            .is_some_and(|(from, to, bytes)| there.binary_search(&(to, from, bytes)).is_ok())
+    });
+    to_second(new, old, &back)
+}
+
+/// The plan that carries the values to a second state; none if it is too long.
+pub fn to_second(old: &Image<'_>, new: &Image<'_>, carried: &Carried) -> Option<Vec<u8>> {
+    let references = references(carried);
+    let mut steps: Vec<Step> = Vec::new();
+    // Padding of the old version may be a variable of the new one.
+    for Piece { to, what } in joined(carried, 0) {
+        match what {
+            What::Carry { from, bytes } => {
+                let first = references.partition_point(|(place, _)| *place < from);
+                let inside = references.iter().skip(first).take_while(|r| r.0 < from + bytes);
+                let mut copy = |at: u32, until: u32| {
+                    let step = Step::Copy { from: at, to: to + (at - from), bytes: until - at };
+                    steps.extend((until > at).then_some(step));
+                };
+                let mut at = from;
+                for (place, _) in inside {
+                    copy(at, *place);
+                    at = place + 8;
+                }
+                copy(at, from + bytes);
+            }
+            What::Convert { from, count, conversion } => {
+                steps.push(Step::Convert { from, to, count, conversion });
+            }
+            What::Initial { .. } => {}
+        }
+    }
+    steps.extend(references.into_iter().map(|(from, to)| Step::Reference { from, to }));
+    steps.sort_by_key(|step| match *step {
+        Step::Copy { from, .. } | Step::Convert { from, .. } | Step::Reference { from, .. } => from,
+        Step::Keep { .. } | Step::Initial { .. } | Step::Restore { .. } | Step::Save { .. } => {
+            u32::MAX
+        }
+    });
+    encode(old, new, &steps, Kind::ToSecond)
+}
+
 /// The pieces in the order of the places that they write, with neighbours that do the same as one. Padding
 /// comes along, unless there are references: what is padding on one side may be a variable on the other.
 fn merged(carried: &Carried) -> Vec<Piece> {
-    let padding = if carried.references.is_empty() { PADDING } else { 0 };
+    joined(carried, if carried.references.is_empty() { PADDING } else { 0 })
+}
+
+fn joined(carried: &Carried, padding: u32) -> Vec<Piece> {
     let mut pieces = carried.pieces.clone();
     pieces.sort_by_key(|piece| (piece.to, core::cmp::Reverse(piece.what.bytes())));
     let mut merged: Vec<Piece> = Vec::new();
@@ -159,20 +232,28 @@ fn join(a: Piece, b: Piece, padding: u32) -> Option<Piece> {
     Some(Piece { to: a.to, what })
 }
 
-fn encode(
-    old: &Image<'_>,
-    new: &Image<'_>,
-    mut steps: Vec<Step>,
-    carried: &Carried,
-    saved: u32,
-) -> Option<Vec<u8>> {
-    if carried.moves() {
-        let mut references = carried.references.clone();
-        references.sort_by_key(|(_, to)| *to);
-        references.dedup();
-        steps.extend(references.into_iter().map(|(from, to)| Step::Reference { from, to }));
-    }
-    let records = u32::try_from(steps.len()).ok().filter(|records| *records <= RECORDS)?;
+/// The references that come along, in the order of their places. If nothing moves they are right as they are.
+fn references(carried: &Carried) -> Vec<(u32, u32)> {
+    let mut references = if carried.moves() { carried.references.clone() } else { Vec::new() };
+    references.sort_unstable();
+    references.dedup();
+    references
+}
+
+/// With a step for each reference, in the order of the places that they get to.
+fn with_references(mut steps: Vec<Step>, carried: &Carried) -> Vec<Step> {
+    let mut references = references(carried);
+    references.sort_by_key(|(_, to)| *to);
+    steps.extend(references.into_iter().map(|(from, to)| Step::Reference { from, to }));
+    steps
+}
+
+fn encode(old: &Image<'_>, new: &Image<'_>, steps: &[Step], kind: Kind) -> Option<Vec<u8>> {
+    let (most, code, saved) = match kind {
+        Kind::InPlace { saved } => (RECORDS, IN_PLACE, saved),
+        Kind::ToSecond => (large::RECORDS, TO_SECOND, 0),
+    };
+    let records = u32::try_from(steps.len()).ok().filter(|records| *records <= most)?;
     let mut plan = std::vec![0; HEADER_BYTES];
     plan[..8].copy_from_slice(&MAGIC);
     plan[16..48].copy_from_slice(&old.hash());
@@ -183,6 +264,7 @@ fn encode(
         (80, old.state_bytes()),
         (84, new.state_bytes()),
         (88, saved),
+        (KIND_AT, code),
     ];
     for (at, number) in numbers {
         plan[at..at + 4].copy_from_slice(&number.to_le_bytes());

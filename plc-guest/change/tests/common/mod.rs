@@ -1,7 +1,9 @@
 //! Random programs, as their authors write them: names and types, from which images and values are made.
 #![allow(dead_code, reason = "not every test file needs all of it")]
 
-use takt_change::{Memory, Room};
+pub mod model;
+
+use takt_change::{Memory, Room, TwoStates};
 use takt_program::build::{Builder, Field, Kind, Task, Type, Variable};
 use takt_program::{Area, CodeOffset, Elementary, Image, Nanoseconds, TypeId};
 
@@ -290,5 +292,36 @@ impl Memory for TestMemory {
     fn set_number(&mut self, at: Room, bytes: u32, value: u64) {
         let (target, at) = self.room_mut(at);
         target[at..at + bytes as usize].copy_from_slice(&value.to_le_bytes()[..bytes as usize]);
+    }
+}
+
+/// Two states that stop the test at an access outside of them.
+pub struct TestStates<'a> {
+    pub old: &'a [u8],
+    pub new: &'a mut [u8],
+    pub lost: Vec<u32>,
+}
+
+impl TwoStates for TestStates<'_> {
+    fn copy(&mut self, from: u32, to: u32, bytes: u32) {
+        let (from, to, bytes) = (from as usize, to as usize, bytes as usize);
+        self.new[to..to + bytes].copy_from_slice(&self.old[from..from + bytes]);
+    }
+
+    fn number(&self, from: u32, bytes: u32) -> u64 {
+        let mut number = [0; 8];
+        let from = from as usize;
+        number[..bytes as usize].copy_from_slice(&self.old[from..from + bytes as usize]);
+        u64::from_le_bytes(number)
+    }
+
+    fn set_number(&mut self, to: u32, bytes: u32, value: u64) {
+        let to = to as usize;
+        let bytes = &value.to_le_bytes()[..bytes as usize];
+        self.new[to..to + bytes.len()].copy_from_slice(bytes);
+    }
+
+    fn lost(&mut self, to: u32) {
+        self.lost.push(to);
     }
 }

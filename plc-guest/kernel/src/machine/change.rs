@@ -1,20 +1,26 @@
 //! The change of a program to another version, while it runs.
 //!
 //! Takt has checked the new version and has put it into the program's free bank, with a plan of what becomes of
-//! each value, and a plan back. The kernel checks the plans, maps the pages in idle time, a few at a time, and waits
-//! for an order. Then, in idle time with no job of the program under way and time enough before the next
-//! release, it carries out the plan and changes one word of the page tables. The version is on trial for
+//! each value, and a plan back. The kernel checks the plans and maps the pages in idle time, a few at a time
+//! ([`preparing`](super::preparing)), and waits for an order. Then, in idle time with no job of the program under way and time
+//! enough before the next release, it carries out the plan and changes one word of the page tables. The version is on trial for
 //! [`TRIAL_JOBS`] jobs: a fault, or a job over its budget, leads back.
+//!
+//! For a large change the values are carried to a second state beforehand ([`carrying`](super::carrying)), and only the
+//! word is left to be changed.
 //!
 //! A place that an operator forces or watches is some bytes of the version that runs. So no change begins while a value
 //! of the program is forced, and until the trial is over none is written, forced or watched.
 //!
 //! The way back is the same, with the other plan. Values are those that the failed version has left.
 
+use super::carrying::Carrying;
 use super::kernel::Kernel;
-use super::version::{Lengths, Other};
+use super::preparing::Piece;
+use super::program::STATE;
+use super::version::{Lengths, Other, Way};
 use takt_abi::live::{Answer, ChangePhase, ChangeReason, ChangeRecord, ChangeStep, Refusal};
-use takt_change::{Plan, Ready};
+use takt_change::Ready;
 use takt_kernel::task::TaskId;
 use takt_kernel::time::{Instant, Span};
 use takt_plc_guest::cycle;
@@ -26,29 +32,16 @@ pub const TRIAL_JOBS: u32 = 100;
 const PIECE: Span = Span(60_000);
 /// Time that must be left before the next release for a commit of 10 us.
 const COMMIT: Span = Span(20_000);
-/// Pages that are mapped in one piece.
-const PAGES: u64 = 64;
-/// Bytes that get their initial values in one piece.
-const BYTES: u64 = 4096;
-
-/// What is to be done next for a version that is prepared.
-#[derive(Clone, Copy, Debug)]
-enum Piece {
-    Image(Lengths),
-    There(Lengths),
-    Back(Lengths, Plan<'static>),
-    Code(u64),
-    State,
-    Early(u64),
-}
-
 /// A change. There is one at a time.
 #[derive(Debug)]
 pub struct Change {
-    record: ChangeRecord,
-    piece: Option<Piece>,
-    image: Option<takt_program::Image<'static>>,
-    other: Option<Other>,
+    pub record: ChangeRecord,
+    /// What is to be done next while it is prepared.
+    pub piece: Option<Piece>,
+    /// The version in the other bank, and how values get there.
+    pub other: Option<Other>,
+    /// How far they have come, if that version has a state of its own.
+    pub carrying: Carrying,
 }
 
 impl Change {
@@ -63,14 +56,29 @@ impl Change {
             took: 0,
             at: 0,
             cycle: 0,
+            carried: 0,
+            carrying: 0,
         },
         piece: None,
-        image: None,
         other: None,
+        carrying: Carrying::AFTER_EXCHANGE,
     };
 
     fn is(&self, program: u8, phase: ChangePhase) -> bool {
         self.record.program == program && self.record.phase == phase
+    }
+
+    /// A task of this program gets the processor, or the kernel writes to its state.
+    pub fn program_runs(&mut self, program: u8) {
+        if self.record.program == program {
+            self.carrying.program_runs();
+        }
+    }
+
+    /// True if the other version has a state of its own that has not got all values.
+    fn is_behind(&self) -> bool {
+        let second = self.other.is_some_and(|o| matches!(o.way, Way::ToSecondState { .. }));
+        second && !self.carrying.is_done()
     }
 
     /// True if an error of this program leads back to its version before.
@@ -113,7 +121,7 @@ impl Change {
     }
 
     fn end(&mut self, phase: ChangePhase, reason: ChangeReason) {
-        (self.piece, self.image, self.other) = (None, None, None);
+        (self.piece, self.other) = (None, None);
         (self.record.phase, self.record.reason) = (phase, reason);
     }
 }
@@ -133,7 +141,7 @@ impl Kernel {
         let phase = ChangePhase::Preparing;
         let record = ChangeRecord { program, phase, ..ChangeRecord::default() };
         let piece = Some(Piece::Image(Lengths(bytes)));
-        self.change = Change { record, piece, image: None, other: None };
+        self.change = Change { record, piece, other: None, carrying: Carrying::begin() };
         Ok(())
     }
 
@@ -180,8 +188,12 @@ impl Kernel {
     /// Does a piece of a change, if there is one to do and time for it. True if it has.
     pub fn change_some(&mut self, end_tsc: u64) -> bool {
         let phase = self.change.record.phase;
+        let behind = self.change.is_behind();
         let needed = match phase {
             ChangePhase::Preparing => PIECE,
+            ChangePhase::Committing | ChangePhase::Trial | ChangePhase::RollingBack if behind => {
+                PIECE
+            }
             ChangePhase::Committing | ChangePhase::RollingBack => COMMIT,
             _ => return false,
         };
@@ -194,62 +206,15 @@ impl Kernel {
                 if let Err(reason) = self.prepare_some() {
                     self.change.end(ChangePhase::Refused, reason);
                 }
-                true
             }
-            _ => self.exchange_versions(),
-        }
-    }
-
-    fn prepare_some(&mut self) -> Result<(), ChangeReason> {
-        let change = &mut self.change;
-        let place = usize::from(change.record.program);
-        let program = self.programs[place].as_mut().ok_or(ChangeReason::Stopped)?;
-        let pages = self.pages.as_mut().ok_or(ChangeReason::Room)?;
-        let Some(piece) = change.piece else { return Err(ChangeReason::Stopped) };
-        let plan = |lengths, back, image: Option<takt_program::Image<'static>>| {
-            let image = image.ok_or(ChangeReason::Image)?;
-            let bytes = program.other_plan(lengths, back).ok_or(ChangeReason::Plan)?;
-            let (from, to) = if back { (image, program.image) } else { (program.image, image) };
-            Plan::parse(bytes, &from, &to).map_err(|_| ChangeReason::Plan)
-        };
-        let other = change.other;
-        let next = match (piece, other) {
-            (Piece::Image(lengths), _) => {
-                change.image = program.other_image(lengths);
-                change.image.ok_or(ChangeReason::Image)?;
-                Some(Piece::There(lengths))
-            }
-            (Piece::There(lengths), _) => {
-                Some(Piece::Back(lengths, plan(lengths, false, change.image)?))
-            }
-            (Piece::Back(lengths, there), _) => {
-                let back = plan(lengths, true, change.image)?;
-                change.other = change.image.map(|image| Other { image, there, back });
-                Some(Piece::Code(0))
-            }
-            (Piece::Code(from), Some(other)) => {
-                let next = program.map_other(pages, &other.image, from, PAGES);
-                Some(next.map_or(Piece::State, Piece::Code))
-            }
-            (Piece::State, Some(other)) => {
-                let bytes = other.image.state_bytes();
-                let done = program.map_state(pages, bytes, PAGES).ok_or(ChangeReason::Room)?;
-                if done {
-                    program.space.complete_other();
+            _ if behind => {
+                if let Err(reason) = self.carry_some() {
+                    self.change.end(ChangePhase::None, reason);
                 }
-                Some(if done { Piece::Early(0) } else { Piece::State })
             }
-            (Piece::Early(done), Some(other)) => {
-                let mut memory = program.memory_of(&other.image, true);
-                Ready::new(other.there).prepare(done, BYTES, &mut memory).map(Piece::Early)
-            }
-            (_, None) => return Err(ChangeReason::Stopped),
-        };
-        change.piece = next;
-        if next.is_none() {
-            change.record.phase = ChangePhase::Prepared;
+            _ => return self.exchange_versions(),
         }
-        Ok(())
+        true
     }
 
     /// The version in the other bank takes the place of the running one. False if a task has a job.
@@ -264,12 +229,15 @@ impl Kernel {
         if !self.scheduler.is_between_jobs(program.id) {
             return false;
         }
-        let old = program.image;
-        let mut memory = program.memory_of(&other.image, true);
-        change.record.gone = Ready::new(other.there).apply(&mut memory);
-        program.exchange(other.image);
+        if let Way::InOneState { there, .. } = other.way {
+            let mut memory = program.memory_of(&other.image, true);
+            change.record.gone = Ready::new(there).apply(&mut memory);
+        }
+        let left = program.regions[STATE].area;
         // The way back from here leads to the version that was left.
-        change.other = Some(Other { image: old, there: other.back, back: other.there });
+        change.other = Some(program.exchange(other));
+        change.carrying = Carrying::AFTER_EXCHANGE;
+        self.events.follow(change.record.program, left, program.regions[STATE].area);
         for id in self.scheduler.ids() {
             let place = &mut self.places[id.index()];
             if place.program != change.record.program {

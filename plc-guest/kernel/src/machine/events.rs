@@ -67,6 +67,19 @@ impl Events {
         free
     }
 
+    /// The state of a program is at another place.
+    pub fn follow(&mut self, program: u8, from: Area, to: Area) {
+        for (_, of, source) in self.all.iter_mut().flatten() {
+            if let Source::Rise { byte, .. } = source
+                && *of == program
+                && let Some(offset) = byte.start().checked_sub(from.start())
+                && from.part(offset, 1).is_some()
+            {
+                *byte = to.part(offset, 1).unwrap_or(*byte);
+            }
+        }
+    }
+
     /// Looks at all sources.
     pub fn poll(
         &mut self,

@@ -249,6 +249,7 @@ impl Kernel {
             self.scheduler.skip(task, now);
             return;
         }
+        self.change.program_runs(place.program);
         if begins {
             self.begin_job(task, place);
         }

@@ -141,12 +141,14 @@ impl Kernel {
                 Ok(())
             }
             Order::Write { point, value } => self.place(point.range).map(|area| {
-                put(area, point, value);
+                self.put(area, point, value);
+                self.change.program_runs(point.range.program);
                 self.apply_forces_again(point.range.program);
             }),
             Order::Force { point, value } => self.place(point.range).and_then(|area| {
                 self.live.forces.set(point, value)?;
-                put(area, point, value);
+                self.put(area, point, value);
+                self.change.program_runs(point.range.program);
                 self.apply_forces_again(point.range.program);
                 Ok(())
             }),
@@ -194,9 +196,19 @@ impl Kernel {
     pub fn put_forced(&self, forced: impl Iterator<Item = (Point, u64)>) {
         for (point, value) in forced {
             if let Ok(area) = self.area(point.range) {
-                put(area, point, value);
+                self.put(area, point, value);
             }
         }
+    }
+
+    /// Writes a value to its place.
+    fn put(&self, area: Area, point: Point, value: u64) {
+        let Range { program, area: kind, offset, bytes, .. } = point.range;
+        let program = self.programs.get(usize::from(program)).and_then(Option::as_ref);
+        if let (takt_abi::live::Area::State, Some(program)) = (kind, program) {
+            program.state_is_written(offset.into(), bytes.into());
+        }
+        put(area, point, value);
     }
 
     /// Takes one part of a sample of what is watched, if one is due, and time for it. True if there was.

@@ -10,12 +10,14 @@
 //! | [`program`], [`space`], [`memory`] | a program's memory, its page tables, and the RAM |
 //! | [`process`], [`io`] | process images, and what is mapped to inputs and outputs |
 //! | [`ports`] | ends of channels |
-//! | [`change`], [`version`] | another version of a program takes its place |
+//! | [`change`], [`preparing`], [`version`] | another version of a program takes its place |
+//! | [`carrying`] | its values get to the state of another version, while it runs |
 //! | [`live`] | orders from Takt while the PLC runs |
 //! | [`faults`], [`figures`], [`lines`] | what is told of errors and figures, and how much programs may log |
 //! | [`processor`] | control registers |
 
 pub mod calls;
+pub mod carrying;
 pub mod change;
 pub mod context;
 pub mod events;
@@ -27,6 +29,7 @@ pub mod lines;
 pub mod live;
 pub mod memory;
 pub mod ports;
+pub mod preparing;
 pub mod process;
 pub mod processor;
 pub mod program;

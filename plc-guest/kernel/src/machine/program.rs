@@ -114,7 +114,10 @@ pub struct Program {
     pub banks: [Area; 2],
     /// All memory for the state, of which a version may use a part.
     pub state_memory: Area,
-    /// For the values that a change moves, and then for those that it puts aside.
+    /// As much for the state of another version, if the partition file gives it.
+    pub second_state: Area,
+    /// For the values that a change moves, and then for those that it puts aside; with a second state for what is known of
+    /// each page.
     pub room: Area,
     pub regions: [Region; REGIONS],
     information: Area,
@@ -149,6 +152,10 @@ impl Program {
         let file = bank.part(0, entry.image_bytes).ok_or(LoadError::Table)?;
         let other = ram.area(entry.second_bank, entry.bank_bytes).ok_or(LoadError::Table)?;
         let state = ram.area(entry.state, entry.state_bytes).ok_or(LoadError::Table)?;
+        let second_state = match entry.second_state {
+            0 => Area::NONE,
+            at => ram.area(at, entry.state_bytes).ok_or(LoadError::Table)?,
+        };
         let retained = match entry.retained_bytes {
             0 => Area::NONE,
             bytes => ram.area(entry.retained, bytes).ok_or(LoadError::Table)?,
@@ -162,10 +169,11 @@ impl Program {
         let mut program = Self {
             id,
             image,
-            space: Space::new(pages, entry.bank_bytes)?,
+            space: Space::new(pages, entry.bank_bytes, [state.bytes(), second_state.bytes()])?,
             process: Process::new(pages, &image)?,
             banks: [bank, other],
             state_memory: state,
+            second_state,
             room: pages.take(ROOM_BYTES)?,
             entry: *entry,
             messages: [Area::NONE; OBJECTS_EACH_MAX as usize],
@@ -273,10 +281,21 @@ impl Program {
         let found = regions.into_iter().find_map(|region| {
             let allowed = !write || region.rights == Rights::Data;
             let offset = pointer.checked_sub(region.address)?;
-            region.area.part(offset, bytes).filter(|_| allowed)
+            let found = region.area.part(offset, bytes).filter(|_| allowed)?;
+            if write && region.address == address::STATE {
+                self.state_is_written(offset, bytes);
+            }
+            Some(found)
         });
         // Nothing is a part of everything.
         if bytes == 0 { Some(Area::NONE) } else { found }
+    }
+
+    /// The kernel writes to these bytes of the state.
+    pub fn state_is_written(&self, offset: u64, bytes: u64) {
+        if self.second_state != Area::NONE {
+            self.space.set_written(false, offset, bytes);
+        }
     }
 
     /// The stack of a task of the image.

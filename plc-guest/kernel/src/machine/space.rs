@@ -7,22 +7,30 @@
 //! No page is writable and executable, and none that ring 3 can execute is writable for it elsewhere. What
 //! has no entry faults: address 0, the page below each stack, everything between the areas.
 //!
+//! The state has page tables of its own, and so has the state of another version, if the partition file gives it one. The
+//! processor notes in them which pages a program has written to.
+//!
 //! Table formats: AMD64 Architecture Programmer's Manual, volume 2, section 5.3.
 
 use super::memory::{Area, OutOfMemory, Pages, ROOT_ENTRY};
 use core::arch::asm;
 use takt_abi::memory::PAGE;
-use takt_program::address::{CODE, INPUT, MARKER, OUTPUT, STATE, TASK_INFORMATION};
+use takt_program::address::{CODE, INPUT, MARKER, OUTPUT, STACKS, STATE, TASK_INFORMATION};
+use takt_program::limit;
 
 const PRESENT: u64 = 1;
 const WRITABLE: u64 = 1 << 1;
 const USER: u64 = 1 << 2;
+const WRITTEN: u64 = 1 << 6;
 const NO_EXECUTE: u64 = 1 << 63;
 const ADDRESS: u64 = 0x000f_ffff_ffff_f000;
 
 // Inputs and outputs have a page table to themselves.
 const _: () = assert!(INPUT.is_multiple_of(2 << 20) && INPUT >> 21 == OUTPUT >> 21);
 const _: () = assert!(MARKER >> 21 != INPUT >> 21);
+// The tables of the state have nothing else in them.
+const _: () = assert!(STATE.is_multiple_of(2 << 20) && STACKS >> 21 != STATE_END >> 21);
+const STATE_END: u64 = STATE + limit::STATE_BYTES as u64 - 1;
 
 /// What ring 3 may do with a page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,7 +56,7 @@ impl Rights {
 /// The tables of a program.
 ///
 /// All areas of a program lie in one GiB, so one word leads to all of its pages. There are two tables below that
-/// word, one for each bank. They differ in code and constants only.
+/// word, one for each bank. They differ in code and constants only, and in the state if each version has its own.
 #[derive(Clone, Copy, Debug)]
 pub struct Space {
     root: Area,
@@ -56,6 +64,8 @@ pub struct Space {
     pointers: Area,
     /// The table in use, and the one for the other bank.
     directories: [Area; 2],
+    /// Page tables of the state in use, and of a second one.
+    states: [Area; 2],
 }
 
 /// What of a program's address space each of its tasks sees differently: the part of 2 MiB that begins with the inputs.
@@ -88,8 +98,12 @@ const ENTRIES: u64 = 512;
 const _: () = assert!(CODE & ((1 << 30) - 1) == 0 && TASK_INFORMATION >> 30 == CODE >> 30);
 
 impl Space {
-    /// With only the kernel, and room for the code and constants of a bank of this size, twice.
-    pub fn new(pages: &mut Pages, bank_bytes: u64) -> Result<Self, OutOfMemory> {
+    /// With only the kernel, and room for the code and constants of a bank of this size, twice, and for states of these sizes.
+    pub fn new(
+        pages: &mut Pages,
+        bank_bytes: u64,
+        state_bytes: [u64; 2],
+    ) -> Result<Self, OutOfMemory> {
         let root = pages.take(PAGE)?;
         let pointers = pages.take(PAGE)?;
         let first = pages.take(PAGE)?;
@@ -112,7 +126,11 @@ impl Space {
             Ok(directory)
         };
         let directories = [directory()?, directory()?];
-        let space = Self { root, pointers, directories };
+        let [first, second] = state_bytes.map(|bytes| bytes.min(limit::STATE_BYTES.into()));
+        let mut tables = |bytes: u64| pages.take(bytes.div_ceil(LARGE_PAGE) * PAGE);
+        let states = [tables(first)?, tables(second)?];
+        let space = Self { root, pointers, directories, states };
+        space.link_state(0, 0);
         space.link();
         Ok(space)
     }
@@ -133,6 +151,43 @@ impl Space {
         self.pointers.set_word(PROGRAM, entry);
     }
 
+    /// Makes a directory lead to the tables of a state.
+    fn link_state(&self, directory: usize, state: usize) {
+        let tables = self.states[state];
+        for table in (0..tables.bytes()).step_by(PAGE as usize) {
+            let entry = (tables.start() + table) | PRESENT | WRITABLE | USER;
+            self.directories[directory].set_word(index(STATE, 21) + table / PAGE * 8, entry);
+        }
+    }
+
+    /// Maps one page of the second state, or none.
+    pub fn set_second(&self, page: u64, to: Option<u64>) {
+        let entry = to.map_or(0, |address| address | Rights::Data.bits());
+        self.states[1].set_word(8 * page, entry);
+    }
+
+    /// How many pages the tables of the second state have.
+    pub fn second_pages(&self) -> u64 {
+        self.states[1].bytes() / 8
+    }
+
+    /// The next of some pages of the state in use that has been written to, from `from` on and before `end`. It counts as not
+    /// written to from then on, when the tables have been entered anew.
+    pub fn take_written(&self, from: u64, end: u64) -> Option<u64> {
+        let tables = self.states[0];
+        let page = (from..end).find(|page| tables.word(8 * page) & WRITTEN != 0)?;
+        tables.set_word(8 * page, tables.word(8 * page) & !WRITTEN);
+        Some(page)
+    }
+
+    /// The kernel writes to these bytes of a state, where the processor does not note it.
+    pub fn set_written(&self, second: bool, offset: u64, bytes: u64) {
+        let tables = self.states[usize::from(second)];
+        for page in offset / PAGE..(offset + bytes).div_ceil(PAGE) {
+            tables.set_word(8 * page, tables.word(8 * page) | WRITTEN);
+        }
+    }
+
     /// How many pages [`set_other`](Self::set_other) knows.
     pub fn other_pages(bank_bytes: u64) -> u64 {
         Self::code_tables(bank_bytes) * ENTRIES
@@ -147,19 +202,25 @@ impl Space {
         }
     }
 
-    /// What is not code or constants is the same for both banks.
-    pub fn complete_other(&self) {
+    /// What is not code or constants is the same for both banks, but for the state of a version that has its own.
+    pub fn complete_other(&self, second_state: bool) {
         let [current, other] = self.directories;
         let rest = (8 * CODE_ENTRIES, PAGE - 8 * CODE_ENTRIES);
         if let (Some(from), Some(to)) = (current.part(rest.0, rest.1), other.part(rest.0, rest.1)) {
             to.copy_from(from);
         }
+        if second_state {
+            self.link_state(1, 1);
+        }
     }
 
-    /// The other bank's code and constants take the place of those in use, from the next
-    /// [`enter`](Self::enter) on.
-    pub fn exchange(&mut self) {
+    /// The other bank's code and constants take the place of those in use, and so does the second state if it is the other
+    /// version's, from the next [`enter`](Self::enter) on.
+    pub fn exchange(&mut self, second_state: bool) {
         self.directories.swap(0, 1);
+        if second_state {
+            self.states.swap(0, 1);
+        }
         self.link();
     }
 

@@ -1,24 +1,43 @@
 //! Two versions of a program: the one that runs, and the one in the other bank.
 //!
-//! Both see the same state, stacks and process image. What differs is the image, with its code and constants, and
-//! how much of the memory for the state it uses.
+//! Both see the same stacks and process image. What differs is the image, with its code and constants, and
+//! how much of the memory for the state it uses. For a large change the other version has a state of its own.
 
 use super::memory::{Area, Pages};
 use super::program::{CODE, CONSTANTS, Program, Region, STATE};
 use super::space::{Rights, Space};
 use takt_abi::memory::PAGE;
 use takt_change::cost::GATHER_BYTES;
-use takt_change::{Memory, Plan, Room};
+use takt_change::{LargePlan, Memory, Plan, Room};
 use takt_program::{Image, SectionKind, address};
 
 /// The version in the other bank.
 #[derive(Clone, Copy, Debug)]
 pub struct Other {
     pub image: Image<'static>,
-    /// From the running version to this one.
-    pub there: Plan<'static>,
-    /// From this one to the running version.
-    pub back: Plan<'static>,
+    /// How the values get to it and back.
+    pub way: Way,
+}
+
+/// How values get from one version to another.
+#[derive(Clone, Copy, Debug)]
+pub enum Way {
+    /// Both versions use one state, in which the values move at the commit.
+    InOneState {
+        /// From the running version to the other one.
+        there: Plan<'static>,
+        /// From the other one to the running version.
+        back: Plan<'static>,
+    },
+    /// The other version has a state of its own, to which the values are carried while the running one runs.
+    ToSecondState {
+        /// From the running version to the other one.
+        there: LargePlan<'static>,
+        /// From the other one to the running version.
+        back: LargePlan<'static>,
+        /// What of its memory the other version's state has mapped.
+        mapped: Area,
+    },
 }
 
 /// Where image and plans lie in the bank.
@@ -98,6 +117,30 @@ impl Program {
         Some(mapped + more >= wanted)
     }
 
+    /// Maps some pages of the second state, from this one on, for a version with so many bytes; none when all are.
+    pub fn map_second(&self, bytes: u32, from: u64, most: u64) -> Option<u64> {
+        let all = self.space.second_pages();
+        let end = all.min(from + most);
+        for page in from..end {
+            let is_used = page * PAGE < address::pages(bytes.into());
+            self.space.set_second(page, is_used.then(|| self.second_state.start() + page * PAGE));
+        }
+        (end < all).then_some(end)
+    }
+
+    /// Gives some bytes of the second state, from this one on, their initial values in a version in the other bank. Returns
+    /// where it goes on; none if that is all.
+    pub fn initialise_second(&self, image: &Image<'_>, from: u64, most: u64) -> Option<u64> {
+        let all = address::pages(image.state_bytes().into()).min(self.second_state.bytes());
+        let end = all.min(from + most);
+        let mut memory = self.memory_of(image, true);
+        memory.state = self.second_state;
+        // A state has at most 64 MiB.
+        let (at, bytes) = (from as u32, end.saturating_sub(from) as u32);
+        memory.copy(Room::Initial(at), Room::State(at), bytes);
+        (end < all).then_some(end)
+    }
+
     /// The memory that plans work on, with the initial state of an image in one of the banks.
     pub fn memory_of(&self, image: &Image<'_>, in_other: bool) -> ProgramMemory {
         let bank = self.banks[usize::from(in_other)];
@@ -113,8 +156,10 @@ impl Program {
         }
     }
 
-    /// The other version takes the place of this one. Its state must be right.
-    pub fn exchange(&mut self, image: Image<'static>) {
+    /// The other version takes the place of this one. Its state must be right. Returns this one, as the other version from
+    /// then on.
+    pub fn exchange(&mut self, other: Other) -> Other {
+        let image = other.image;
         let code = self.segment(&image, SectionKind::Code, image.code().len());
         let constants = self.segment(&image, SectionKind::Constants, image.constants().len());
         let region = |address, area: Option<Area>, rights| Region {
@@ -125,9 +170,20 @@ impl Program {
         self.regions[CODE] = region(address::CODE, code, Rights::Code);
         let at = image.constants_address();
         self.regions[CONSTANTS] = region(at, constants, Rights::Constants);
-        self.image = image;
+        let way = match other.way {
+            Way::InOneState { there, back } => {
+                self.space.exchange(false);
+                Way::InOneState { there: back, back: there }
+            }
+            Way::ToSecondState { there, back, mapped } => {
+                self.space.exchange(true);
+                core::mem::swap(&mut self.state_memory, &mut self.second_state);
+                let left = core::mem::replace(&mut self.regions[STATE].area, mapped);
+                Way::ToSecondState { there: back, back: there, mapped: left }
+            }
+        };
         self.banks.swap(0, 1);
-        self.space.exchange();
+        Other { image: core::mem::replace(&mut self.image, image), way }
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 use takt_change::Cost;
 use takt_change::cost::COMMIT_NS;
-use takt_change::make::{Change, Entry, Fate};
+use takt_change::make::{Change, Entry, Fate, Large};
 use takt_program::Image;
 
 use super::versions::find;
@@ -104,6 +104,10 @@ fn print(old: &Image<'_>, new: &Image<'_>, change: &Change, all: bool) {
     for refusal in &change.refusals {
         println!("  {:<12} {refusal}", "refused");
     }
+    if let (Some(reason), Some(large)) = (&change.too_large, &change.large) {
+        println!("  {:<12} {reason}", "large");
+        println!("  {:<12} {}", "second state", large_text(large));
+    }
     if let Some(plans) = &change.plans {
         println!("  {:<12} {}", "commit", cost_text(&plans.cost));
         println!("  {:<12} {}", "roll-back", cost_text(&plans.back_cost));
@@ -130,6 +134,15 @@ fn cost_text(cost: &Cost) -> String {
     )
 }
 
+fn large_text(large: &Large) -> String {
+    format!(
+        "{} steps, {} us of time without a job by the model, before a commit that moves nothing; takes the key `second_state` \
+         of the partition file",
+        large.records,
+        large.nanoseconds.div_ceil(1000)
+    )
+}
+
 fn as_json(old: &Image<'_>, new: &Image<'_>, change: &Change) -> Value {
     let version = |image: &Image<'_>| json!({ "version": image.version().to_string(), "hash": hex(&image.hash()) });
     let entries = change.entries.iter().map(|entry| {
@@ -143,11 +156,15 @@ fn as_json(old: &Image<'_>, new: &Image<'_>, change: &Change) -> Value {
         change.notes.iter().map(|note| json!({ "kind": note.kind.word(), "text": note.text }));
     json!({
         "program": new.name(), "old": version(old), "new": version(new),
-        "possible": change.plans.is_some(), "variables": entries.collect::<Vec<_>>(),
+        "possible": change.refusals.is_empty(), "variables": entries.collect::<Vec<_>>(),
         "notes": notes.collect::<Vec<_>>(),
         "refusals": change.refusals.iter().map(ToString::to_string).collect::<Vec<_>>(),
         "commit": change.plans.as_ref().map(|plans| cost_json(&plans.cost)),
         "roll_back": change.plans.as_ref().map(|plans| cost_json(&plans.back_cost)),
+        "large": change.large.as_ref().map(|large| json!({
+            "reason": change.too_large.as_ref().map(ToString::to_string),
+            "steps": large.records, "nanoseconds": large.nanoseconds,
+        })),
     })
 }
 

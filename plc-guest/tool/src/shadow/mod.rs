@@ -90,10 +90,12 @@ impl<'a> Versions<'a> {
         limit: std::time::Duration,
     ) -> Result<Self, HostError> {
         let [running, new] = images;
+        let plan = change.plans.as_ref().map(|plans| &plans.forward);
+        let plan = plan.or(change.large.as_ref().map(|large| &large.forward));
         Ok(Self {
             running: Twin::new(running, limit)?,
             new: Twin::new(new, limit)?,
-            plan: change.plans.as_ref().map(|plans| plans.forward.clone()).unwrap_or_default(),
+            plan: plan.cloned().unwrap_or_default(),
             images,
             times,
             last: None,

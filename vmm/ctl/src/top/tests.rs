@@ -228,6 +228,8 @@ fn each_program_has_a_row_with_its_version_and_its_change() {
         took_ns: 0,
         at_ns: 0,
         cycle: 0,
+        carried_pages: 0,
+        carrying_ns: 0,
     };
     let mut view = View::default();
     view.status(status(1_000_000_000, 1_000, 5_000));

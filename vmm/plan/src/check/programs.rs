@@ -84,11 +84,12 @@ fn describe(out: &mut String, partition: &Partition, number: usize, program: &Pr
     let place = &program.place;
     line(out, &format!("  {}: {} {}", program.name, image.name(), image.version()));
     let text = format!(
-        "    image of {}, two banks of {}, a state of {} in {}",
+        "    image of {}, two banks of {}, a state of {} in {}{}",
         Bytes(place.image_bytes),
         Bytes(place.bank_bytes),
         Bytes(image.state_bytes().into()),
-        Bytes(place.state_bytes)
+        Bytes(place.state_bytes),
+        if place.second_state == 0 { "" } else { ", and a second state for large changes" }
     );
     line(out, &text);
     let trust = match program.trust {

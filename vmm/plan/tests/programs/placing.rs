@@ -16,8 +16,8 @@ fn programs_lie_behind_the_guest_and_do_not_overlap() {
     let file = Case::new("placed")
         .file("a.plc", &image("a"))
         .file("b.plc", &image("b"))
-        .program("a.plc", "bank = \"256KiB\"\nstate = \"8KiB\"")
-        .program("b.plc", "")
+        .program("a.plc", "bank = \"256KiB\"\nstate = \"8KiB\"\nsecond_state = true")
+        .program("b.plc", "second_state = false")
         .good();
     let plc = &file.partitions()[0];
     let table = program_table(plc.programs(), plc.memory_bytes()).unwrap();
@@ -29,7 +29,8 @@ fn programs_lie_behind_the_guest_and_do_not_overlap() {
     assert_eq!(a.image_bytes, image("a").len() as u64);
     // By itself a bank is a quarter larger than its image, in steps of 64 KiB.
     assert_eq!((b.bank_bytes, b.state_bytes), (64 * KIB, 64 * KIB));
-    assert_eq!(b.image, a.state + a.state_bytes);
+    assert_eq!((a.second_state, b.second_state), (a.state + 8 * KIB, 0));
+    assert_eq!(b.image, a.second_state + a.state_bytes);
     assert_eq!(table.work, b.state + b.state_bytes);
     assert_eq!(table.work + table.work_bytes, plc.memory_bytes());
     assert_eq!(plc.programs()[1].bytes(), image("b"));
@@ -89,14 +90,22 @@ fn whole_pages_of_objects_and_tables_of_banks_are_reckoned_with() {
         let case = Case::new("many").file("many.plc", &many);
         case.program("many.plc", &format!("bank = \"64KiB\"\nstate = \"{state}KiB\""))
     };
-    with(14_336 - 128 - but_objects - 256).good();
-    with(14_336 - 128 - but_objects - 252).refused(&["a `memory` of at least 17MiB"]);
-    let with = |state: u64| {
+    // And a table for each 2 MiB of its state.
+    let tables = 14_336 / 2_048 * 4;
+    let most = 14_336 - 128 - but_objects - 256 - tables + 4;
+    with(most).good();
+    with(most + 4).refused(&["a `memory` of at least 17MiB"]);
+    let with = |state: u64, more: &str| {
         let case = Case::new("bank").file("a.plc", &image("a"));
-        case.program("a.plc", &format!("bank = \"6MiB\"\nstate = \"{state}KiB\""))
+        case.program("a.plc", &format!("bank = \"6MiB\"\nstate = \"{state}KiB\"\n{more}"))
     };
-    with(14_336 - 12_288 - but_objects - 2 * 3 * 4).good();
-    with(14_336 - 12_288 - but_objects - 2 * 3 * 4 + 4).refused(&["a `memory` of at least 17MiB"]);
+    let most = 14_336 - 12_288 - but_objects - 4 * 3 * 4;
+    with(most, "").good();
+    with(most + 4, "").refused(&["a `memory` of at least 17MiB"]);
+    // A second state has the same size, and a table at least.
+    let most = (most - 4) / 8 * 4;
+    with(most, "second_state = true").good();
+    with(most + 4, "second_state = true").refused(&["a `memory` of at least 17MiB"]);
 }
 
 #[test]

@@ -173,6 +173,8 @@ fn versions() -> VersionStatus {
         took_ns: 3120,
         at_ns: 10_000_462_118,
         cycle: 10_000,
+        carried_pages: 0,
+        carrying_ns: 0,
     }
 }
 
