@@ -19,6 +19,7 @@ use crate::objects::{Object, ObjectId};
 use crate::statistics::count;
 use crate::task::{Class, ProgramId, Release, Settings, State, Task, TaskId, Wait, Wake};
 use crate::time::{Instant, Span};
+use crate::watchdog::Watchdog;
 use core::ops::Range;
 
 /// Most tasks of a scheduler, with the start of each program: a set of them is one word.
@@ -120,6 +121,17 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
             next: Instant::NEVER,
             late: 0,
             switches: 0,
+        }
+    }
+
+    /// Gives a task, which has no job, deadline, budget and sensitivity of another version. All else stays as it was.
+    pub fn set_limits(&mut self, id: TaskId, of: &Settings) {
+        let task = &mut self.tasks[id.index()];
+        let Settings { deadline, budget, sensitivity, .. } = *of;
+        let limits = Settings { deadline, budget, sensitivity, ..task.settings };
+        if limits != task.settings {
+            task.settings = limits;
+            task.watchdog = Watchdog::new(budget, sensitivity);
         }
     }
 

@@ -241,6 +241,22 @@ fn a_job_over_its_budget_is_told_once() {
 }
 
 #[test]
+fn another_version_has_its_own_limits_and_the_rest_of_its_settings_stays() {
+    let settings = Settings { budget: Span(30), deadline: Span(80), ..cyclic(100, 0, 1) };
+    let mut s = started(&[settings]);
+    assert_eq!(at(&mut s, 0), Some(0));
+    s.end(Instant(10));
+    let other = Settings { budget: Span(5), deadline: Span(20), sensitivity: 1, ..cyclic(7, 3, 9) };
+    s.set_limits(TaskId(0), &other);
+    let expected = Settings { budget: Span(5), deadline: Span(20), sensitivity: 1, ..settings };
+    assert_eq!(*s.task(TaskId(0)).settings(), expected);
+    assert_eq!(at(&mut s, 100), Some(0), "its releases are those that they were");
+    assert_eq!(s.account(Span(11)), Some(Violation::Budget), "twice the budget at most");
+    s.advance(Instant(121));
+    assert_eq!(s.take_late(), Some(TaskId(0)));
+}
+
+#[test]
 fn jobs_before_a_restart_do_not_count_against_those_after_it() {
     let settings = Settings { budget: Span(10), sensitivity: 1, ..cyclic(100, 0, 0) };
     let mut s = started(&[settings]);

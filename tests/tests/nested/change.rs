@@ -50,6 +50,8 @@ enum End {
     Return,
     Fault,
     Never,
+    /// After some 20,000 instructions.
+    Late,
 }
 
 /// A version with these variables in this order; `count` and `sum` are among them.
@@ -59,6 +61,7 @@ struct Tank {
     end: End,
     category: u32,
     task: &'static str,
+    budget_us: u64,
     /// Bytes of state behind the variables that have no name.
     nameless: u32,
 }
@@ -66,7 +69,8 @@ struct Tank {
 impl Tank {
     fn new(patch: u16, variables: &[(&'static str, Elementary, u64)]) -> Self {
         let variables = variables.to_vec();
-        Self { patch, variables, end: End::Return, category: 7, task: "control", nameless: 0 }
+        let (end, task) = (End::Return, "control");
+        Self { patch, variables, end, category: 7, task, budget_us: 100, nameless: 0 }
     }
 
     /// Name, type and place of each.
@@ -117,6 +121,8 @@ impl Tank {
                 End::Return => &[0xc3],
                 End::Fault => &[0x0f, 0x0b],
                 End::Never => &[0xeb, 0xfe],
+                // mov ecx, 10000; dec ecx; jnz back; ret
+                End::Late => &[0xb9, 0x10, 0x27, 0, 0, 0xff, 0xc9, 0x75, 0xfc, 0xc3],
             },
             None,
         );
@@ -136,7 +142,7 @@ impl Tank {
         }
         builder.state_bytes = builder.state.len() as u32 + self.nameless;
         builder.task(Task {
-            budget: Some(Nanoseconds(100_000)),
+            budget: Some(Nanoseconds(1_000 * self.budget_us)),
             ..Task::cyclic(self.task, Nanoseconds(1_000_000), CodeOffset(0))
         });
         builder.build().unwrap()
@@ -184,9 +190,11 @@ fn run() -> (Vec<Value>, String, Value) {
     load("other-category", &Tank { category: 8, ..with(1) }.image());
     load("other-task", &Tank { task: "other", ..with(1) }.image());
     load("nameless", &Tank { nameless: 64, ..with(1) }.image());
+    load("greedy", &Tank { budget_us: 400, ..with(1) }.image());
     load("grown", &image);
     load("faulting", &Tank { end: End::Fault, ..with(2) }.image());
     load("endless", &Tank { end: End::Never, ..with(3) }.image());
+    load("tight", &Tank { end: End::Late, budget_us: 5, ..with(5) }.image());
     let longer = Tank::new(
         4,
         &[("sum", Ulint, 0), ("more", Ulint, 9), ("count", Ulint, 0), ("fresh", Ulint, 7)],
@@ -250,6 +258,7 @@ fn a_program_changes_while_it_runs_and_loses_no_cycle() {
         "the category is 8, and 7 in the running version",
         "the name of task 0 is other, and control in the running version",
         "has 64 bytes of state at offset 24 that no variable names",
+        "in the schedule \"normal\" the task \"tank.control\" is not proven to meet its deadlines",
         "1 of its values are forced: release them first",
         "another version",
         "values of tank are watched no longer",
@@ -265,7 +274,7 @@ fn a_program_changes_while_it_runs_and_loses_no_cycle() {
     assert_eq!((said("tank.fresh := 7, forced"), said("tank.fresh is forced no longer")), (2, 2));
     let versions: Vec<&Value> =
         of("versions").iter().map(|answer| &answer["versions"][0]).collect();
-    let [grown, faulting, endless, longer, back, anew] = versions[..] else {
+    let [grown, faulting, endless, tight, longer, back, anew] = versions[..] else {
         panic!("{answers:#?}")
     };
     let story = |version: &Value| {
@@ -278,11 +287,13 @@ fn a_program_changes_while_it_runs_and_loses_no_cycle() {
     assert_eq!(story(faulting), told("1.0.1", "rolled-back", "a fault of the new version"));
     let budget = "a job of the new version used up its budget";
     assert_eq!(story(endless), told("1.0.1", "rolled-back", budget), "{console}");
+    // The budget is that of the version, whose job would have fitted into the one before.
+    assert_eq!(story(tight), told("1.0.1", "rolled-back", budget), "{console}");
     assert_eq!(story(longer), told("1.0.4", "held", "-"), "{console}");
     assert_eq!(story(back), told("1.0.1", "rolled-back", "an operator's order"), "{console}");
     // A guest that starts anew has the version that was entered last.
     assert_eq!(story(anew), told("1.0.1", "none", "-"), "{console}");
-    for version in [grown, faulting, endless, longer, back] {
+    for version in [grown, faulting, endless, tight, longer, back] {
         let took = version["took_ns"].as_u64().unwrap();
         println!("change: {took} ns at cycle {}", version["cycle"]);
         assert!((1..=10_000).contains(&took), "{version:#}");

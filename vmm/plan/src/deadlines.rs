@@ -43,6 +43,8 @@ pub struct Met {
     pub wake_up: Nanos,
     /// The interrupts that each window is taken to lose time to.
     pub interrupts: Allowance,
+    /// What is known of the jobs of each task of programs; empty for tasks of the file.
+    pub rules: Box<[Rule]>,
 }
 
 /// Analyses the tasks of one partition in each schedule in which it has a window.
@@ -112,7 +114,8 @@ impl Case<'_> {
         let (task, found) = match verdict {
             Verdict::Meets { responses } => {
                 let Case { schedule, wake_up, interrupts, .. } = *self;
-                return Ok(Met { schedule, method, responses, load, wake_up, interrupts });
+                let rules = self.rules.as_deref().unwrap_or_default().into();
+                return Ok(Met { schedule, method, responses, load, wake_up, interrupts, rules });
             }
             Verdict::Misses(Miss { task, release, deadline, undone }) => {
                 let found = format!(

@@ -17,6 +17,7 @@
 //! The first defect ends it: in a file of 40 lines a second message is more often a consequence of
 //! the first than a second defect. The key reference is `docs/partition-file.md`.
 
+mod admission;
 mod append;
 mod background;
 mod channels;
@@ -73,6 +74,7 @@ use partition::Surroundings;
 use raw::Keys;
 use schedules::Draft;
 
+pub use admission::Admission;
 pub use append::AppendError;
 pub use channels::{CHANNELS_MAX, Channel, ChannelKind, End, Owner, WhenFull};
 pub use connections::Connection;

@@ -15,7 +15,7 @@
 //! the partition file.
 
 use takt_abi::live::{Answer, ChangePhase as Phase, ChangeRecord, ChangeStep, Order};
-use takt_plan::Program;
+use takt_plan::{Admission, Program};
 use takt_program::Image;
 use takt_protocol::{Load, PART_MAX, Refusal, VersionStatus};
 
@@ -36,6 +36,8 @@ pub struct Banks {
 /// The programs of a partition.
 pub struct ProgramChanges {
     programs: Vec<Versions>,
+    /// Of their budgets, before a version with others is let in.
+    admission: Admission,
     upload: Option<Upload>,
     /// Which start of the guest is known here.
     start: u64,
@@ -52,9 +54,9 @@ struct Upload {
 
 impl ProgramChanges {
     /// All programs are as the file says.
-    pub fn of(programs: &[Program]) -> Self {
+    pub fn of(programs: &[Program], admission: Admission) -> Self {
         let programs = programs.iter().map(Versions::of).collect();
-        Self { programs, upload: None, start: 0, news: Vec::new() }
+        Self { programs, admission, upload: None, start: 0, news: Vec::new() }
     }
 
     fn find(&mut self, name: &str) -> Result<(usize, &mut Versions), Refusal> {
@@ -139,9 +141,15 @@ impl ProgramChanges {
             return Ok(format!("part {} of {}", upload.next, upload.parts));
         }
         let bytes = self.upload.take().map(|upload| upload.bytes).unwrap_or_default();
-        let start = self.start;
-        let (place, versions) = self.find(&load.program)?;
-        let said = versions.prepare(place, bytes.into(), banks, start, link)?;
+        let (start, admission) = (self.start, &self.admission);
+        let running: Vec<_> = self.programs.iter().map(|v| v.running.clone()).collect();
+        let admit = |new: &Image<'_>| {
+            let images = running.iter().enumerate().map(|(at, bytes)| (at, Image::parse(bytes)));
+            let images = images.filter_map(|(at, image)| Some((at, image.ok()?)));
+            admission.check(&images.chain([(place, *new)]).collect::<Vec<_>>())
+        };
+        let versions = &mut self.programs[place];
+        let said = versions.prepare(place, bytes.into(), banks, start, link, admit)?;
         self.forget_ways_back(place);
         Ok(said)
     }

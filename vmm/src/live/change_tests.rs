@@ -10,6 +10,7 @@ use takt_abi::live::{
 };
 use takt_abi::memory::PAGE;
 use takt_abi::program::PROGRAMS_MAX;
+use takt_plan::Admission;
 use takt_program::build::{Builder, Task, Variable};
 use takt_program::{Area, CodeOffset, Elementary, Image, Nanoseconds, Version};
 use takt_protocol::{Load, Named, PointValue};
@@ -65,15 +66,16 @@ impl Plant {
             fs::write(folder.join(format!("{program}.plc")), image).unwrap();
         }
         fs::write(folder.join("case.toml"), FILE).unwrap();
-        let partition =
-            config::load(&folder.join("case.toml"), None).unwrap().partitions()[0].clone();
+        let file = config::load(&folder.join("case.toml"), None).unwrap();
+        let partition = file.partitions()[0].clone();
         let programs = Programs::of(&partition).unwrap();
         let memory =
             GuestMemory::for_plc_with_programs(partition.memory_bytes(), Pages::Small, &[])
                 .unwrap();
         programs.load(&memory, StartMode::Cold).unwrap();
         let mut case = Case::new();
-        case.running.changes = ProgramChanges::of(partition.programs());
+        case.running.changes =
+            ProgramChanges::of(partition.programs(), Admission::of(&file, partition.id()));
         Self { case, banks: Banks { memory, programs }, now: 0 }
     }
 
@@ -268,8 +270,9 @@ fn what_is_no_version_of_the_program_is_refused_and_nothing_is_written() {
         (&good[..good.len() - 1], "this is no program image"),
         (b"x", "this is no program image"),
         (
-            &image(1, 2, 20_000),
-            "a change of tasks needs a restart: main: budget 10 us becomes 20 us",
+            &image(1, 2, 300_000),
+            "with the larger budgets of both versions, in the schedule \"normal\" the task \"a.main\" is not proven \
+             to meet its deadlines: it and the more urgent tasks may ask for 301us, and the windows may give only 294us",
         ),
         (&large, "longer than the program's bank"),
     ] {
@@ -288,6 +291,35 @@ fn what_is_no_version_of_the_program_is_refused_and_nothing_is_written() {
         running.changes.load(&load, &plant.banks, &mut running.link).is_ok()
     };
     assert!(part(0) && part(1) && !part(1) && !part(2) && part(0) && !part(2));
+}
+
+#[test]
+fn other_budgets_are_let_in_if_all_tasks_of_the_partition_meet_their_deadlines_with_them() {
+    let mut plant = Plant::new("budgets");
+    let (_orders, mut answers) = plant.case.guest();
+    plant.tick();
+    let mut enter = |plant: &mut Plant, program: &str, place| {
+        for phase in [Phase::Prepared, Phase::Trial, Phase::Held] {
+            let mut buffer = [0; MESSAGE_BYTES];
+            let number = plant.case.running.link.last();
+            let answer = Answer::Change(ChangeRecord { program: place, ..record(phase) });
+            answers
+                .send(answer.encode(number, &mut buffer).unwrap(), takt_channel::Tsc(1))
+                .unwrap();
+            plant.tick();
+            if phase == Phase::Prepared {
+                plant.case.running.commit(program).unwrap();
+            }
+        }
+    };
+    plant.load(&image(1, 2, 200_000)).unwrap();
+    enter(&mut plant, "a", 0);
+    // What the other program needs now counts, and not what the file says of it.
+    let said = plant.load_into("b", &image_of("b", 1, 2, 150_000)).unwrap_err();
+    assert!(said.contains("the task \"b.main\" is not proven"), "{said}");
+    plant.load(&image(2, 2, 10_000)).unwrap();
+    enter(&mut plant, "a", 0);
+    plant.load_into("b", &image_of("b", 1, 2, 150_000)).unwrap();
 }
 
 /// Orders a force of `v0`.

@@ -23,7 +23,7 @@ use std::time::Duration;
 
 use takt_abi::live::Range;
 use takt_channel::{Misaligned, OpenError};
-use takt_plan::{Partition, PartitionFile, live_channels};
+use takt_plan::{Admission, Partition, PartitionFile, live_channels};
 use takt_scheduler::time::Nanos;
 use thiserror::Error;
 
@@ -122,7 +122,8 @@ impl Live {
             }
             let Some([orders, answers]) = queues.next() else { return Err(LiveError::Missing) };
             let limits = partition.programs().iter().map(ProgramLimits::new).collect();
-            let changes = ProgramChanges::of(partition.programs());
+            let admission = Admission::of(file, partition.id());
+            let changes = ProgramChanges::of(partition.programs(), admission);
             let mut running = Running::new(Link::open(orders, answers)?, limits, changes);
             let beginning = |place| files.beginning(partition, place);
             let own_file = |place| beginning(place).and_then(|beginning| beginning.file);

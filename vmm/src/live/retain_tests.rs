@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use takt_abi::live::SampleHead;
+use takt_plan::Admission;
 use takt_program::build::{Builder, Task, Variable};
 use takt_program::{CodeOffset, Elementary, Flags, Nanoseconds};
 
@@ -57,7 +58,7 @@ fn watch(retaining: &mut Retaining, file: &PartitionFile, now: Nanos) -> Vec<Str
     let programs = file.partitions()[0].programs();
     let limits: Vec<ProgramLimits> = programs.iter().map(ProgramLimits::new).collect();
     let (changes, mut watching, mut news) =
-        (ProgramChanges::of(programs), Watching::default(), Vec::new());
+        (ProgramChanges::of(programs, Admission::default()), Watching::default(), Vec::new());
     retaining.watch(&mut watching, &limits, &changes, now, &mut news);
     news
 }

@@ -6,6 +6,7 @@ use takt_abi::live::{
 };
 use takt_abi::program::PROGRAMS_MAX;
 use takt_channel::{Load, Policy, QueuingDestination, QueuingSource, Store, Tsc};
+use takt_plan::Admission;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::Nanos;
 
@@ -43,7 +44,10 @@ impl Case {
         let mut region = Own::map(&answers.source).unwrap();
         answers.geometry.format_source(&mut region).unwrap();
         let link = Link::open(orders, answers).unwrap();
-        Self { running: Running::new(link, Vec::new(), ProgramChanges::of(&[])), channels }
+        Self {
+            running: Running::new(link, Vec::new(), ProgramChanges::of(&[], Admission::default())),
+            channels,
+        }
     }
 
     fn tick(&mut self, now: Nanos) -> Turn {

@@ -131,8 +131,9 @@ impl Versions {
         banks: &Banks,
         start: u64,
         link: &mut Link,
+        admit: impl Fn(&Image<'_>) -> Result<(), String>,
     ) -> Result<String, Refusal> {
-        let plans = self.check(&bytes)?;
+        let plans = self.check(&bytes, admit)?;
         let places = self.program.place;
         let bank = if self.in_second { places.image } else { places.second_bank };
         let forward_at = (bytes.len() as u64).next_multiple_of(PAGE);
@@ -174,7 +175,11 @@ impl Versions {
     }
 
     /// Whether the running version may change to this one.
-    fn check(&self, bytes: &[u8]) -> Result<Chosen, Refusal> {
+    fn check(
+        &self,
+        bytes: &[u8],
+        admit: impl Fn(&Image<'_>) -> Result<(), String>,
+    ) -> Result<Chosen, Refusal> {
         let bad = |error| refused(format!("this is no program image: {error}"));
         let new = Image::verify(bytes).map_err(bad)?;
         let old = Image::parse(&self.running).map_err(bad)?;
@@ -213,8 +218,8 @@ impl Versions {
         }
         let change = Change::between(&old, &new);
         // The analysis of the partition file was made with the tasks as they are.
-        if let Some(note) = change.notes.iter().find(|note| note.kind == NoteKind::Task) {
-            return Err(refused(format!("a change of tasks needs a restart: {}", note.text)));
+        if change.notes.iter().any(|note| note.kind == NoteKind::Task) {
+            admit(&new).map_err(refused)?;
         }
         let reasons: Vec<String> = change.refusals.iter().map(ToString::to_string).collect();
         match (change.plans, change.large, change.too_large) {

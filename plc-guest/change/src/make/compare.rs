@@ -139,9 +139,10 @@ impl Comparison {
             let bytes = |task: &Task<'_>| format!("{} bytes", task.stack_bytes);
             self.differs(format!("the stack of task {name}"), bytes(old), bytes(new));
         }
+        // Which jobs delay which would be others in the middle of them.
+        self.must_be(format!("the priority of task {name}"), &old.priority, &new.priority);
         let time = |time: Option<Nanoseconds>| time.map_or("none".into(), |time| time.to_string());
         let pairs = [
-            ("priority", old.priority.to_string(), new.priority.to_string()),
             ("budget", time(old.budget), time(new.budget)),
             ("deadline", time(old.deadline), time(new.deadline)),
             ("sensitivity", old.sensitivity.to_string(), new.sensitivity.to_string()),

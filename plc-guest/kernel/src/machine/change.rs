@@ -18,6 +18,7 @@ use super::carrying::Carrying;
 use super::kernel::Kernel;
 use super::preparing::Piece;
 use super::program::STATE;
+use super::start::settings_of;
 use super::version::{Lengths, Other, Way};
 use takt_abi::live::{Answer, ChangePhase, ChangeReason, ChangeRecord, ChangeStep, Refusal};
 use takt_change::Ready;
@@ -250,6 +251,9 @@ impl Kernel {
             };
             if let Some(entry) = entry {
                 place.entry = CODE + u64::from(entry.0);
+            }
+            if let Some(task) = task {
+                self.scheduler.set_limits(id, &settings_of(program.id, &task));
             }
         }
         // The tables are entered anew, so no address of the version that was left is remembered.

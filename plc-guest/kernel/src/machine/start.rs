@@ -139,21 +139,7 @@ impl Kernel {
         task: &Task<'_>,
         program: &Program,
     ) -> Result<(), LoadError> {
-        let release = match task.kind {
-            TaskKind::Cyclic { period, offset } => {
-                Release::Cyclic { period: Span(period.0), offset: Span(offset.0) }
-            }
-            TaskKind::Event { minimum, .. } => Release::Event { minimum: Span(minimum.0) },
-            TaskKind::Freewheeling => Release::Freewheeling,
-        };
-        let settings = Settings {
-            program: id,
-            release,
-            priority: task.priority,
-            deadline: task.deadline.map_or(Span::ZERO, |deadline| Span(deadline.0)),
-            budget: task.budget.map_or(Span::ZERO, |budget| Span(budget.0)),
-            sensitivity: task.sensitivity,
-        };
+        let settings = settings_of(id, task);
         let entry = CODE + u64::from(task.entry.0);
         let new = self.add(settings, Place { program: id.0, number: Some(task.id.0), entry })?;
         if let TaskKind::Event { source, .. } = task.kind {
@@ -171,6 +157,25 @@ impl Kernel {
                 print(format_args!("program {name}: its port {} is closed: {code:?}", port.name));
             }
         }
+    }
+}
+
+/// What the scheduler knows of a task of an image.
+pub fn settings_of(program: ProgramId, task: &Task<'_>) -> Settings {
+    let release = match task.kind {
+        TaskKind::Cyclic { period, offset } => {
+            Release::Cyclic { period: Span(period.0), offset: Span(offset.0) }
+        }
+        TaskKind::Event { minimum, .. } => Release::Event { minimum: Span(minimum.0) },
+        TaskKind::Freewheeling => Release::Freewheeling,
+    };
+    Settings {
+        program,
+        release,
+        priority: task.priority,
+        deadline: task.deadline.map_or(Span::ZERO, |deadline| Span(deadline.0)),
+        budget: task.budget.map_or(Span::ZERO, |budget| Span(budget.0)),
+        sensitivity: task.sensitivity,
     }
 }
 

@@ -5,8 +5,11 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 use takt_change::Cost;
 use takt_change::cost::COMMIT_NS;
-use takt_change::make::{Change, Entry, Fate, Large};
+use takt_change::make::{Change, Entry, Fate, Large, NoteKind, Refusal};
+use takt_plan::Admission;
+use takt_points::Plc;
 use takt_program::Image;
+use takt_scheduler::table::PartitionId;
 
 use super::versions::find;
 use super::{hex, image, read};
@@ -41,10 +44,16 @@ pub struct Diff {
 
 impl Diff {
     pub fn run(self) -> Result<(), Failure> {
-        let (old_path, new_path) = self.paths()?;
+        let Versions { old: old_path, new: new_path, running } = self.versions()?;
         let (old_bytes, new_bytes) = (read(&old_path)?, read(&new_path)?);
         let (old, new) = (image(&old_path, &old_bytes)?, image(&new_path, &new_bytes)?);
-        let change = Change::between(&old, &new);
+        let mut change = Change::between(&old, &new);
+        if let Some(plc) = running
+            && let Some(program) = &self.program
+            && change.notes.iter().any(|note| note.kind == NoteKind::Task)
+        {
+            change.refusals.extend(late(&plc, program, &new));
+        }
         if self.json {
             println!("{:#}", as_json(&old, &new, &change));
         } else {
@@ -63,10 +72,11 @@ impl Diff {
 }
 
 impl Diff {
-    /// The image of the old version and that of the new one.
-    fn paths(&self) -> Result<(PathBuf, PathBuf), Failure> {
+    fn versions(&self) -> Result<Versions, Failure> {
         let (running, program, new) = match (&self.running, &self.program, &self.images[..]) {
-            (None, _, [old, new]) => return Ok((old.clone(), new.clone())),
+            (None, _, [old, new]) => {
+                return Ok(Versions { old: old.clone(), new: new.clone(), running: None });
+            }
             (Some(running), Some(program), [new]) => (running.clone(), program, new.clone()),
             (None, ..) => {
                 return Err(Failure::input("one image takes --running and --program, too"));
@@ -77,8 +87,25 @@ impl Diff {
         let old = find(&plc, program)?.path.clone();
         // The image of the file is the one that runs, or this fails.
         plc.connect()?;
-        Ok((old, new))
+        Ok(Versions { old, new, running: Some(plc) })
     }
+}
+
+/// The images of both versions, and where the old one runs, if that is known.
+struct Versions {
+    old: PathBuf,
+    new: PathBuf,
+    running: Option<Plc>,
+}
+
+/// Which task would be late beside the programs of the file, if this version of one of them had its budgets.
+fn late(plc: &Plc, program: &str, new: &Image<'_>) -> Option<Refusal> {
+    let programs = plc.partition().programs();
+    let place = programs.iter().position(|other| other.name == program)?;
+    let images = programs.iter().enumerate().filter_map(|(at, p)| Some((at, p.image()?)));
+    let versions: Vec<_> = images.chain([(place, *new)]).collect();
+    let admission = Admission::of(plc.file(), PartitionId(plc.place()));
+    admission.check(&versions).err().map(Refusal::Late)
 }
 
 fn print(old: &Image<'_>, new: &Image<'_>, change: &Change, all: bool) {

@@ -1,5 +1,6 @@
 //! The programs of a PLC: what of their images and keys is taken, what is refused, and in which words.
 
+mod admission;
 mod events;
 mod images;
 mod placing;
