@@ -379,7 +379,7 @@ impl Running {
                 results.extend(result.map(|(ticket, result)| (id, ticket, result)));
             }
             Received::Sample(head, bytes) => {
-                watching.take(head, bytes, now, |sampled| {
+                watching.take(head, bytes, |sampled| {
                     let sampled = retaining.take(sampled, now, banks);
                     turn.samples.extend(sampled.map(|sampled| (id, sampled)));
                 });

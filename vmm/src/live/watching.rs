@@ -13,9 +13,6 @@ use super::link::Link;
 /// From here on clients are Takt itself, which looks at what programs retain: the partition file's budgets are not for it.
 pub const OWN_CLIENTS: u64 = u64::MAX - 255;
 
-/// Time between two looks at the queue of samples.
-const TURN: Nanos = Nanos::from_millis(20);
-
 /// What one client looks at.
 struct Subscription {
     client: u64,
@@ -23,8 +20,8 @@ struct Subscription {
     /// Where each range begins in a sample.
     places: Vec<usize>,
     interval: Nanos,
-    /// When the next line is due.
-    next: Nanos,
+    /// The kernel's time of the last line, as it tells it.
+    last: Option<Nanos>,
     /// Samples that the kernel gave up since the last line.
     missed: u64,
 }
@@ -89,8 +86,8 @@ impl Watching {
         self.subscriptions.retain(|s| s.client != client);
         if !ranges.is_empty() {
             let places = Vec::new();
-            let next = Nanos::ZERO;
-            let new = Subscription { client, ranges, places, interval, next, missed: 0 };
+            let last = None;
+            let new = Subscription { client, ranges, places, interval, last, missed: 0 };
             self.subscriptions.push(new);
         }
         self.use_layout(layout);
@@ -155,13 +152,7 @@ impl Watching {
     }
 
     /// Takes a part of a sample; calls `deliver` for each client for which a whole one is due.
-    pub fn take(
-        &mut self,
-        head: &SampleHead,
-        payload: &[u8],
-        now: Nanos,
-        mut deliver: impl FnMut(Sampled),
-    ) {
+    pub fn take(&mut self, head: &SampleHead, payload: &[u8], mut deliver: impl FnMut(Sampled)) {
         if head.serial != self.serial || self.unsent {
             return;
         }
@@ -181,15 +172,16 @@ impl Watching {
         if !head.last || self.sample.len() != length {
             return;
         }
+        let time = Nanos(head.time_ns);
         for subscription in &mut self.subscriptions {
             subscription.missed = subscription.missed.saturating_add(head.missed.into());
-            if now < subscription.next {
+            // By the kernel's time: that at which a sample is taken from the queue varies, and a client would miss each second
+            // one of a kernel that keeps to its interval. A kernel that started anew has an earlier time.
+            let too_early = |last: Nanos| time >= last && time < last.plus(subscription.interval);
+            if subscription.last.is_some_and(too_early) {
                 continue;
             }
-            // Samples are taken from the queue once in a turn. One that waited a little longer than the next makes that no line
-            // too early: else a client would miss each second sample of a kernel that keeps to its interval.
-            let soonest = now.plus(subscription.interval).less(TURN);
-            subscription.next = subscription.next.plus(subscription.interval).max(soonest);
+            subscription.last = Some(time);
             let missed = std::mem::take(&mut subscription.missed);
             let bytes = subscription.cut(&self.sample);
             deliver(Sampled { client: subscription.client, head: *head, missed, bytes });
@@ -349,8 +341,8 @@ mod tests {
 
     fn taken(all: &mut Watching, head: SampleHead, payload: &[u8], ms: u64) -> Vec<(u64, Vec<u8>)> {
         let mut told = Vec::new();
-        let now = Nanos::from_millis(ms);
-        all.take(&head, payload, now, |sampled| told.push((sampled.client, sampled.bytes)));
+        let head = SampleHead { time_ns: ms * 1_000_000, ..head };
+        all.take(&head, payload, |sampled| told.push((sampled.client, sampled.bytes)));
         told
     }
 
@@ -377,10 +369,10 @@ mod tests {
         all.watch(1, vec![range(0, 0, 1)], Nanos::from_millis(100), &limits(100)).unwrap();
         (all.serial, all.unsent) = (5, false);
         let mut at = |ms| taken(&mut all, head(5, 0, true), &[7], ms).len();
-        // Taken up to 20 ms after they were made.
-        let lines: Vec<usize> = [20, 119, 205, 320, 401].map(&mut at).to_vec();
-        assert_eq!(lines, [1; 5]);
+        assert_eq!([20, 120, 221, 321].map(&mut at), [1; 4]);
         // From a kernel that sends one each ms for another client it has one each 100 ms.
-        assert_eq!((402..1402).map(at).sum::<usize>(), 10);
+        assert_eq!((322..1322).map(&mut at).sum::<usize>(), 10);
+        // The kernel starts anew.
+        assert_eq!([1, 2, 100, 101].map(at), [1, 0, 0, 1]);
     }
 }

@@ -213,9 +213,9 @@ impl Kernel {
 
     /// Takes one part of a sample of what is watched, if one is due, and time for it. True if there was.
     pub fn take_sample(&mut self, release: u64, release_tsc: u64, end_tsc: u64) -> bool {
-        let now = self.now();
-        if end_tsc.saturating_sub(cycle::now()) < STEP_TICKS
-            || !self.live.watch.is_due(release, now)
+        // Intervals are those between releases: how long after its release a sample is made varies.
+        let at = self.clock.instant(release_tsc);
+        if end_tsc.saturating_sub(cycle::now()) < STEP_TICKS || !self.live.watch.is_due(release, at)
         {
             return false;
         }
@@ -247,7 +247,7 @@ impl Kernel {
         if !self.live.send_sample(&head, &payload) {
             self.live.watch.give_up_for_now();
         } else if head.last {
-            self.live.watch.sent(now);
+            self.live.watch.sent(at);
         } else {
             self.live.part += 1;
         }
