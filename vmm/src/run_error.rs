@@ -9,7 +9,7 @@ use crate::boot::long_mode::StartError;
 use crate::boot::plc::PlcImageError;
 use crate::boot::programs::ProgramError;
 use crate::channels::ChannelError;
-use crate::control::ViewError;
+use crate::control::{DoorError, ViewError};
 use crate::cpuset::CpusetError;
 use crate::disk::DiskError;
 use crate::event::EventError;
@@ -87,7 +87,7 @@ pub enum RunError {
     )]
     BusLocks { partition: String },
     #[error("control: {0}")]
-    Control(#[from] SocketError),
+    Control(#[from] DoorError),
     #[error("control: {0}")]
     View(#[from] ViewError),
     #[error("cannot lock memory: {0}; run as root, or raise the limit (ulimit -l unlimited)")]
@@ -111,7 +111,10 @@ impl RunError {
                 | RunError::Linux(LinuxMachineError::Image { .. })
                 | RunError::Disk(DiskError::File(_))
                 | RunError::Saver(_)
-                | RunError::Control(SocketError::InUse(_) | SocketError::NotASocket(_))
+                | RunError::Control(DoorError::NoGroup(_))
+                | RunError::Control(DoorError::Socket(
+                    SocketError::InUse(_) | SocketError::NotASocket(_)
+                ))
         )
     }
 }

@@ -7,11 +7,11 @@
 //! binds at once, and knows no SOCK_SEQPACKET. So this one is made by hand. Nothing here ever waits.
 
 use std::ffi::c_int;
-use std::fs;
+use std::fs::{self, OpenOptions, Permissions};
 use std::io::{self, ErrorKind};
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
 use std::os::unix::ffi::OsStrExt;
-use std::os::unix::fs::{FileTypeExt, MetadataExt};
+use std::os::unix::fs::{FileTypeExt, MetadataExt, OpenOptionsExt, PermissionsExt, chown};
 use std::path::{Path, PathBuf};
 
 use takt_plan::SOCKET_PATH_MAX;
@@ -84,6 +84,25 @@ impl Listener {
         check(unsafe { libc::listen(listener.fd.as_raw_fd(), BACKLOG) })
             .map_err(cannot("listen to"))?;
         Ok(listener)
+    }
+
+    /// Lets the members of a group connect too (mode 0660).
+    ///
+    /// # Errors
+    /// If the host refuses it, or another file has the path by now.
+    pub fn share(&self, group: u32) -> Result<(), SocketError> {
+        let cannot = |source| SocketError::Host { what: "share", path: self.path.clone(), source };
+        // Who may write to the folder can have put another file there, which must not be shared instead.
+        let flags = libc::O_PATH | libc::O_NOFOLLOW;
+        let file = OpenOptions::new().read(true).custom_flags(flags).open(&self.path);
+        let file = file.map_err(cannot)?;
+        let found = file.metadata().map_err(cannot)?;
+        if (found.dev(), found.ino()) != self.file {
+            return Err(cannot(io::Error::other("another file has its path")));
+        }
+        let place = format!("/proc/self/fd/{}", file.as_raw_fd());
+        chown(&place, None, Some(group)).map_err(cannot)?;
+        fs::set_permissions(&place, Permissions::from_mode(0o660)).map_err(cannot)
     }
 
     /// The next connection, if there is one; it never waits either.

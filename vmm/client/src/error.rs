@@ -88,7 +88,9 @@ fn remedy(error: &io::Error) -> &'static str {
     match error.kind() {
         io::ErrorKind::NotFound => "is it running, and does its file have the key `control`?",
         io::ErrorKind::ConnectionRefused => "it has ended without removing its socket",
-        io::ErrorKind::PermissionDenied => "the socket belongs to who started Takt",
+        io::ErrorKind::PermissionDenied => {
+            "the socket belongs to the user who started Takt, and to the group `viewers` of its file"
+        }
         _ => "is it Takt's control socket?",
     }
 }

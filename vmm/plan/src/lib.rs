@@ -115,6 +115,7 @@ pub struct PartitionFile {
     partitions: Vec<Partition>,
     channels: Vec<Channel>,
     control: Option<PathBuf>,
+    viewers: Option<String>,
     watchdog: Option<Nanos>,
 }
 
@@ -147,6 +148,12 @@ impl PartitionFile {
     #[must_use]
     pub fn control(&self) -> Option<&Path> {
         self.control.as_deref()
+    }
+
+    /// The group of users who may see at the control socket how the run stands, and order nothing; a name, or a number.
+    #[must_use]
+    pub fn viewers(&self) -> Option<&str> {
+        self.viewers.as_deref()
     }
 
     /// After how long without a heartbeat from Takt the host's watchdog restarts the machine; `None`
@@ -450,6 +457,8 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     let folder = path.parent().unwrap_or(Path::new("/"));
     let socket = system.control.as_ref();
     let control = socket.map(|path| images::resolve_socket(folder, path)).transpose()?;
+    let viewers = system.viewers.as_ref();
+    let viewers = viewers.map(|group| values::viewers(group, control.is_some())).transpose()?;
     let watchdog = system.watchdog.as_ref().map(values::watchdog).transpose()?;
     let around = Surroundings { folder, host_cpus, frame: &system.major_frame };
     let header = file.system.span();
@@ -489,6 +498,7 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
         partitions,
         channels,
         control,
+        viewers,
         watchdog,
     })
 }

@@ -43,6 +43,7 @@ pub struct System {
     pub name: Spanned<String>,
     pub major_frame: Spanned<Duration>,
     pub control: Option<Spanned<String>>,
+    pub viewers: Option<Spanned<String>>,
     pub watchdog: Option<Spanned<Duration>>,
 }
 

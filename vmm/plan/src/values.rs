@@ -17,6 +17,8 @@ const PLC_MEMORY: [Bytes; 2] = [Bytes(IMAGE_BASE + PAGE), Bytes(RAM_MAX)];
 const LINUX_MEMORY: [Bytes; 2] = [Bytes(64 << 20), Bytes(64 << 30)];
 /// What a watchdog may wait for. Linux counts in seconds, and needs some to start; above, it is none.
 const WATCHDOG: [Nanos; 2] = [Nanos::from_millis(1_000), Nanos::from_millis(86_400_000)];
+/// Longest name of a group of users, as of useradd(8).
+const GROUP_NAME_MAX: usize = 32;
 /// Longest time that a Linux can be given to switch itself off; above, it is a typing mistake.
 const POWER_OFF_MAX: Nanos = Nanos::from_millis(3_600_000);
 /// Longest command line that an x86 kernel keeps: `COMMAND_LINE_SIZE` in `asm/setup.h`, less the
@@ -73,6 +75,23 @@ pub fn watchdog(watchdog: &Spanned<Duration>) -> Result<Nanos, Diagnostic> {
         return Err(Diagnostic::new(watchdog.span(), found, allowed));
     }
     Ok(time)
+}
+
+/// The group of users who may look at the control socket, if there is one: its name, or its number.
+pub fn viewers(group: &Spanned<String>, socket: bool) -> Result<String, Diagnostic> {
+    let name = group.get_ref();
+    let rest = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
+    if name.is_empty() || name.len() > GROUP_NAME_MAX || !name.chars().all(rest) {
+        let found = format!("{} is no name of a group of users", quote(name));
+        let allowed = format!("1 to {GROUP_NAME_MAX} letters, digits, \"_\", \"-\" and \".\"");
+        return Err(Diagnostic::new(group.span(), found, allowed));
+    }
+    if !socket {
+        let found = "who may look at the control socket, and there is none";
+        let allowed = "`viewers` beside the key `control`";
+        return Err(Diagnostic::new(group.span(), found, allowed));
+    }
+    Ok(name.clone())
 }
 
 /// How long a Linux has to switch itself off.

@@ -164,6 +164,19 @@ impl Request {
         Raw::deserialize(value).map_err(malformed)?.check()
     }
 
+    /// Whether it changes something, or shows what a guest writes to its console. Else it asks how the run stands.
+    #[must_use]
+    pub const fn orders(&self) -> bool {
+        match self {
+            Request::Ping | Request::Status | Request::Events { .. } | Request::Trace(_) => false,
+            Request::Watch { .. } | Request::Versions(_) => false,
+            Request::Stop(_) | Request::Start(..) | Request::Restart(..) => true,
+            Request::Schedule(_) | Request::Attach(_) | Request::Type(..) => true,
+            Request::Write(_) | Request::Force(_) | Request::Release(..) => true,
+            Request::Load(_) | Request::Commit(..) | Request::RollBack(..) => true,
+        }
+    }
+
     /// The line of this request, with its newline.
     #[must_use]
     pub fn line(&self) -> Vec<u8> {

@@ -9,6 +9,7 @@ use std::os::unix::net::UnixStream;
 
 use takt_scheduler::time::Nanos;
 
+use super::door::Rights;
 use super::protocol::{self, Answer, ConsoleOutput, LINE_MAX, Refusal, TracedWindow, Values, hex};
 use super::tracing::Tracing;
 
@@ -31,6 +32,8 @@ pub(super) struct Client {
     pub follows: bool,
     /// By this it is known elsewhere.
     pub id: u64,
+    /// What it may do.
+    pub rights: Rights,
     /// A program has entered another version since the client asked for the status.
     pub places_have_changed: bool,
     /// The order of values of whose result it is still to be told.
@@ -61,10 +64,11 @@ pub(super) enum Came {
 }
 
 impl Client {
-    pub fn new(stream: UnixStream, id: u64) -> Client {
+    pub fn new(stream: UnixStream, id: u64, rights: Rights) -> Client {
         Client {
             stream,
             id,
+            rights,
             places_have_changed: false,
             waits_for: None,
             missed: 0,

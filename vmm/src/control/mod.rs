@@ -5,12 +5,12 @@
 //! of JSON for each request and each answer ([`protocol`]; `docs/control.md` is its reference).
 //!
 //! ```text
-//!  client --connect, lines--> Listener, Client (bounded) --Request--> Operator
+//!  client --connect, lines--> Door, Client (bounded) --Request--> Operator
 //!         <--lines----------- Server, Journal            <--Answer---
 //! ```
 //!
 //! Who may do that is a matter of the file's permissions: the socket belongs to the user who started
-//! Takt, and other users cannot open it (mode 0600). A client is not trusted beyond that. It may hang,
+//! Takt, and other users cannot open it (mode 0600), or only see ([`Door`]). A client is not trusted beyond that. It may hang,
 //! flood or send garbage, and none of it may delay a partition. So:
 //!
 //! * The supervisor thread serves all clients on its tick and is never woken by one. However often a
@@ -22,6 +22,7 @@
 mod channels;
 mod client;
 mod consoles;
+mod door;
 mod facts;
 mod mode;
 mod operated;
@@ -36,6 +37,7 @@ mod tracing;
 
 pub use channels::ViewError;
 pub use consoles::KEPT_BYTES;
+pub use door::{Door, DoorError};
 pub use operator::Operator;
 pub use operators::Operators;
 pub use orders::Outcome;

@@ -8,6 +8,7 @@ use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Tsc};
 
 use super::channels::{ViewError, Views};
+use super::door::Door;
 use super::facts::Facts;
 use super::operated::Operated;
 use super::orders::Outcome;
@@ -20,7 +21,6 @@ use crate::host_ports::HostPorts;
 use crate::live::{Live, Sampled};
 use crate::report;
 use crate::schedule_requests::ScheduleRequests;
-use crate::unix_socket::Listener;
 use crate::vcpu::record::{Detour, WindowRecord};
 
 /// The clients, and what they can be told of.
@@ -32,17 +32,17 @@ pub struct Operators {
 }
 
 impl Operators {
-    /// Those who will connect to `listener`, if there is one.
+    /// Those who will come through `door`, if there is one.
     ///
     /// # Errors
     /// See [`ViewError`].
     pub fn new(
-        listener: Option<Listener>,
+        door: Option<Door>,
         file: &PartitionFile,
         channels: &Channels<'_>,
     ) -> Result<Operators, ViewError> {
         let channels = Views::new(file, channels)?;
-        let server = Server::new(listener, file.partitions().len());
+        let server = Server::new(door, file.partitions().len());
         let (facts, live) = (Facts::new(file), Live::default());
         Ok(Operators { server, facts, channels, live })
     }

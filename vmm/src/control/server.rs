@@ -2,22 +2,23 @@
 
 use std::collections::VecDeque;
 use std::io::Write;
-use std::os::unix::net::UnixStream;
 
 use takt_scheduler::time::{Nanos, Tsc};
 
 use super::client::{Came, Client};
 use super::consoles::Consoles;
+use super::door::{Door, Rights};
 use super::operator::Operator;
 use super::protocol::{
     Answer, ErrorKind, Event, EventKind, LINE_MAX, Refusal, Request, TracedWindow, Values,
 };
 use super::tracing::Tracing;
 use crate::live::ValueOrder;
-use crate::unix_socket::Listener;
 
 /// Most clients at a time.
 pub const CLIENTS_MAX: usize = 16;
+/// Clients at which no further one is let in that may only see: there is always a place for those who may order.
+const VIEWERS_MAX: usize = CLIENTS_MAX - 4;
 /// New connections that are looked at in one turn.
 const ACCEPTED_MAX: usize = 32;
 /// Requests of one client in one turn.
@@ -27,7 +28,7 @@ pub const KEPT: usize = 64;
 
 /// The server's side of the control socket.
 pub struct Server {
-    listener: Option<Listener>,
+    door: Option<Door>,
     clients: Vec<Client>,
     kept: VecDeque<Event>,
     consoles: Consoles,
@@ -38,11 +39,11 @@ pub struct Server {
 }
 
 impl Server {
-    /// Without a client, for so many partitions. Without a listener there will be no client.
+    /// Without a client, for so many partitions. Without a door there will be no client.
     #[must_use]
-    pub fn new(listener: Option<Listener>, partitions: usize) -> Server {
+    pub fn new(door: Option<Door>, partitions: usize) -> Server {
         let (kept, consoles) = (VecDeque::with_capacity(KEPT), Consoles::new(partitions));
-        Server { listener, clients: Vec::new(), kept, consoles, events: 0, connected: 0 }
+        Server { door, clients: Vec::new(), kept, consoles, events: 0, connected: 0 }
     }
 
     /// Does what there is to do, within bounds. It never waits.
@@ -158,17 +159,19 @@ impl Server {
 
     fn accept(&mut self) {
         for _ in 0..ACCEPTED_MAX {
-            let Some(mut stream) =
-                self.listener.as_ref().and_then(Listener::accept).map(UnixStream::from)
-            else {
+            let Some((mut stream, rights)) = self.door.as_ref().and_then(Door::accept) else {
                 return;
             };
-            if self.clients.len() < CLIENTS_MAX {
+            let most = match rights {
+                Rights::Order => CLIENTS_MAX,
+                Rights::See => VIEWERS_MAX,
+            };
+            if self.clients.len() < most {
                 self.connected += 1;
-                self.clients.push(Client::new(stream, self.connected));
+                self.clients.push(Client::new(stream, self.connected, rights));
                 continue;
             }
-            let text = format!("there are {CLIENTS_MAX} clients already");
+            let text = format!("there are {most} clients already");
             let line = Answer::Error(Refusal::new(ErrorKind::Full, text)).line();
             // A new connection has room for a line; who has closed it already needs none.
             let _ = stream.write(&line);
@@ -190,7 +193,13 @@ fn answer(
     traced: bool,
     run: &mut impl Operator,
 ) -> Result<Option<Answer>, Refusal> {
-    let (partition, order) = match Request::parse(line)? {
+    let request = Request::parse(line)?;
+    if client.rights == Rights::See && request.orders() {
+        let text =
+            "you may see how the run stands, and order nothing: the user who started Takt may";
+        return Err(Refusal::new(ErrorKind::Refused, text));
+    }
+    let (partition, order) = match request {
         Request::Write(value) => (value.partition.clone(), ValueOrder::Write(value)),
         Request::Force(value) => (value.partition.clone(), ValueOrder::Force(value)),
         Request::Release(partition, point) => (partition, ValueOrder::Release(point)),

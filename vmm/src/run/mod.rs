@@ -32,7 +32,7 @@ use crate::account::Account;
 use crate::appliance::expedited_rcu::ExpeditedRcu;
 use crate::channels::Channels;
 use crate::config::{Channel, HostPort, PartitionFile, Program, live_channels};
-use crate::control::Operators;
+use crate::control::{Door, Operators};
 use crate::cpuset::Domains;
 use crate::event::{self, eventfd};
 use crate::footprint;
@@ -57,7 +57,6 @@ use crate::screen::{self, Screen};
 use crate::steering;
 use crate::supervisor::{Sources, Supervisor, take_signals};
 use crate::terminal;
-use crate::unix_socket::{Listener, SocketKind};
 use crate::vcpu::{Control, kick, thread};
 
 /// Runs all partitions of `file` until the run is over.
@@ -82,7 +81,7 @@ pub fn run(file: &PartitionFile, options: &Options) -> Result<Report, RunError> 
         .control
         .as_deref()
         .or(file.control())
-        .map(|path| Listener::bind(path, SocketKind::Stream))
+        .map(|path| Door::open(path, file.viewers().filter(|_| !options.role.owns_machine())))
         .transpose()?;
     steps.pass()?;
     // Given back after all threads have been let go.

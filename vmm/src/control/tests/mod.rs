@@ -6,17 +6,19 @@ mod documentation;
 mod hostile;
 mod orders;
 mod protocol;
+mod rights;
 mod server;
 mod tracing;
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use takt_scheduler::time::Nanos;
 
+use super::door::Door;
 use super::protocol::{
     Answer, ChannelStatus, Contents, ErrorKind, ForcedStatus, ImageVersion, Load, Message, Mode,
     PartitionStatus, ProgramState, ProgramStatus, Range, Refusal, ReleaseStatus, ScheduleStatus,
@@ -26,7 +28,6 @@ use super::protocol::{
 use super::{Operator, Server};
 use crate::live::ValueOrder;
 use crate::report::Summary;
-use crate::unix_socket::{Listener, SocketKind};
 
 /// A folder of its own, gone at the end.
 struct Folder(PathBuf);
@@ -187,9 +188,13 @@ struct Served {
 
 impl Served {
     fn new() -> Served {
+        Served::behind(|socket| Door::open(socket, None).unwrap())
+    }
+
+    /// With the door that this makes.
+    fn behind(door: impl FnOnce(&Path) -> Door) -> Served {
         let folder = Folder::new();
-        let listener = Listener::bind(&folder.socket(), SocketKind::Stream).ok();
-        let server = Server::new(listener, 2);
+        let server = Server::new(Some(door(&folder.socket())), 2);
         Served { server, run: FakeRun::default(), folder }
     }
 
