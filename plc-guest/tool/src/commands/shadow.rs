@@ -126,8 +126,8 @@ fn tell(
             extent.longest
         ))?;
         print(&format!(
-            "  {:<32} {:>20} {:>12} {:>12} {:>12}",
-            "output", "largest difference", "at cycle", "first out", "cycles out"
+            "  {:<32} {:>20} {:>12} {:>12} {:>12} {:>12}",
+            "output", "largest difference", "at cycle", "first out", "cycles out", "stood still"
         ))?;
         for output in &comparison.outputs {
             print(&row(output))?;
@@ -173,11 +173,12 @@ fn row(output: &Output) -> String {
         Some((difference, _)) => difference.to_string(),
     };
     format!(
-        "  {:<32} {difference:>20} {:>12} {:>12} {:>12}",
+        "  {:<32} {difference:>20} {:>12} {:>12} {:>12} {:>12}",
         output.point.name,
         or_dash(output.largest.map(|(_, cycle)| cycle)),
         or_dash(output.first_out),
-        output.cycles_out
+        output.cycles_out,
+        output.still
     )
 }
 
@@ -188,6 +189,6 @@ fn as_json(output: &Output) -> serde_json::Value {
     json!({
         "name": output.point.name, "tolerance": output.tolerance, "largest": difference,
         "at_cycle": output.largest.map(|(_, cycle)| cycle), "first_out": output.first_out,
-        "cycles_out": output.cycles_out,
+        "cycles_out": output.cycles_out, "still": output.still,
     })
 }

@@ -43,6 +43,33 @@ pub struct Output {
     /// First cycle out of tolerance, and how many there are.
     pub first_out: Option<u64>,
     pub cycles_out: u64,
+    /// Of a number: most cycles in a row in which the running version's moved and the new one's stood still. A
+    /// controller whose integrator is saturated shows so.
+    pub still: u64,
+    motion: Motion,
+}
+
+/// How an output has moved lately.
+#[derive(Clone, Debug, Default)]
+struct Motion {
+    /// The cycle, and what the output was then.
+    last: Option<(u64, Value, Value)>,
+    /// Cycles of this stretch.
+    stretch: u64,
+}
+
+impl Motion {
+    /// Takes the values of the next cycle; the length of the stretch that they belong to.
+    fn take(&mut self, cycle: u64, running: Value, new: Value) -> u64 {
+        let last = self.last.replace((cycle, running, new));
+        self.stretch = match last {
+            Some((at, before, new_before)) if at + 1 == cycle && new_before == new => {
+                self.stretch + u64::from(before != running)
+            }
+            _ => 0,
+        };
+        self.stretch
+    }
 }
 
 /// All outputs of a program.
@@ -69,7 +96,15 @@ impl Comparison {
         let output = |point: Point| {
             let tolerance = tolerances.iter().rev().find(|t| means(&t.name, &point));
             let tolerance = tolerance.map_or(0.0, |tolerance| tolerance.most);
-            Output { point, tolerance, largest: None, first_out: None, cycles_out: 0 }
+            Output {
+                point,
+                tolerance,
+                largest: None,
+                first_out: None,
+                cycles_out: 0,
+                still: 0,
+                motion: Motion::default(),
+            }
         };
         Ok(Self { outputs: points.into_iter().map(output).collect() })
     }
@@ -81,12 +116,14 @@ impl Comparison {
             let bytes = range.offset as usize..range.offset as usize + usize::from(range.bytes);
             let [running, new] =
                 [&both.running, &both.new].map(|all| all.get(bytes.clone()).unwrap_or_default());
-            let difference = match output.point.bit {
-                None if running == new => continue,
-                _ => match (output.point.value(running), output.point.value(new)) {
-                    (Some(running), Some(new)) => difference(running, new),
-                    _ => f64::INFINITY,
-                },
+            let values = output.point.value(running).zip(output.point.value(new));
+            if let Some((running, new)) = values.filter(|(value, _)| is_number(value)) {
+                output.still = output.still.max(output.motion.take(both.cycle, running, new));
+            }
+            let difference = match (output.point.bit, values) {
+                (None, _) if running == new => continue,
+                (_, Some((running, new))) => difference(running, new),
+                (_, None) => f64::INFINITY,
             };
             if difference > 0.0 && output.largest.is_none_or(|(most, _)| difference > most) {
                 output.largest = Some((difference, both.cycle));
@@ -102,6 +139,11 @@ impl Comparison {
     pub fn is_within(&self) -> bool {
         self.outputs.iter().all(|output| output.cycles_out == 0)
     }
+}
+
+/// Whether a value can move by a little.
+fn is_number(value: &Value) -> bool {
+    matches!(value, Value::Signed(_) | Value::Unsigned(_) | Value::Float(_))
 }
 
 /// How far two values of a type are from each other.

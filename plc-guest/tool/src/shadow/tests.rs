@@ -160,6 +160,20 @@ fn another_integrator_is_told_by_output_cycle_and_difference() {
 }
 
 #[test]
+fn an_output_that_stands_still_at_a_limit_is_told() {
+    let new = RUNNING.replace("HIGH := 9.0", "HIGH := 0.7");
+    let (_, comparison) = shadow(&new, 500, &[], |_| true);
+    let valve = output(&comparison, "p.Control.valve");
+    // It gets to its limit in cycle 311.
+    assert!((150..200).contains(&valve.still), "{valve:?}");
+    // A number that moves as the running version's does, and an output that is no number.
+    assert_eq!(["p.Lamp.count", "p.Lamp.lamp"].map(|name| output(&comparison, name).still), [0, 0]);
+    // A gap ends a stretch.
+    let (_, parts) = shadow(&new, 500, &[], |line| line.cycle % 100 != 0);
+    assert!((50..100).contains(&output(&parts, "p.Control.valve").still), "{parts:?}");
+}
+
+#[test]
 fn a_change_that_takes_a_second_state_is_tried_too() {
     let program = |fields: &str| {
         RUNNING
