@@ -299,8 +299,23 @@ fn a_program_changes_while_it_runs_and_loses_no_cycle() {
         assert!((1..=10_000).contains(&took), "{version:#}");
     }
 
+    // The processor's time that the change took of the PLC's, from the order to prepare to the end of the trial.
+    let statuses: Vec<&Value> = of("status");
+    let [first, second, third] = statuses[..] else { panic!("{statuses:#?}") };
+    let spent = |from: &Value, to: &Value| {
+        let of = |status: &Value, key: &str| {
+            let plc = &status["status"]["partitions"][0];
+            plc.pointer(key).and_then(Value::as_f64).unwrap_or_else(|| panic!("{plc:#}"))
+        };
+        ["/cpu_time_ns", "/releases/happened"].map(|key| of(to, key) - of(from, key))
+    };
+    let ([time, windows], [with, windows_with]) = (spent(first, second), spent(second, third));
+    let took = with - time / windows * windows_with;
+    println!("the change took {took:.0} ns of the PLC's processor time, in {windows_with} windows");
+    assert!((0.0..1_000_000.0).contains(&took), "{took} ns");
+
     // Up to then each job ran, and each found the values that the one before it left: else it had faulted.
-    let task = &of("status")[0]["status"]["partitions"][0]["programs"][0]["tasks"][0];
+    let task = &third["status"]["partitions"][0]["programs"][0]["tasks"][0];
     for key in ["missed", "overruns", "skipped"] {
         assert_eq!(task[key], 0, "{task:#}");
     }
