@@ -166,8 +166,6 @@ pub struct Finish {
     /// As in [`Preparation`].
     pub closing: Arc<AtomicBool>,
     /// As in [`Preparation`].
-    pub board: Arc<ScheduleState>,
-    /// As in [`Preparation`].
     pub console: Option<Console>,
     /// `None` if no PLC has any.
     pub interrupts: Option<Interrupts>,
@@ -208,9 +206,9 @@ impl Preparation<'_> {
     /// What is needed beyond the preparation. The rest is closed: the way to make machines, for one.
     #[must_use]
     pub fn finish(self) -> Finish {
-        let Self { closing, board, console, interrupts, clearing, .. } = self;
+        let Self { closing, console, interrupts, clearing, .. } = self;
         let interrupts = Some(interrupts).filter(|interrupts| !interrupts.is_empty());
-        Finish { closing, board, console, interrupts, clearing }
+        Finish { closing, console, interrupts, clearing }
     }
 
     /// The deadlines of those processors of Linuxes, by their partitions and CPUs.

@@ -1,10 +1,93 @@
-//! Files of results, which are opened before the run, since nothing can be opened after its start.
+//! Where a run writes to: its console, and files of results, which are opened before the run, since nothing can be
+//! opened after its start.
 
 use std::fs;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
 
+use super::Options;
+use crate::outlet::{Outlet, StandardOutput, Trace};
 use crate::run_error::RunError;
+use crate::screen;
+
+/// Room for what waits for the trace's file: some seconds of a partition at 1000 windows a second.
+const TRACE_BYTES: usize = 4 << 20;
+
+/// How long the end of a run waits for what it has to say.
+#[derive(Clone, Copy)]
+pub(super) struct Patience {
+    /// For a reader that takes nothing at all.
+    stalled: Duration,
+    /// For one that takes a little again and again.
+    slow: Duration,
+}
+
+impl Patience {
+    /// Waits for the reader of Takt's own output, if there is one.
+    pub fn settle(self, console: &Outlet) {
+        console.settle(self.stalled, self.slow);
+    }
+
+    /// Somebody has sent a signal, and kills what does not end.
+    pub const SHORT: Self =
+        Self { stalled: Duration::from_millis(20), slow: Duration::from_millis(30) };
+    pub const LONG: Self = Self { stalled: Duration::from_secs(1), slow: Duration::from_secs(5) };
+}
+
+/// All of it.
+pub(super) struct Outputs {
+    /// Where the screen is.
+    pub console: Arc<Outlet>,
+    /// Where every window is written to, and the file's path.
+    pub trace: Option<(Arc<Outlet>, PathBuf)>,
+    pub report: Option<Output>,
+    pub samples: Option<Output>,
+    pub patience: Patience,
+}
+
+impl Outputs {
+    /// Opens what the options ask for.
+    pub(super) fn open(options: &Options, partitions: usize) -> Result<Self, RunError> {
+        let create = |what, path: &Option<PathBuf>| {
+            path.as_deref().map(|path| Output::create(what, path)).transpose()
+        };
+        let (report, samples) =
+            (create("report", &options.report)?, create("samples", &options.samples)?);
+        let trace = |path: &PathBuf| -> Result<_, RunError> {
+            // What it was is gone.
+            let file = fs::File::create(path).map_err(cannot_write("trace", path))?;
+            let outlet = Outlet::start("trace", options.seccomp, &[TRACE_BYTES], file)?;
+            Ok((Arc::new(outlet), path.clone()))
+        };
+        let trace = options.trace.as_ref().map(trace).transpose()?;
+        let quotas = screen::quotas(partitions);
+        let console = Outlet::start("console", options.seccomp, &quotas, StandardOutput::new())?;
+        Ok(Self { console: Arc::new(console), trace, report, samples, patience: Patience::LONG })
+    }
+
+    /// Waits for the reader of Takt's own output, if there is one.
+    pub(super) fn settle(&self) {
+        self.patience.settle(&self.console);
+    }
+
+    /// Ends the trace, if there is one; returns how many events its file has not got.
+    pub(super) fn finish_trace(&self, trace: Option<Trace>) -> Result<u64, RunError> {
+        let (Some(trace), Some((outlet, path))) = (trace, &self.trace) else { return Ok(0) };
+        let failed = cannot_write("trace", path);
+        let Patience { stalled, slow } = Patience::LONG;
+        outlet.settle(stalled, slow);
+        let dropped = trace.dropped();
+        let ended = trace.finish();
+        let settled = outlet.settle(stalled, slow);
+        match outlet.take_error() {
+            Some(error) => Err(failed(error)),
+            None if !settled => Err(failed(io::ErrorKind::TimedOut.into())),
+            None => ended.map_err(failed).map(|()| dropped),
+        }
+    }
+}
 
 /// A file of results, opened while files can be.
 pub(super) struct Output {
@@ -15,16 +98,14 @@ pub(super) struct Output {
 
 impl Output {
     /// Opens it; what it has stays there until it is written.
-    pub(super) fn create(what: &'static str, path: &Path) -> Result<Self, RunError> {
-        let failed = |source| RunError::Output { what, path: path.to_owned(), source };
+    fn create(what: &'static str, path: &Path) -> Result<Self, RunError> {
         let mut options = fs::File::options();
-        let file = options.write(true).create(true).truncate(false).open(path).map_err(failed)?;
-        Ok(Self { what, path: path.to_owned(), file })
+        let file = options.write(true).create(true).truncate(false).open(path);
+        Ok(Self { what, path: path.to_owned(), file: file.map_err(cannot_write(what, path))? })
     }
 
     pub(super) fn write(self, json: serde_json::Result<String>) -> Result<(), RunError> {
         let Self { what, path, mut file } = self;
-        let failed = |source| RunError::Output { what, path, source };
         let write = || {
             let mut json = json?;
             json.push('\n');
@@ -33,6 +114,11 @@ impl Output {
             }
             file.write_all(json.as_bytes())
         };
-        write().map_err(failed)
+        write().map_err(cannot_write(what, &path))
     }
+}
+
+fn cannot_write(what: &'static str, path: &Path) -> impl Fn(io::Error) -> RunError + use<> {
+    let path = path.to_owned();
+    move |source| RunError::Output { what, path: path.clone(), source }
 }

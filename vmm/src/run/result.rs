@@ -7,8 +7,7 @@ use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::table::{Cpu, Role};
 use takt_scheduler::time::{Nanos, Timebase};
 
-use super::Run;
-use super::epoch::Epoch;
+use super::start::Facts;
 use crate::account::Account;
 use crate::config::{Kind, Partition};
 use crate::health::Fault;
@@ -22,18 +21,17 @@ use crate::supervisor::Supervisor;
 use crate::vcpu::Control;
 use crate::vcpu::guest_timer::Told;
 
-impl Run<'_> {
+impl Facts<'_> {
     pub(super) fn report(
         &self,
         supervisor: &Supervisor,
-        linux: &[Option<LinuxParts>],
-        epoch: &Epoch,
         duration: Nanos,
         host_ports: Vec<host_ports::Account>,
         process: report::Process,
+        output: report::Output,
     ) -> Report {
-        let base = epoch.base;
-        let partitions = supervisor.accounts.iter().zip(linux).zip(self.file.partitions());
+        let base = self.epoch.base;
+        let partitions = supervisor.accounts.iter().zip(&self.linux).zip(self.file.partitions());
         let describe =
             |((account, linux), partition): ((&Account, &Option<LinuxParts>), &Partition)| {
                 let (all, linux) = (&supervisor.accounts, linux.as_ref());
@@ -57,7 +55,7 @@ impl Run<'_> {
             epoch_tsc: base.epoch.0,
             duration_ns: duration.0,
             kick: self.options.hooks.kicks(),
-            tick: epoch.told(),
+            tick: self.epoch.told(),
             schedule: report::Schedule {
                 current: schedule(status.current),
                 next: schedule(status.next),
@@ -67,11 +65,7 @@ impl Run<'_> {
             window_enforcers: self.enforcers.iter().map(enforcer).collect(),
             host_ports,
             process,
-            output: report::Output {
-                takt_dropped_bytes: supervisor.screen.own_dropped(),
-                unread_bytes: self.console_outlet.unwritten(),
-                trace_dropped_events: self.trace_dropped,
-            },
+            output,
         }
     }
 

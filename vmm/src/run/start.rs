@@ -1,32 +1,37 @@
-//! From threads that wait to guests that run: the last door, the epoch, and who is told first.
+//! The third stage, from threads that wait to guests that run: the last door, the epoch, and who is told first.
 
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use takt_scheduler::quiet::QuietTimes;
+use takt_scheduler::switch::ScheduleState;
 use takt_scheduler::table::Cpu;
 use takt_scheduler::time::{Nanos, Timebase};
 use vmm_sys_util::eventfd::EventFd;
 
 use super::epoch::Epoch;
-use super::{Run, nanos};
+use super::output::{Outputs, Patience};
+use super::waiting::Waiting;
+use super::{Options, nanos};
 use crate::account::Account;
-use crate::config::{self, Partition, Trust};
+use crate::config::{self, Partition, PartitionFile, Trust};
 use crate::disk::DiskThread;
 use crate::host_clock::HostClock;
 use crate::host_watchdog::HostWatchdog;
 use crate::huge_pages;
-use crate::init_watch::Console;
-use crate::outlet::Trace;
-use crate::outlet::{LaneWriter, Outlet};
-use crate::prepare::{LinuxParts, Prepared, WindowEnforcer};
+use crate::memory::Pages;
+use crate::outlet::{LaneWriter, Outlet, Trace};
+use crate::passthrough::emergency_stop::Armed;
+use crate::prepare::{Finish, LinuxParts, Prepared, WindowEnforcer};
 use crate::report;
 use crate::run_error::RunError;
 use crate::sandbox;
 use crate::schedule_requests::ScheduleRequests;
 use crate::screen::Screen;
-use crate::supervisor::{Sources, Supervisor};
+use crate::supervisor::Supervisor;
+use crate::terminal;
 use crate::vcpu::Control;
-use crate::vcpu::thread::{Ready, Running};
+use crate::vcpu::thread::{self, Ready};
 
 /// From the moment that all threads wait to the epoch: time to tell this many of them, and for each to
 /// fall asleep until its first window. One that is late begins with its next window; a window enforcer that is
@@ -43,34 +48,63 @@ fn this_cpu() -> Option<Cpu> {
 }
 
 /// A run whose threads have been told the epoch.
-pub(super) struct Started {
+pub(super) struct Running<'a> {
+    pub facts: Facts<'a>,
     pub supervisor: Supervisor,
-    pub running: Vec<Running<()>>,
+    pub threads: Vec<thread::Running<()>>,
     /// Those that may be busy with a file for as long as it likes.
-    pub disks: Vec<Running<()>>,
+    pub disks: Vec<thread::Running<()>>,
     /// Of all that run.
     pub controls: Vec<Arc<Control>>,
     /// To be rung for those that wait for one.
     pub bells: Vec<EventFd>,
+    /// Set when the run is over: console output is not taken any more.
+    pub closing: Arc<AtomicBool>,
+    pub outputs: Outputs,
+    /// While guests may drive devices.
+    pub guard: Armed,
+}
+
+/// What a report has of a run beside what the supervisor knows.
+pub(super) struct Facts<'a> {
+    pub file: &'a PartitionFile,
+    pub options: &'a Options,
+    pub board: Arc<ScheduleState>,
+    /// Of which pages the memory of each partition is, in their order.
+    pub pages: Vec<Pages>,
+    pub host: report::Host,
+    /// What ends windows.
+    pub enforcers: Vec<(Cpu, Arc<Control>)>,
     /// By partition.
     pub linux: Vec<Option<LinuxParts>>,
     pub epoch: Epoch,
     pub starting: report::Starting,
 }
 
-impl Run<'_> {
+impl<'a> Waiting<'a> {
     /// Shuts the last door, chooses the epoch and tells all threads.
-    pub(super) fn start(
-        &mut self,
-        prepared: Vec<Prepared>,
-        kickers: Vec<WindowEnforcer>,
-        console: Option<Console>,
-        mut screen: Screen,
-        sources: Sources,
-    ) -> Result<Started, RunError> {
+    ///
+    /// # Errors
+    /// See [`RunError`]. What Takt has said by then is read, or has had its time.
+    pub(super) fn start(self) -> Result<Running<'a>, RunError> {
+        let console = self.outputs.console.clone();
+        self.tell_all().inspect_err(|_| {
+            terminal::restore();
+            Patience::LONG.settle(&console);
+        })
+    }
+
+    fn tell_all(self) -> Result<Running<'a>, RunError> {
+        let Waiting { file, options, held, partitions, enforcers, frequency, outputs, .. } = self;
+        let Waiting { mut screen, board, pages, steps, host, .. } = self;
+        let Finish { closing, console, interrupts, clearing } = self.finish;
+        let controls: Vec<_> = partitions.iter().map(|p| p.account.control.clone()).collect();
+        let guard = held.devices.guard(&controls);
+        options.hooks.start_panicking(options.seccomp)?;
+        drop(self.expedited);
         let (mut accounts, mut linux, mut disks) = (Vec::new(), Vec::new(), Vec::new());
         let (mut windowed, mut others) = (Vec::new(), Vec::new());
-        for Prepared { account, thread, further, linux: parts, disks: own } in prepared {
+        for Prepared { account, thread, further, linux: parts, disks: own } in partitions {
             let kin = if account.records.is_some() { &mut windowed } else { &mut others };
             kin.push(thread);
             others.extend(further);
@@ -78,19 +112,19 @@ impl Run<'_> {
             linux.push(parts);
             disks.extend(own);
         }
-        let watchdog = self.watchdog(&accounts, &kickers)?;
-        self.options.hooks.arm(&accounts, &kickers)?;
-        let clock = HostClock::open(self.frequency);
-        self.steps.pass()?;
+        let watchdog = watchdog(file, options, &accounts, &enforcers)?;
+        options.hooks.arm(&accounts, &enforcers)?;
+        let clock = HostClock::open(frequency);
+        steps.pass()?;
         // Nothing of the host is opened any more, and no guest has run yet.
-        let doors = (sandbox::Kind::Main, self.options.seccomp);
-        if !sandbox::enter(doors.0, doors.1, "main", &self.given_back)? {
+        let given_back = held.given_back(file, options);
+        if !sandbox::enter(sandbox::Kind::Main, options.seccomp, "main", &given_back)? {
             screen.line("takt", "this kernel has no Landlock: files stay within reach");
         }
-        self.steps.pass()?;
+        steps.pass()?;
 
-        self.enforcers = kickers.iter().map(|k| (k.cpu, k.control.clone())).collect();
-        let (kickers, mut controls): (Vec<_>, Vec<_>) = kickers
+        let of_cpus = enforcers.iter().map(|e| (e.cpu, e.control.clone())).collect();
+        let (enforcers, mut controls): (Vec<_>, Vec<_>) = enforcers
             .into_iter()
             .map(|WindowEnforcer { control, thread, .. }| (thread, control))
             .unzip();
@@ -102,45 +136,48 @@ impl Run<'_> {
             bells.push(bell);
             disk_threads.push(thread);
         }
-        let schedules = self.file.schedules();
+        let schedules = file.schedules();
         let quiet: Vec<QuietTimes> =
             schedules.cpus().iter().filter_map(|cpu| schedules.quiet_on(*cpu, None)).collect();
-        let epoch = Epoch::choose(start_delay(controls.len()), self.frequency, &quiet);
-        let began = self.options.began;
+        let epoch = Epoch::choose(start_delay(controls.len()), frequency, &quiet);
         let starting = report::Starting {
-            first_release_ns: began.map(|began| nanos(began.elapsed()) + epoch.delay.0),
-            clearing_ns: nanos(self.clearing),
+            first_release_ns: options.began.map(|began| nanos(began.elapsed()) + epoch.delay.0),
+            clearing_ns: nanos(clearing),
             aligning_ns: epoch.aligning.0,
         };
         let base = epoch.base;
         // A window may begin only once the enforcer of its end has started, and a thread without windows
         // may take the processor from this one as soon as it is started.
-        let threads = kickers.into_iter().chain(windowed).chain(others);
-        let running: Vec<_> = threads.map(|thread| Ready::start(thread, base)).collect();
+        let threads = enforcers.into_iter().chain(windowed).chain(others);
+        let threads: Vec<_> = threads.map(|thread| Ready::start(thread, base)).collect();
         let disks = disk_threads.into_iter().map(|thread| Ready::start(thread, base)).collect();
 
         for account in &mut accounts {
-            account.start(base, self.options.samples.is_some());
+            account.start(base, options.samples.is_some());
         }
-        let trace = self.trace_outlet.clone().map(|outlet| self.begin_trace(outlet, base));
-        let desk = ScheduleRequests::new(self.board.clone(), self.file.schedule_names(), base);
-        let mut supervisor = Supervisor::new(accounts, desk, trace, screen, console, sources);
-        supervisor.host_ports = self.host_ports.take();
-        supervisor.operators = self.operators.take();
-        supervisor.interrupts = self.interrupts.take();
+        let trace = outputs.trace.as_ref().map(|(outlet, _)| trace(file, outlet.clone(), base));
+        let desk = ScheduleRequests::new(board.clone(), file.schedule_names(), base);
+        let mut supervisor = Supervisor::new(accounts, desk, trace, screen, console, self.sources);
+        supervisor.host_ports = self.host_ports;
+        supervisor.operators = self.operators;
+        supervisor.interrupts = interrupts;
         supervisor.watchdog = watchdog;
         supervisor.clock = Some(clock);
         supervisor.quiet = this_cpu().and_then(|cpu| schedules.quiet_on(cpu, None));
-        self.tell(&mut supervisor.screen, starting);
-        Ok(Started { supervisor, running, disks, controls, bells, linux, epoch, starting })
+        let enforcers = of_cpus;
+        let facts = Facts { file, options, board, pages, host, enforcers, linux, epoch, starting };
+        facts.tell(&mut supervisor.screen);
+        Ok(Running { facts, supervisor, threads, disks, controls, bells, closing, outputs, guard })
     }
+}
 
+impl Facts<'_> {
     /// Tells people what begins.
-    fn tell(&self, screen: &mut Screen, starting: report::Starting) {
+    fn tell(&self, screen: &mut Screen) {
         let names: Vec<&str> = self.file.partitions().iter().map(Partition::name).collect();
         let (file, names) = (self.file.name(), names.join(", "));
         screen.line("takt", &format!("{file}: starting {names}; Ctrl-] q ends the run"));
-        screen.line("takt", &starting.to_string());
+        screen.line("takt", &self.starting.to_string());
         for (partition, pages) in self.file.partitions().iter().zip(&self.pages) {
             if let Some(text) = huge_pages::told(partition, *pages) {
                 screen.line("takt", &text);
@@ -163,27 +200,27 @@ impl Run<'_> {
             screen.line("takt", &text);
         }
     }
+}
 
-    /// The host's watchdog, if the file wants it served.
-    fn watchdog(
-        &self,
-        accounts: &[Account],
-        kickers: &[WindowEnforcer],
-    ) -> Result<Option<HostWatchdog>, RunError> {
-        let Some(time) = self.file.watchdog() else { return Ok(None) };
-        let windowed = accounts.iter().filter(|account| account.records.is_some());
-        let threads = windowed.map(|account| account.control.clone());
-        let threads = threads.chain(kickers.iter().map(|kicker| kicker.control.clone()));
-        let frame = self.file.schedules().frame();
-        HostWatchdog::start(time, frame, threads.collect(), self.options.role)
-            .map(Some)
-            .map_err(RunError::Watchdog)
-    }
+/// The host's watchdog, if the file wants it served.
+fn watchdog(
+    file: &PartitionFile,
+    options: &Options,
+    accounts: &[Account],
+    enforcers: &[WindowEnforcer],
+) -> Result<Option<HostWatchdog>, RunError> {
+    let Some(time) = file.watchdog() else { return Ok(None) };
+    let windowed = accounts.iter().filter(|account| account.records.is_some());
+    let threads = windowed.map(|account| account.control.clone());
+    let threads = threads.chain(enforcers.iter().map(|enforcer| enforcer.control.clone()));
+    HostWatchdog::start(time, file.schedules().frame(), threads.collect(), options.role)
+        .map(Some)
+        .map_err(RunError::Watchdog)
+}
 
-    fn begin_trace(&self, outlet: Arc<Outlet>, base: Timebase) -> Trace {
-        let partitions: Vec<(&str, Cpu)> =
-            self.file.partitions().iter().map(|p| (p.name(), p.cpu())).collect();
-        let schedules: Vec<&str> = self.file.schedule_names().iter().map(String::as_str).collect();
-        Trace::new(LaneWriter { outlet, lane: 0 }, base, &partitions, &schedules)
-    }
+fn trace(file: &PartitionFile, outlet: Arc<Outlet>, base: Timebase) -> Trace {
+    let partitions: Vec<(&str, Cpu)> =
+        file.partitions().iter().map(|p| (p.name(), p.cpu())).collect();
+    let schedules: Vec<&str> = file.schedule_names().iter().map(String::as_str).collect();
+    Trace::new(LaneWriter { outlet, lane: 0 }, base, &partitions, &schedules)
 }

@@ -1,0 +1,140 @@
+//! The last stages: looking after a run until it is over, letting everything go, and telling how it was.
+
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use takt_scheduler::time::{Nanos, Tsc};
+
+use super::nanos;
+use super::output::{Outputs, Patience};
+use super::start::Running;
+use crate::account::Account;
+use crate::footprint;
+use crate::host_ports::{self, HostPorts};
+use crate::report::{self, Report};
+use crate::run_error::RunError;
+use crate::samples::{self, Samples};
+use crate::screen;
+use crate::supervisor::Supervisor;
+use crate::terminal;
+use crate::vcpu::Control;
+use crate::vcpu::thread;
+
+/// How long the end of a run waits until what programs retain is written; who has sent a signal may wait less.
+const SAVING: Duration = Duration::from_secs(5);
+const SAVING_SHORT: Duration = Duration::from_secs(1);
+/// How long the end of a run waits for each disk that is busy with its file.
+const DISK_PATIENCE: Duration = Duration::from_millis(10);
+
+/// A run whose guests have left.
+pub(super) struct Ended {
+    report: Report,
+    outputs: Outputs,
+}
+
+impl Running<'_> {
+    /// Looks after the run until it is over.
+    pub(super) fn watch(self) -> Result<Ended, RunError> {
+        let Running { facts, supervisor, threads, disks, controls, bells, closing, .. } = self;
+        let Running { mut outputs, guard, .. } = self;
+        let base = facts.epoch.base;
+        let start = footprint::now();
+        // The time that was asked for is that of the schedule.
+        let supervised =
+            supervisor.supervise(facts.options.duration.map(|time| Nanos(nanos(time))));
+        let process = report::Process { start, end: footprint::now(), starting: facts.starting };
+        let duration = base.offset(Tsc::now());
+        closing.store(true, Ordering::Relaxed);
+        Control::stop_all(&controls);
+        for bell in bells {
+            // Fails only if it has been rung 2^64 times, and then its thread is awake.
+            let _ = bell.write(1);
+        }
+        // A thread whose guest has ended waits for the word to start it anew, which the
+        // supervisor can give no more.
+        let supervised = supervised.map(Supervisor::without_restarts);
+        for thread in threads {
+            thread.join();
+        }
+        let report = supervised.map_err(RunError::from).and_then(|mut supervisor| {
+            if supervisor.ended_by_signal {
+                outputs.patience = Patience::SHORT;
+            }
+            let (host_ports, dropped) = finish(&mut supervisor, &mut outputs, disks, duration)?;
+            outputs.settle();
+            let output = report::Output {
+                takt_dropped_bytes: supervisor.screen.own_dropped(),
+                unread_bytes: outputs.console.unwritten(),
+                trace_dropped_events: dropped,
+            };
+            Ok(facts.report(&supervisor, duration, host_ports, process, output))
+        });
+        drop(guard);
+        terminal::restore();
+        match report {
+            Ok(report) => Ok(Ended { report, outputs }),
+            Err(error) => {
+                outputs.settle();
+                Err(error)
+            }
+        }
+    }
+}
+
+/// Takes what the supervisor still has, and lets go of what is still held. Gives the ends of channels that are Takt's own, and how
+/// many events the trace's file has not got.
+fn finish(
+    supervisor: &mut Supervisor,
+    outputs: &mut Outputs,
+    disks: Vec<thread::Running<()>>,
+    duration: Nanos,
+) -> Result<(Vec<host_ports::Account>, u64), RunError> {
+    // All guests have left: from here on the watchdog is not fed.
+    supervisor.watchdog = None;
+    supervisor.note_endings();
+    supervisor.drain();
+    let busy =
+        disks.into_iter().filter_map(|disk| (!disk.join_within(DISK_PATIENCE)).then_some(()));
+    if busy.count() > 0 {
+        let text = "a disk still waits for its file, and is left to it";
+        supervisor.screen.line("takt", text);
+    }
+    supervisor.serve_host_ports(HostPorts::finish);
+    let most = if supervisor.ended_by_signal { SAVING_SHORT } else { SAVING };
+    let saved = supervisor.operators.as_mut().map(|operators| operators.finish(duration, most));
+    if let Some(Err(error)) = saved {
+        let text = format!("not all retained values are written: {error}");
+        supervisor.screen.line("takt", &text);
+    }
+    supervisor.tell_last_losses();
+    let dropped = outputs.finish_trace(supervisor.trace.take())?;
+    if let Some(file) = outputs.samples.take() {
+        let accounts = &supervisor.accounts;
+        let samples = Samples {
+            schema_version: samples::SCHEMA_VERSION,
+            partitions: accounts.iter().filter_map(Account::course).collect(),
+            loads: accounts.iter().filter_map(|a| a.load_course(duration)).collect(),
+        };
+        file.write(serde_json::to_string(&samples))?;
+    }
+    let host_ports = supervisor.host_ports.as_mut().map_or_else(Vec::new, HostPorts::accounts);
+    Ok((host_ports, dropped))
+}
+
+impl Ended {
+    /// Writes the report, and shows it.
+    pub(super) fn tell(self) -> Result<Report, RunError> {
+        let Ended { report, mut outputs } = self;
+        if let Some(file) = outputs.report.take() {
+            file.write(serde_json::to_string_pretty(&report))?;
+        }
+        // If what came before it was not read, the table would not be read either.
+        if report.output.unread_bytes == 0 {
+            let table = format!("\n{}", report.table());
+            // Finds room: all before it has been written.
+            let _ = outputs.console.push(screen::OWN, table.as_bytes());
+            outputs.settle();
+        }
+        Ok(report)
+    }
+}
