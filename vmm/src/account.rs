@@ -9,6 +9,7 @@ use takt_scheduler::guard::GuardChange;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
 
+use crate::console_log::ConsoleLog;
 use crate::handoff::Taker;
 use crate::health::{Detail, Watch};
 use crate::init_watch::Console;
@@ -43,6 +44,8 @@ pub struct Account {
     pub is_terminal: bool,
     /// True if the output is on the screen.
     pub is_shown: bool,
+    /// The file that keeps the output, if its file wants that.
+    pub log: Option<ConsoleLog>,
     /// What is typed goes here, if its guest has a console to type at.
     pub keyboard: Option<Console>,
     /// What its thread recorded; `None` for a background partition.
@@ -108,6 +111,9 @@ impl Account {
             (true, false) => screen.budget(id),
         };
         self.output.take_into(&mut bytes, most);
+        if let Some(log) = &mut self.log {
+            log.take(&bytes);
+        }
         if !self.is_shown {
             screen.spend(id, &bytes);
         } else if self.is_terminal {

@@ -7,6 +7,7 @@ pub mod account;
 pub mod appliance;
 pub mod boot;
 pub mod channels;
+pub mod console_log;
 pub mod control;
 pub mod cpuid;
 pub mod cpuset;

@@ -9,6 +9,7 @@ use crate::boot::long_mode::StartError;
 use crate::boot::plc::PlcImageError;
 use crate::boot::programs::ProgramError;
 use crate::channels::ChannelError;
+use crate::console_log::ConsoleLogError;
 use crate::control::{DoorError, ViewError};
 use crate::cpuset::CpusetError;
 use crate::disk::DiskError;
@@ -50,6 +51,8 @@ pub enum RunError {
     Channel(#[from] ChannelError),
     #[error(transparent)]
     Live(#[from] LiveError),
+    #[error("partition {partition}: {source}")]
+    ConsoleLog { partition: String, source: ConsoleLogError },
     #[error(transparent)]
     Saver(#[from] SaverError),
     #[error(transparent)]
@@ -111,6 +114,7 @@ impl RunError {
                 | RunError::Linux(LinuxMachineError::Image { .. })
                 | RunError::Disk(DiskError::File(_))
                 | RunError::Saver(_)
+                | RunError::ConsoleLog { source: ConsoleLogError::File { .. }, .. }
                 | RunError::Control(DoorError::NoGroup(_))
                 | RunError::Control(DoorError::Socket(
                     SocketError::InUse(_) | SocketError::NotASocket(_)

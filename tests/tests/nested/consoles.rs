@@ -1,5 +1,6 @@
 //! Several Linux partitions, and their consoles through the control socket.
 
+use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
@@ -31,7 +32,7 @@ impl Plant {
             .plc("right", None, "release_guard = \"10us\"")
             .linux(LOAD)
             .other_linux(&second)
-            .lines("console = \"control\"")
+            .lines(&format!("console = \"control\"\nconsole_log = \"{name}.log\""))
             .schedule("normal")
             .window("left", 0, 150)
             .window("right", 400, 150);
@@ -135,6 +136,8 @@ fn assert_unmoved(outcome: &Outcome) {
 #[test]
 fn consoles_are_attached_and_detached_under_load_and_no_release_moves() {
     let plant = Plant::new("consoles");
+    let log = plant.file.with_extension("log");
+    fs::write(&log, "before\n").unwrap();
     let outcome = thread::scope(|scope| {
         let run = plant.text.run("consoles").until("the end is 7").given_up_after("3000");
         let run = scope.spawn(move || run.run());
@@ -164,6 +167,11 @@ fn consoles_are_attached_and_detached_under_load_and_no_release_moves() {
     });
     outcome.assert_shows("second: its console: takt console");
     assert!(!outcome.output.contains("here is 42"), "the hidden console is on the terminal");
+    // All of it is in the file, behind what was there.
+    let kept = String::from_utf8_lossy(&fs::read(&log).unwrap()).into_owned();
+    let places = ["before", "Linux version ", "here is 42", "round 8020", "typed 42"];
+    let places = places.map(|text| kept.find(text).unwrap_or_else(|| panic!("no {text}: {kept}")));
+    assert!(places.is_sorted() && places[0] == 0, "{places:?}");
     assert_unmoved(&outcome);
 }
 

@@ -24,7 +24,7 @@ use Form::{Table, Value};
 use Owner::{Both, Linux, Plc};
 
 /// All keys of a partition, in the order in which messages name them. A test compares them with the raw form.
-const KEYS: [(&str, Owner, Form); 29] = [
+const KEYS: [(&str, Owner, Form); 30] = [
     ("name", Both, Value(|p| Some(p.name.span()))),
     ("kind", Both, Value(|p| Some(p.kind.span()))),
     ("cpu", Both, Value(|p| value(&p.cpu))),
@@ -43,6 +43,7 @@ const KEYS: [(&str, Owner, Form); 29] = [
     ("initrd", Linux, Value(|p| value(&p.initrd))),
     ("cmdline", Linux, Value(|p| value(&p.cmdline))),
     ("console", Linux, Value(|p| value(&p.console))),
+    ("console_log", Both, Value(|p| value(&p.console_log))),
     ("watchdog", Linux, Value(|p| value(&p.watchdog))),
     ("power_off", Linux, Value(|p| value(&p.power_off))),
     ("program", Plc, Table(|p| first(&p.program))),

@@ -187,6 +187,7 @@ pub struct Partition {
     hardware: Hardware,
     kind: Kind,
     console: Option<Console>,
+    console_log: Option<PathBuf>,
     on_schedule_change: ScheduleChange,
     health: Table,
     watchdog: Option<Nanos>,
@@ -250,6 +251,18 @@ impl Partition {
     #[must_use]
     pub fn console(&self) -> Option<Console> {
         self.console
+    }
+
+    /// The file to which all is appended that it writes to its console. The path is absolute.
+    #[must_use]
+    pub fn console_log(&self) -> Option<&Path> {
+        self.console_log.as_deref()
+    }
+
+    /// What that file is called where it is carried out of an emulated machine. No recording of a channel has this name.
+    #[must_use]
+    pub fn console_record(&self) -> String {
+        format!("console.{}.records", self.name)
     }
 
     /// What happens to it when a switch of schedules takes effect; [`ScheduleChange::Ignore`] for
@@ -484,6 +497,7 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     });
     nets::check_all(partitions.iter().flat_map(|p| &p.nets))?;
     consoles::check_all(&partitions, control.is_some())?;
+    consoles::check_logs(&partitions, &channels)?;
     // Last, because it is the only thing that may be right on another machine.
     partitions.iter().flat_map(|p| &p.images).try_for_each(images::check)?;
     partitions.iter().flat_map(|p| &p.disks).try_for_each(disks::check_file)?;

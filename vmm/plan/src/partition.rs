@@ -44,6 +44,8 @@ pub struct Checked {
     pub name: Span,
     pub background: Option<Span>,
     pub console: Option<Span>,
+    /// The file that keeps what it writes to its console.
+    pub console_log: Option<Image>,
     pub tasks: CheckedTasks,
     pub disks: Vec<CheckedDisk>,
     pub nets: Vec<CheckedNet>,
@@ -143,6 +145,8 @@ fn check(
         Kind::Plc { .. } => None,
         Kind::Linux { .. } => Some(consoles::check(raw.console.as_ref())?),
     };
+    let log = raw.console_log.as_ref();
+    let log = log.map(|path| images::resolve(around.folder, path)).transpose()?;
     let partition = Partition {
         id,
         name: name.to_owned(),
@@ -152,6 +156,7 @@ fn check(
         hardware,
         kind,
         console,
+        console_log: log.as_ref().map(|log| log.path.clone()),
         on_schedule_change,
         health,
         watchdog,
@@ -180,6 +185,7 @@ fn check(
         name: raw.name.span(),
         background: raw.background.as_ref().map(Spanned::span),
         console: raw.console.as_ref().map(Spanned::span),
+        console_log: log,
     })
 }
 

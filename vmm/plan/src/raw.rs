@@ -82,6 +82,7 @@ pub struct Partition {
     pub initrd: Option<Spanned<String>>,
     pub cmdline: Option<Spanned<String>>,
     pub console: Option<Spanned<String>>,
+    pub console_log: Option<Spanned<String>>,
     pub watchdog: Option<Spanned<Duration>>,
     pub power_off: Option<Spanned<Duration>>,
     #[serde(default)]

@@ -25,6 +25,7 @@ use crate::account::Account;
 use crate::appliance::Role;
 use crate::channels::Channels;
 use crate::config::{Kind, Partition, PartitionFile};
+use crate::console_log::ConsoleLog;
 use crate::cpuset::Domains;
 use crate::disk::DiskThread;
 use crate::event;
@@ -182,12 +183,24 @@ impl Preparation<'_> {
         if partition.hardware().bus_locks.is_some() && !bus_locks::are_told(&self.kvm) {
             return Err(RunError::BusLocks { partition: partition.name().to_owned() });
         }
-        match partition.kind() {
+        let mut prepared = match partition.kind() {
             Kind::Plc { image } => self.plc(partition, image.as_deref()),
             Kind::Linux { kernel, initrd, cmdline } => {
                 self.linux(partition, kernel, initrd.as_deref(), cmdline)
             }
-        }
+        }?;
+        prepared.account.log = self.console_log(partition)?;
+        Ok(prepared)
+    }
+
+    /// The file that keeps what a partition writes to its console.
+    fn console_log(&self, partition: &Partition) -> Result<Option<ConsoleLog>, RunError> {
+        let Some(path) = partition.console_log() else { return Ok(None) };
+        // The appliance has no disk: what is kept there is carried out of it.
+        let carried = self.role.results().map(|out| out.join(partition.console_record()));
+        let log = ConsoleLog::start(carried.as_deref().unwrap_or(path), self.mode);
+        let name = partition.name().to_owned();
+        log.map(Some).map_err(|source| RunError::ConsoleLog { partition: name, source })
     }
 
     /// Of which pages a partition's memory is.

@@ -172,6 +172,7 @@ impl Preparation<'_> {
             unshown: 0,
             is_terminal: false,
             is_shown: true,
+            log: None,
             keyboard: None,
             records,
             assembler: WindowAssembler::default(),

@@ -28,6 +28,7 @@ use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 
 use crate::account::Account;
+use crate::console_log::ConsoleLog;
 use crate::control::Operators;
 use crate::control::protocol::EventKind;
 use crate::health::Detail;
@@ -203,8 +204,13 @@ impl Supervisor {
         }
     }
 
-    /// Says what of the guests' output was dropped.
+    /// Says what of the guests' output was dropped, or is not kept.
     fn tell_losses(&mut self) {
+        for account in &self.accounts {
+            if let Some(error) = account.log.as_ref().and_then(ConsoleLog::error) {
+                self.screen.line("takt", &format!("{}: {error}", account.name));
+            }
+        }
         for (id, account) in self.accounts.iter().enumerate() {
             self.screen.tell_losses(PartitionId(id), &account.name, account.console_dropped());
         }
@@ -213,6 +219,12 @@ impl Supervisor {
 
     /// Says what of the guests' output was dropped and has not been told of: the run is over.
     pub fn tell_last_losses(&mut self) {
+        for account in &self.accounts {
+            let missing = account.log.as_ref().and_then(ConsoleLog::finish);
+            if let Some(text) = missing {
+                self.screen.line("takt", &format!("{}: {text}", account.name));
+            }
+        }
         let accounts = self.accounts.iter();
         let all = accounts.map(|account| (account.name.as_str(), account.console_dropped()));
         self.screen.tell_last_losses(all);

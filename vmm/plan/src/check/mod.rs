@@ -63,7 +63,7 @@ pub fn report(file: &PartitionFile) -> String {
 
 /// What a machine must have to run the file: the lines `memory BYTES` (the sum of all partitions),
 /// `cpus N` (the highest CPU number, plus one), `file PATH` for the partition file, each image,
-/// each disk and each file that is sent from, and `record CHANNEL PATH` for each file that is appended to. Paths
+/// each disk and each file that is sent from, and `record NAME PATH` for each file that is appended to. Paths
 /// are absolute. Ends with a newline.
 #[must_use]
 pub fn needs(file: &PartitionFile) -> String {
@@ -81,6 +81,9 @@ pub fn needs(file: &PartitionFile) -> String {
         }
         for disk in partition.disks() {
             line(&mut out, &format!("file {}", disk.path.display()));
+        }
+        if let Some(path) = partition.console_log() {
+            line(&mut out, &format!("record console.{} {}", partition.name(), path.display()));
         }
     }
     for channel in file.channels() {

@@ -41,6 +41,7 @@ fn account() -> (Account, Revivals<PlcGuest>) {
         unshown: 0,
         is_terminal: false,
         is_shown: true,
+        log: None,
         keyboard: None,
         records: None,
         assembler: WindowAssembler::default(),

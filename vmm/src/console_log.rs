@@ -1,0 +1,162 @@
+//! A file that keeps what a partition writes to its console.
+//!
+//! A thread of its own writes, so that a slow disk holds up nothing. What waits for the disk is bounded. What finds no room
+//! is left out, counted, and told of in the file at its place and at the end of the run.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use thiserror::Error;
+
+use crate::host_ports::files::Recording;
+use crate::outlet::Outlet;
+use crate::sandbox::Mode;
+use crate::vcpu::thread::ThreadError;
+
+/// Room for what waits for the disk: some seconds of a guest that prints as much as it may.
+const WAITING_BYTES: usize = 512 << 10;
+/// How long the end of a run waits for a disk that takes nothing, and for one that takes a little again and again.
+const PATIENCE: [Duration; 2] = [Duration::from_millis(20), Duration::from_secs(1)];
+
+/// Why a console cannot be kept.
+#[derive(Debug, Error)]
+pub enum ConsoleLogError {
+    /// The file cannot be opened.
+    #[error("cannot keep a console in {}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: io::Error,
+    },
+    /// The host gives no thread.
+    #[error(transparent)]
+    Thread(#[from] ThreadError),
+}
+
+/// Such a file.
+pub struct ConsoleLog {
+    path: PathBuf,
+    outlet: Outlet,
+    /// Bytes left out since the last that were taken, and in all.
+    gap: u64,
+    left_out: u64,
+}
+
+impl ConsoleLog {
+    /// Opens the file, or makes it; what is there stays.
+    ///
+    /// # Errors
+    /// See [`ConsoleLogError`].
+    pub fn start(path: &Path, mode: Mode) -> Result<Self, ConsoleLogError> {
+        let file = Recording::open(path);
+        let file =
+            file.map_err(|source| ConsoleLogError::File { path: path.to_owned(), source })?;
+        Ok(Self::of(path, Outlet::start("log", mode, &[WAITING_BYTES], file)?))
+    }
+
+    fn of(path: &Path, outlet: Outlet) -> Self {
+        Self { path: path.to_owned(), outlet, gap: 0, left_out: 0 }
+    }
+
+    /// Keeps what the partition has written.
+    pub fn take(&mut self, bytes: &[u8]) {
+        let told = match self.gap {
+            0 => Vec::new(),
+            gap => format!("\n[takt] {gap} bytes are left out here\n").into_bytes(),
+        };
+        match self.outlet.push(0, &[&told, bytes].concat()) {
+            Ok(()) => self.gap = 0,
+            Err(_) => {
+                self.gap += bytes.len() as u64;
+                self.left_out += bytes.len() as u64;
+            }
+        }
+    }
+
+    /// Why nothing is written any more, once.
+    #[must_use]
+    pub fn error(&self) -> Option<String> {
+        let error = self.outlet.take_error()?;
+        Some(format!("its console is not kept any more in {}: {error}", self.path.display()))
+    }
+
+    /// Waits for the disk at the end of a run; what is missing in the file, if anything is.
+    #[must_use]
+    pub fn finish(&self) -> Option<String> {
+        let [stalled, slow] = PATIENCE;
+        self.outlet.settle(stalled, slow);
+        let missing = self.left_out + self.outlet.unwritten();
+        (missing > 0)
+            .then(|| format!("{missing} bytes of its console are not in {}", self.path.display()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::thread;
+
+    use vmm_sys_util::tempdir::TempDir;
+
+    use super::*;
+    use crate::outlet::Sink;
+
+    fn log(path: &Path, sink: impl Sink) -> ConsoleLog {
+        let (outlet, work) = Outlet::new(&[WAITING_BYTES], sink);
+        thread::spawn(work);
+        ConsoleLog::of(path, outlet)
+    }
+
+    #[test]
+    fn what_is_written_is_appended_and_what_finds_no_room_is_told_at_its_place() {
+        let folder = TempDir::new().unwrap();
+        let path = folder.as_path().join("linux.log");
+        fs::write(&path, "before\n").unwrap();
+        let mut log = log(&path, Recording::open(&path).unwrap());
+        log.take(b"one");
+        log.take(&vec![b'x'; WAITING_BYTES]);
+        log.take(b"two\n");
+        let told = log.finish().unwrap();
+        assert!(told.starts_with("524288 bytes of its console are not in "), "{told}");
+        let text = fs::read_to_string(&path).unwrap();
+        assert_eq!(text, "before\none\n[takt] 524288 bytes are left out here\ntwo\n");
+        assert_eq!(log.error(), None);
+    }
+
+    /// A disk that has room for some bytes.
+    struct Small(usize);
+
+    impl Sink for Small {
+        fn put(&mut self, piece: &[u8], written: &mut dyn FnMut(usize)) -> io::Result<()> {
+            self.0 = self.0.checked_sub(piece.len()).ok_or(io::ErrorKind::StorageFull)?;
+            written(piece.len());
+            Ok(())
+        }
+
+        fn goes_on(&self) -> bool {
+            false
+        }
+    }
+
+    #[test]
+    fn a_disk_that_is_full_is_told_once_and_the_rest_is_missing() {
+        let mut log = log(Path::new("linux.log"), Small(4));
+        log.take(b"one\n");
+        assert_eq!((log.finish(), log.error()), (None, None));
+        log.take(b"two\n");
+        assert_eq!(log.finish().unwrap(), "4 bytes of its console are not in linux.log");
+        let error = log.error().unwrap();
+        assert!(error.starts_with("its console is not kept any more in linux.log: "), "{error}");
+        log.take(b"three\n");
+        assert_eq!(log.error(), None);
+        assert_eq!(log.finish().unwrap(), "10 bytes of its console are not in linux.log");
+    }
+
+    #[test]
+    fn what_is_no_file_to_append_to_is_refused() {
+        let error = ConsoleLog::start(Path::new("/dev/null"), Mode::Enforce).err().unwrap();
+        assert!(error.to_string().starts_with("cannot keep a console in /dev/null: "), "{error}");
+    }
+}
