@@ -16,8 +16,8 @@ use crate::vcpu::thread::ThreadError;
 
 /// Room for what waits for the disk: some seconds of a guest that prints as much as it may.
 const WAITING_BYTES: usize = 512 << 10;
-/// How long the end of a run waits for a disk that takes nothing, and for one that takes a little again and again.
-const PATIENCE: [Duration; 2] = [Duration::from_millis(20), Duration::from_secs(1)];
+/// How long the end of a run waits for a disk that takes nothing.
+const PATIENCE: Duration = Duration::from_millis(20);
 
 /// Why a console cannot be kept.
 #[derive(Debug, Error)]
@@ -82,11 +82,10 @@ impl ConsoleLog {
         Some(format!("its console is not kept any more in {}: {error}", self.path.display()))
     }
 
-    /// Waits for the disk at the end of a run; what is missing in the file, if anything is.
+    /// Waits for the disk at the end of a run, no longer than `most`; what is missing in the file, if anything is.
     #[must_use]
-    pub fn finish(&self) -> Option<String> {
-        let [stalled, slow] = PATIENCE;
-        self.outlet.settle(stalled, slow);
+    pub fn finish(&self, most: Duration) -> Option<String> {
+        self.outlet.settle(PATIENCE, most);
         let missing = self.left_out + self.outlet.unwritten();
         (missing > 0)
             .then(|| format!("{missing} bytes of its console are not in {}", self.path.display()))
@@ -103,10 +102,19 @@ mod tests {
     use super::*;
     use crate::outlet::Sink;
 
+    /// Longer than any test may need; reached only if one fails.
+    const LONG: Duration = Duration::from_secs(60);
+
     fn log(path: &Path, sink: impl Sink) -> ConsoleLog {
         let (outlet, work) = Outlet::new(&[WAITING_BYTES], sink);
         thread::spawn(work);
         ConsoleLog::of(path, outlet)
+    }
+
+    /// As [`ConsoleLog::finish`], however busy the machine is.
+    fn end(log: &ConsoleLog) -> Option<String> {
+        log.outlet.settle(LONG, LONG);
+        log.finish(LONG)
     }
 
     #[test]
@@ -118,7 +126,7 @@ mod tests {
         log.take(b"one");
         log.take(&vec![b'x'; WAITING_BYTES]);
         log.take(b"two\n");
-        let told = log.finish().unwrap();
+        let told = end(&log).unwrap();
         assert!(told.starts_with("524288 bytes of its console are not in "), "{told}");
         let text = fs::read_to_string(&path).unwrap();
         assert_eq!(text, "before\none\n[takt] 524288 bytes are left out here\ntwo\n");
@@ -144,14 +152,14 @@ mod tests {
     fn a_disk_that_is_full_is_told_once_and_the_rest_is_missing() {
         let mut log = log(Path::new("linux.log"), Small(4));
         log.take(b"one\n");
-        assert_eq!((log.finish(), log.error()), (None, None));
+        assert_eq!((end(&log), log.error()), (None, None));
         log.take(b"two\n");
-        assert_eq!(log.finish().unwrap(), "4 bytes of its console are not in linux.log");
+        assert_eq!(end(&log).unwrap(), "4 bytes of its console are not in linux.log");
         let error = log.error().unwrap();
         assert!(error.starts_with("its console is not kept any more in linux.log: "), "{error}");
         log.take(b"three\n");
         assert_eq!(log.error(), None);
-        assert_eq!(log.finish().unwrap(), "10 bytes of its console are not in linux.log");
+        assert_eq!(end(&log).unwrap(), "10 bytes of its console are not in linux.log");
     }
 
     #[test]

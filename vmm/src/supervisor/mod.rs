@@ -20,6 +20,7 @@ mod sources;
 mod typing;
 
 use std::io::{self, IsTerminal};
+use std::time::Duration;
 
 use event_manager::{EventManager, SubscriberOps};
 use takt_scheduler::guard::Why;
@@ -219,8 +220,10 @@ impl Supervisor {
 
     /// Says what of the guests' output was dropped and has not been told of: the run is over.
     pub fn tell_last_losses(&mut self) {
+        // Who has sent a signal kills what does not end.
+        let most = Duration::from_millis(if self.ended_by_signal { 30 } else { 1_000 });
         for account in &self.accounts {
-            let missing = account.log.as_ref().and_then(ConsoleLog::finish);
+            let missing = account.log.as_ref().and_then(|log| log.finish(most));
             if let Some(text) = missing {
                 self.screen.line("takt", &format!("{}: {text}", account.name));
             }
