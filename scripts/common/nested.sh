@@ -12,6 +12,7 @@
 #   clock      "steered" if somebody there is to steer the kernel's clock, or unset
 #   overlay    a folder to lie over the appliance's root, or empty
 #   control    the control socket to carry out, or empty; with control.sh
+#   TAKT_MACHINE_TIMES  see note_time; in the environment, or unset
 #   devices    what else the machine is to have, as an array: see device_options
 # shellcheck shell=bash
 
@@ -63,8 +64,18 @@ run_appliance() {
     trap - INT TERM HUP
     exec {output}>&- {errors}>&-
     [[ -z ${console-} ]] || close_console
+    [[ -z ${TAKT_MACHINE_TIMES-} ]] || note_time
     restore_terminal
     read_status "$outcome"
+}
+
+# note_time: appends to the file $TAKT_MACHINE_TIMES how many seconds of a processor the machine took, and what ran in it.
+note_time() {
+    local minutes seconds
+    # In this shell: in another one there would be no children.
+    times >"$work/times"
+    IFS=ms read -r minutes seconds < <(tail -n 1 "$work/times")
+    echo "$((10#$minutes * 60 + 10#${seconds%%.*})) ${0##*/} ${command[*]}" >>"$TAKT_MACHINE_TIMES"
 }
 
 # lay_hooked_takt_over: puts Takt with the hooks of tests into $overlay, in the place of the appliance's.
