@@ -167,6 +167,11 @@ impl<R: Registers> Controller<R> {
         self.leave_reset()
     }
 
+    /// As [`recover`](Self::recover), without a look at whether the controller obeys: what it does next says so. 1 access.
+    pub fn request_recovery(&mut self) {
+        self.registers.write(MODE, self.mode);
+    }
+
     fn enter_reset(&mut self) -> Result<(), ModeError> {
         self.change_mode(mode::RESET, mode::RESET).ok_or(ModeError::StaysOperating)
     }

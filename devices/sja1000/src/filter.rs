@@ -12,7 +12,7 @@
 //! three bits of the mask for standard identifiers into the wrong place there, and then even a
 //! filter for everything rejects seven of eight.
 
-use crate::frame::{ExtendedId, StandardId};
+use crate::frame::{ExtendedId, Id, StandardId};
 use crate::registers::mode;
 
 /// Which frames are kept.
@@ -43,6 +43,29 @@ impl Filter {
     #[must_use]
     pub const fn extended(id: ExtendedId, relevant: ExtendedId) -> Self {
         Self::new(id.get() << 3, relevant.get() << 3, mode::SINGLE_FILTER)
+    }
+
+    /// The narrowest filter that keeps frames with all of these identifiers: what they have in common is relevant.
+    /// Without any, and with both standard and extended ones, it keeps all frames.
+    #[must_use]
+    pub fn for_all(mut ids: impl Iterator<Item = Id>) -> Self {
+        match ids.next() {
+            None => Self::ALL,
+            Some(Id::Standard(code)) => {
+                let common = ids.try_fold(StandardId::MAX.get(), |common, id| match id {
+                    Id::Standard(id) => Some(common & !(code.get() ^ id.get())),
+                    Id::Extended(_) => None,
+                });
+                common.map_or(Self::ALL, |c| Self::standard(code, StandardId::truncated(c)))
+            }
+            Some(Id::Extended(code)) => {
+                let common = ids.try_fold(ExtendedId::MAX.get(), |common, id| match id {
+                    Id::Extended(id) => Some(common & !(code.get() ^ id.get())),
+                    Id::Standard(_) => None,
+                });
+                common.map_or(Self::ALL, |c| Self::extended(code, ExtendedId::truncated(c)))
+            }
+        }
     }
 
     const fn new(code: u32, relevant: u32, mode: u8) -> Self {

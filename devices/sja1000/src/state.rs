@@ -4,6 +4,8 @@
 //! part B, section 8). The program should know: a warning is a cable going bad, and a controller
 //! that is off the bus stays there until it is told to come back.
 
+use core::fmt;
+
 /// Part that a controller takes in the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BusState {
@@ -22,6 +24,20 @@ pub enum BusState {
     Reset,
     /// Does not answer any more.
     Absent,
+}
+
+impl fmt::Display for BusState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Active => "error active",
+            Self::Warning => "error warning",
+            Self::Passive => "error passive",
+            Self::BusOff => "bus off",
+            Self::Recovering => "recovering",
+            Self::Reset => "in reset mode",
+            Self::Absent => "absent",
+        })
+    }
 }
 
 /// The error counters of a controller.

@@ -9,6 +9,16 @@
 /// Rate of the bus, for a controller with a crystal of 16 MHz.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BitRate {
+    /// 10 kbit/s: 16 quanta of 6250 ns, sampled at 87.5 %.
+    Kbit10,
+    /// 20 kbit/s: 16 quanta of 3125 ns, sampled at 87.5 %.
+    Kbit20,
+    /// 50 kbit/s: 16 quanta of 1250 ns, sampled at 87.5 %.
+    Kbit50,
+    /// 100 kbit/s: 16 quanta of 625 ns, sampled at 87.5 %.
+    Kbit100,
+    /// 125 kbit/s: 16 quanta of 500 ns, sampled at 87.5 %.
+    Kbit125,
     /// 250 kbit/s: 16 quanta of 250 ns, sampled at 87.5 %.
     Kbit250,
     /// 500 kbit/s: 16 quanta of 125 ns, sampled at 87.5 %.
@@ -18,10 +28,32 @@ pub enum BitRate {
 }
 
 impl BitRate {
+    const ALL: [(Self, u32); 8] = [
+        (Self::Kbit10, 10),
+        (Self::Kbit20, 20),
+        (Self::Kbit50, 50),
+        (Self::Kbit100, 100),
+        (Self::Kbit125, 125),
+        (Self::Kbit250, 250),
+        (Self::Kbit500, 500),
+        (Self::Mbit1, 1000),
+    ];
+
+    /// That of so many kbit/s, if it is one of these.
+    #[must_use]
+    pub fn from_kbit_per_s(rate: u32) -> Option<Self> {
+        Self::ALL.iter().find(|(_, kbit)| *kbit == rate).map(|(rate, _)| *rate)
+    }
+
     /// Bus timing registers 0 and 1. The jump width is one quantum, and each bit is sampled once,
     /// which is what the data sheet recommends above 100 kbit/s.
     pub(crate) const fn registers(self) -> [u8; 2] {
         match self {
+            Self::Kbit10 => registers(50, 13, 2),
+            Self::Kbit20 => registers(25, 13, 2),
+            Self::Kbit50 => registers(10, 13, 2),
+            Self::Kbit100 => registers(5, 13, 2),
+            Self::Kbit125 => registers(4, 13, 2),
             Self::Kbit250 => registers(2, 13, 2),
             Self::Kbit500 => registers(1, 13, 2),
             Self::Mbit1 => registers(1, 5, 2),
@@ -49,14 +81,18 @@ mod tests {
 
     #[test]
     fn registers_mean_the_rate_and_the_sample_point() {
-        assert_eq!(meaning(BitRate::Kbit250.registers()), (250_000, 875));
-        assert_eq!(meaning(BitRate::Kbit500.registers()), (500_000, 875));
-        assert_eq!(meaning(BitRate::Mbit1.registers()), (1_000_000, 750));
+        for (rate, kbit) in BitRate::ALL {
+            let sample = if rate == BitRate::Mbit1 { 750 } else { 875 };
+            assert_eq!(meaning(rate.registers()), (1000 * kbit, sample), "{rate:?}");
+            assert_eq!(BitRate::from_kbit_per_s(kbit), Some(rate));
+        }
+        assert_eq!(BitRate::from_kbit_per_s(0), None);
+        assert_eq!(BitRate::from_kbit_per_s(800), None);
     }
 
     #[test]
     fn one_sample_and_a_jump_of_one_quantum() {
-        for rate in [BitRate::Kbit250, BitRate::Kbit500, BitRate::Mbit1] {
+        for (rate, _) in BitRate::ALL {
             let [first, second] = rate.registers();
             assert_eq!((first >> 6, second >> 7), (0, 0), "{rate:?}");
         }

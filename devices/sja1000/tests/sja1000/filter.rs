@@ -1,6 +1,6 @@
 //! Which frames pass the acceptance filter.
 
-use takt_sja1000::{BitRate, Controller, ExtendedId, Filter, StandardId};
+use takt_sja1000::{BitRate, Controller, ExtendedId, Filter, Id, StandardId};
 
 use crate::chip::Chip;
 
@@ -60,4 +60,22 @@ fn an_extended_identifier_passes_alone() {
     for bit in 0..29 {
         assert!(!chip.deliver(&extended(0x1234_5678 ^ 1 << bit, false)), "bit {bit}");
     }
+}
+
+#[test]
+fn a_filter_for_several_identifiers_keeps_what_they_have_in_common() {
+    let short = |id| Id::from(StandardId::new(id).unwrap());
+    let long = |id| Id::from(ExtendedId::new(id).unwrap());
+    let chip = started(Filter::for_all([short(0x181), short(0x182), short(0x281)].into_iter()));
+    for id in 0..0x800 {
+        let passed = chip.deliver(&standard(id, false, &[]));
+        assert_eq!(passed, id & !0x303 == 0x80, "{id:#x}");
+    }
+    let chip = started(Filter::for_all([long(0x18ff_0001), long(0x18ff_0003)].into_iter()));
+    for (id, passes) in [(0x18ff_0001, true), (0x18ff_0003, true), (0x18ff_0000, false)] {
+        assert_eq!(chip.deliver(&extended(id, false)), passes, "{id:#x}");
+    }
+    assert_eq!(Filter::for_all([].into_iter()), Filter::ALL);
+    assert_eq!(Filter::for_all([short(1), long(1)].into_iter()), Filter::ALL);
+    assert_eq!(Filter::for_all([long(1), short(1)].into_iter()), Filter::ALL);
 }

@@ -100,6 +100,9 @@ fn exercise(answers: &[u8]) {
         let _ = controller.state();
         assert_eq!(accesses.get(), 4);
         accesses.set(0);
+        controller.request_recovery();
+        assert_eq!(accesses.get(), 1);
+        accesses.set(0);
         let _ = controller.recover();
         assert!(accesses.get() <= 200, "recover: {} accesses", accesses.get());
     }

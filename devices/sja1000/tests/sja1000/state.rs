@@ -49,6 +49,9 @@ fn off_the_bus_and_back() {
     assert_eq!(controller.recover(), Ok(()));
     assert_eq!(chip.inside().accesses, 2);
     assert_eq!(controller.state(), BusState::Recovering);
+    chip.inside().mode |= 1;
+    controller.request_recovery();
+    assert_eq!(controller.state(), BusState::Recovering);
     assert_eq!(controller.transmit(&frame), Err(TransmitError::BusOff));
 
     chip.inside().bus_off = false;
