@@ -212,7 +212,7 @@ mod tests {
             (memory::PORT_TABLE, PRESENT | NO_EXECUTE),
             (memory::PROGRAM_TABLE, PRESENT | NO_EXECUTE),
             (memory::IO_TABLE, PRESENT | NO_EXECUTE),
-            (memory::IO_TABLE + 2 * memory::PAGE, PRESENT | NO_EXECUTE),
+            (memory::IO_TABLE + 3 * memory::PAGE, PRESENT | NO_EXECUTE),
             (memory::CHANNELS, PRESENT | WRITABLE | NO_EXECUTE),
             (memory::CHANNELS + memory::PAGE, PRESENT | WRITABLE | NO_EXECUTE),
             (memory::CHANNELS_END - memory::PAGE, PRESENT | NO_EXECUTE),

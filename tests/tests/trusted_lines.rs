@@ -8,7 +8,7 @@ use takt_tests::trusted_lines::by_folder;
 /// A change that needs fewer lowers it.
 const MOST: [(&str, usize); 13] = [
     ("vmm/src", 16_950),
-    ("vmm/plan/src", 7_740),
+    ("vmm/plan/src", 8_210),
     ("vmm/host/src", 640),
     ("vmm/record/src", 300),
     ("vmm/retain/src", 530),
@@ -17,7 +17,7 @@ const MOST: [(&str, usize); 13] = [
     ("scheduler/src", 2_080),
     ("devices/src", 1_500),
     ("devices/channel/src", 1_200),
-    ("devices/abi/src", 1_075),
+    ("devices/abi/src", 1_110),
     ("plc-guest/program/src", 2_640),
     ("plc-guest/change/src", 2_100),
 ];

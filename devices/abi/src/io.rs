@@ -1,10 +1,11 @@
 //! The I/O table: what the inputs of programs are read from, and where their outputs are written to.
 //!
 //! The partition file maps points of the programs' process images to places: fields of messages, registers,
-//! outputs of programs, simulated values. Takt checks the mapping and resolves all names, so that the guest finds
+//! CAN objects, outputs of programs, simulated values. Takt checks the mapping and resolves all names, so that the guest finds
 //! numbers only. The interrupts that release event tasks stand here too. The pages are there if the partition has
 //! programs, and only then.
 
+use crate::can::{CONTROLLERS_MAX, Controller, OBJECTS_MAX, Object};
 use crate::{MAGIC, VERSION, memory};
 
 /// Most mappings of a partition.
@@ -27,6 +28,10 @@ pub struct IoTable {
     pub reserved: u32,
     /// The mappings; the rest is zero.
     pub mappings: [Mapping; MAPPINGS_MAX],
+    /// The CAN controllers that the kernel drives; the rest is zero.
+    pub controllers: [Controller; CONTROLLERS_MAX],
+    /// What is sent and received by them; the rest is zero.
+    pub objects: [Object; OBJECTS_MAX],
 }
 
 impl IoTable {
@@ -37,6 +42,8 @@ impl IoTable {
         count: 0,
         reserved: 0,
         mappings: [Mapping::NONE; MAPPINGS_MAX],
+        controllers: [Controller::NONE; CONTROLLERS_MAX],
+        objects: [Object::NONE; OBJECTS_MAX],
     };
 }
 
@@ -71,7 +78,7 @@ pub struct Mapping {
     /// First byte in the message, register or image at the place.
     pub field: u32,
     /// Place of the port in the port table, number of the I/O port, address of the register, or place of the program
-    /// whose output it is, or vector of the interrupt. Of a simulated value its lowest, as the bits of a binary64 number.
+    /// whose output it is, vector of the interrupt, or number of the [CAN object](IoTable::objects). Of a simulated value its lowest, as the bits of a binary64 number.
     pub place: u64,
     /// Of a simulated value its highest, as [`place`](Self::place); else 0.
     pub high: u64,
@@ -135,6 +142,12 @@ pub mod kind {
     pub const SQUARE: u8 = 10;
     /// The interrupt of a device; events only.
     pub const INTERRUPT: u8 = 11;
+    /// A field of the data of a CAN object.
+    pub const CAN: u8 = 12;
+    /// The time since a CAN object was received, in nanoseconds, 64 bits; inputs only.
+    pub const CAN_AGE: u8 = 13;
+    /// How often a CAN object was received, modulo 2^32; inputs only.
+    pub const CAN_COUNT: u8 = 14;
 }
 
 /// Bits of [`Mapping::flags`].
@@ -146,7 +159,9 @@ pub mod flag {
 
 const _: () = {
     assert!(size_of::<Mapping>() == 48);
-    assert!(size_of::<IoTable>() == 16 + MAPPINGS_MAX * 48);
+    assert!(
+        size_of::<IoTable>() == 16 + MAPPINGS_MAX * 48 + CONTROLLERS_MAX * 48 + OBJECTS_MAX * 8
+    );
     assert!(size_of::<IoTable>() as u64 <= memory::IO_TABLE_PAGES * memory::PAGE);
     assert!(memory::PROGRAM_TABLE + memory::PAGE <= memory::IO_TABLE);
     assert!(memory::IO_TABLE + memory::IO_TABLE_PAGES * memory::PAGE <= memory::CHANNELS);

@@ -25,12 +25,13 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod can;
 pub mod io;
 pub mod live;
 pub mod program;
 
 /// Version of this interface. A guest that finds another in [`Information::version`] must stop.
-pub const VERSION: u32 = 7;
+pub const VERSION: u32 = 8;
 
 /// First field of the information page: `"TAKT"`, little-endian.
 pub const MAGIC: u32 = u32::from_le_bytes(*b"TAKT");
@@ -64,7 +65,7 @@ pub mod memory {
     /// programs.
     pub const IO_TABLE: u64 = 0xc000_4000;
     /// Its length, in pages.
-    pub const IO_TABLE_PAGES: u64 = 3;
+    pub const IO_TABLE_PAGES: u64 = 4;
     /// Start of the area of channel pages. Each is readable, and writable if it is the guest's own.
     pub const CHANNELS: u64 = 0xc000_8000;
     /// End of that area: it and the pages before it are in one page table.

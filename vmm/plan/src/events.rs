@@ -7,7 +7,7 @@ use takt_abi::io::{EVENT, MAPPINGS_MAX, Mapping, WHOLE, kind};
 use takt_program::{EventSource, Image, Task, TaskKind};
 use takt_scheduler::time::Nanos;
 
-use super::connections::Connection;
+use super::connections::{Can, Connection};
 use super::diagnostic::{Diagnostic, quote};
 use super::partition::Checked;
 use super::passthrough::{Interrupt, Passthrough};
@@ -21,11 +21,11 @@ const TICK_VECTOR: u8 = 32;
 pub fn check(
     partitions: &[Checked],
     passthrough: &[Passthrough],
-    connections: &[Vec<Connection>],
+    connections: &[(Vec<Connection>, Can)],
 ) -> Result<Vec<Vec<Mapping>>, Diagnostic> {
     let with_devices = partitions.iter().zip(passthrough).zip(connections);
     with_devices
-        .map(|((partition, passthrough), connections)| {
+        .map(|((partition, passthrough), (connections, _))| {
             let events = check_partition(&partition.programs, &passthrough.interrupts)?;
             match partition.programs.last() {
                 Some(program) if connections.len() + events.len() > MAPPINGS_MAX => {

@@ -24,7 +24,7 @@ use Form::{Table, Value};
 use Owner::{Both, Linux, Plc};
 
 /// All keys of a partition, in the order in which messages name them. A test compares them with the raw form.
-const KEYS: [(&str, Owner, Form); 30] = [
+const KEYS: [(&str, Owner, Form); 31] = [
     ("name", Both, Value(|p| Some(p.name.span()))),
     ("kind", Both, Value(|p| Some(p.kind.span()))),
     ("cpu", Both, Value(|p| value(&p.cpu))),
@@ -48,6 +48,7 @@ const KEYS: [(&str, Owner, Form); 30] = [
     ("power_off", Linux, Value(|p| value(&p.power_off))),
     ("program", Plc, Table(|p| first(&p.program))),
     ("io", Plc, Table(|p| first(&p.io))),
+    ("can", Plc, Table(|p| first(&p.can))),
     ("task", Plc, Table(|p| first(&p.task))),
     ("port_io", Plc, Table(|p| first(&p.port_io))),
     ("mmio", Plc, Table(|p| first(&p.mmio))),

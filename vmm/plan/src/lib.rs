@@ -77,7 +77,7 @@ use schedules::Draft;
 pub use admission::Admission;
 pub use append::AppendError;
 pub use channels::{CHANNELS_MAX, Channel, ChannelKind, End, Owner, WhenFull};
-pub use connections::Connection;
+pub use connections::{Bus, Can, Connection};
 pub use consoles::Console;
 pub use deadlines::{Met, WAKE_UP_ALLOWANCE};
 pub use disks::{DISKS_MAX, Disk, SECTOR};
@@ -200,6 +200,7 @@ pub struct Partition {
     programs: Vec<Program>,
     program_tasks: Vec<ProgramTask>,
     connections: Vec<Connection>,
+    can: Can,
     /// Interrupts that release tasks of its programs.
     events: Vec<takt_abi::io::Mapping>,
     auto_guard: bool,
@@ -335,10 +336,16 @@ impl Partition {
         &self.connections
     }
 
+    /// The CAN controllers that its kernel drives, and the objects on their buses.
+    #[must_use]
+    pub fn can(&self) -> &Can {
+        &self.can
+    }
+
     /// The I/O table that its guest finds.
     #[must_use]
     pub fn io_table(&self) -> takt_abi::io::IoTable {
-        connections::table(&self.connections, &self.events)
+        connections::table(&self.connections, &self.can, &self.events)
     }
 
     /// True if its release guard follows the host. Then the guard of its placement is the upper bound.
@@ -492,7 +499,7 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     let checked = passthrough.into_iter().zip(connections).zip(events);
     partitions.iter_mut().zip(checked).for_each(|(p, ((passthrough, connections), events))| {
         p.partition.passthrough = passthrough;
-        p.partition.connections = connections;
+        (p.partition.connections, p.partition.can) = connections;
         p.partition.events = events;
     });
     nets::check_all(partitions.iter().flat_map(|p| &p.nets))?;

@@ -7,6 +7,7 @@ use takt_scheduler::table::{PartitionId, Role};
 use takt_scheduler::time::Nanos;
 use toml::Spanned;
 
+use super::connections::Can;
 use super::consoles;
 use super::diagnostic::{Diagnostic, Span, quote};
 use super::disks::{self, CheckedDisk};
@@ -169,6 +170,7 @@ fn check(
         programs: Vec::new(),
         program_tasks,
         connections: Vec::new(),
+        can: Can::default(),
         events: Vec::new(),
         auto_guard: matches!(raw.release_guard.as_ref().map(Spanned::get_ref), Some(Guard::Auto)),
     };

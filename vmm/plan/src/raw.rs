@@ -71,6 +71,8 @@ pub struct Partition {
     #[serde(default)]
     pub io: Tables<Io>,
     #[serde(default)]
+    pub can: Tables<Can>,
+    #[serde(default)]
     pub port_io: Tables<PortIo>,
     #[serde(default)]
     pub mmio: Tables<Mmio>,
@@ -151,6 +153,12 @@ pub struct Io {
     pub bit: Option<Spanned<i64>>,
     pub output: Option<Spanned<String>>,
     pub output_of: Option<Spanned<String>>,
+    pub can: Option<Spanned<String>>,
+    pub id: Option<Spanned<String>>,
+    pub extended: Option<Spanned<bool>>,
+    pub count: Option<Spanned<bool>>,
+    pub length: Option<Spanned<i64>>,
+    pub send: Option<Spanned<String>>,
     pub simulate: Option<Spanned<Keys<Simulate>>>,
     pub task: Option<Spanned<String>>,
     pub on_stop: Option<Spanned<String>>,
@@ -165,6 +173,18 @@ pub struct Simulate {
     pub low: Option<Spanned<f64>>,
     pub high: Option<Spanned<f64>>,
     pub period: Option<Spanned<Duration>>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Can {
+    pub name: Spanned<String>,
+    pub port: Option<Spanned<String>>,
+    pub mmio: Option<Spanned<String>>,
+    pub offset: Option<Spanned<String>>,
+    pub stride: Option<Spanned<i64>>,
+    pub bit_rate: Spanned<String>,
+    pub frames_per_job: Option<Spanned<i64>>,
 }
 
 #[derive(Debug, serde::Deserialize)]

@@ -20,6 +20,7 @@ const EXAMPLES: &[(&str, &str)] = &[
     ("version", "`version = 1` as the first line"),
     ("system", "a table [system] with the keys `name` and `major_frame`"),
     ("name", "`name = \"a-name\"`"),
+    ("bit_rate", "`bit_rate = \"500kbit/s\"`"),
     ("major_frame", "`major_frame = \"1ms\"`, the time after which the schedule repeats"),
     (
         "kind",

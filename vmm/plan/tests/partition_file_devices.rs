@@ -92,3 +92,70 @@ fn a_disk_is_only_read_unless_the_file_says_otherwise_and_a_script_is_told_of_it
 fn name(path: &Path) -> &str {
     path.file_name().unwrap().to_str().unwrap()
 }
+
+#[test]
+fn can_objects_are_numbered_for_the_guest_with_all_their_fields_together() {
+    use takt_abi::can::{Controller, EXTENDED, ON_CHANGE, Object};
+    use takt_abi::io::{INPUT, MAPPINGS_MAX, OUTPUT, kind};
+
+    let file = load("good/can.toml");
+    let table = file.partitions()[0].io_table();
+    let [bus, slow] = [table.controllers[0], table.controllers[1]];
+    assert!(bus.name.starts_with(b"bus\0") && slow.name.starts_with(b"slow\0"));
+    assert_eq!(
+        [bus, slow].map(|c| (c.place, c.kind, c.stride, c.frames, c.kbit_per_s)),
+        [(0x2000, kind::PORT, 1, 2, 500), (0xd000_0100, kind::REGISTER, 4, 4, 125)]
+    );
+    assert_eq!(table.controllers[2], Controller::NONE);
+    let object = |identifier, controller, direction, bytes, flags| Object {
+        identifier,
+        controller,
+        direction,
+        bytes,
+        flags,
+    };
+    assert_eq!(
+        table.objects[..6],
+        [
+            object(0x181, 0, INPUT, 6, 0),
+            object(0x18ff_0181 | EXTENDED, 1, INPUT, 8, 0),
+            object(0x201, 0, OUTPUT, 8, 0),
+            object(0x201, 1, OUTPUT, 1, ON_CHANGE),
+            object(0x201 | EXTENDED, 0, OUTPUT, 4, 0),
+            Object::NONE,
+        ]
+    );
+    let mappings = &table.mappings[..table.count as usize];
+    assert!(table.count as usize <= MAPPINGS_MAX);
+    let told: Vec<_> =
+        mappings.iter().map(|m| (m.program, m.direction, m.kind, m.place, m.field)).collect();
+    assert_eq!(
+        told,
+        [
+            (0, INPUT, kind::CAN_AGE, 0, 0),
+            (0, INPUT, kind::CAN_COUNT, 0, 0),
+            (0, INPUT, kind::CAN, 0, 1),
+            (0, INPUT, kind::CAN, 0, 2),
+            (0, OUTPUT, kind::CAN, 2, 0),
+            (0, OUTPUT, kind::CAN, 2, 4),
+            (1, INPUT, kind::CAN, 0, 0),
+            (1, INPUT, kind::CAN, 1, 4),
+            (1, OUTPUT, kind::CAN, 3, 0),
+            (1, OUTPUT, kind::CAN, 4, 0),
+        ]
+    );
+    let report = check::report(&file);
+    for line in [
+        "CAN bus, object 0x181, byte 1, bit 7",
+        "CAN bus, object 0x181, its age",
+        "CAN slow, object 0x18ff0181, byte 4, read by slow",
+        "CAN slow, object 0x201, byte 0, held at a stop",
+        "  CAN bus at I/O port 0x2000, 500kbit/s
+    objects: 1 received, 2 sent; of each job at most 32 register accesses before it and 30 behind it
+  CAN slow at memory 0xd0000100, 125kbit/s
+    objects: 1 received, 1 sent; of each job at most 64 register accesses before it and 15 behind it
+",
+    ] {
+        assert!(report.contains(line), "no {line:?} in\n{report}");
+    }
+}

@@ -1,6 +1,7 @@
 //! What the programs of a PLC are: where they come from, what they do when, and what they write.
 
-use takt_abi::io::{INPUT, flag};
+use takt_abi::can::{Controller, Object};
+use takt_abi::io::{INPUT, flag, kind};
 use takt_program::{Area, Flags, Image, TaskId, Variable};
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::time::Nanos;
@@ -9,10 +10,14 @@ use super::{line, tables, unconnected};
 use crate::points;
 use crate::program_tasks::{ProgramTask, Release};
 use crate::programs::{WATCH_DEFAULT, action_name, hex};
-use crate::{Bytes, Connection, Partition, PartitionFile, Program, Trust, percent};
+use crate::{Bus, Bytes, Connection, Partition, PartitionFile, Program, Trust, percent};
 
 /// Most points of a program that are shown.
 const POINTS_MAX: usize = 64;
+
+/// Most accesses to the registers of a CAN controller for a frame that is taken, and for one that is handed over.
+const RECEIVE_ACCESSES: u32 = 16;
+const SEND_ACCESSES: u32 = 15;
 
 /// How the tasks of programs fare under one schedule.
 pub fn tasks(out: &mut String, partition: &Partition, schedule: ScheduleId) {
@@ -76,7 +81,25 @@ pub fn list(out: &mut String, file: &PartitionFile) {
         for (number, program) in partition.programs().iter().enumerate() {
             describe(out, partition, number, program);
         }
+        partition.can().buses.iter().enumerate().for_each(|(n, bus)| can(out, partition, n, bus));
     }
+}
+
+/// A CAN controller, with what a job can spend on it: an access to a register may be an exit of the guest.
+fn can(out: &mut String, partition: &Partition, number: usize, bus: &Bus) {
+    let all = partition.can().objects.iter().filter(|o| usize::from(o.controller) == number);
+    let (received, sent): (Vec<&Object>, Vec<_>) = all.partition(|o| o.direction == INPUT);
+    let Controller { kind, place, frames, .. } = bus.controller;
+    let kind = if kind == kind::PORT { "I/O port" } else { "memory" };
+    line(out, &format!("  CAN {} at {kind} {place:#x}, {}", bus.name, bus.rate()));
+    let text = format!(
+        "    objects: {} received, {} sent; of each job at most {} register accesses before it and {} behind it",
+        received.len(),
+        sent.len(),
+        if received.is_empty() { 0 } else { RECEIVE_ACCESSES * u32::from(frames) },
+        SEND_ACCESSES * u32::from(frames).min(sent.len() as u32),
+    );
+    line(out, &text);
 }
 
 fn describe(out: &mut String, partition: &Partition, number: usize, program: &Program) {

@@ -6,12 +6,15 @@
 //!
 //! - [`point`]: which bytes of which image a table names;
 //! - [`place`]: channels and registers;
+//! - [`controllers`], [`can`]: CAN controllers, and objects on their buses;
 //! - [`of_program`]: outputs of programs;
 //! - [`simulate`]: simulated values;
 //! - [`types`]: which types can be connected;
 //! - [`ends`]: the two ends of a channel;
 //! - [`writers`]: what two tables must not share.
 
+mod can;
+mod controllers;
 mod ends;
 mod of_program;
 mod place;
@@ -20,6 +23,7 @@ mod simulate;
 mod types;
 mod writers;
 
+use takt_abi::can::Object;
 use takt_abi::io::{ANY_TASK, INPUT, IoTable, MAPPINGS_MAX, Mapping, OUTPUT, WHOLE, flag, kind};
 use takt_program::{Area, Elementary, Image, TaskId, Variable};
 use toml::Spanned;
@@ -30,6 +34,7 @@ use super::partition::Checked;
 use super::passthrough::Passthrough;
 use super::programs::CheckedProgram;
 use super::raw::{self, Keys};
+pub use controllers::Bus;
 use point::{Direction, Point};
 
 /// A point that is connected.
@@ -67,12 +72,22 @@ fn bits_of(variable: &Variable<'_>) -> writers::Bits {
     writers::bits(variable.offset.into(), bit, variable.bytes.into())
 }
 
+/// What the kernel of a partition drives for its programs.
+#[derive(Clone, Debug, Default)]
+pub struct Can {
+    /// The controllers, in the order of the file.
+    pub buses: Vec<Bus>,
+    /// The objects, in the order in which the file names them first.
+    pub objects: Vec<Object>,
+}
+
 /// What the tables of one partition are checked against.
 #[derive(Clone, Copy)]
 struct Around<'a> {
     partition: &'a Checked,
     channels: &'a [Channel],
     passthrough: &'a Passthrough,
+    buses: &'a [Bus],
 }
 
 /// A place, in the terms of the guest and in words.
@@ -98,19 +113,22 @@ pub fn check(
     partitions: &[Checked],
     channels: &[Channel],
     passthrough: &[Passthrough],
-) -> Result<Vec<Vec<Connection>>, Diagnostic> {
-    let with_devices = partitions.iter().zip(passthrough).zip(raw);
-    let entries: Vec<Vec<Entry<'_>>> = with_devices
-        .map(|((partition, passthrough), table)| {
-            let Keys(raw) = table.get_ref();
-            check_partition(&raw.io.0, Around { partition, channels, passthrough })
-        })
-        .collect::<Result<_, _>>()?;
+) -> Result<Vec<(Vec<Connection>, Can)>, Diagnostic> {
+    let (mut entries, mut cans) = (Vec::with_capacity(raw.len()), Vec::with_capacity(raw.len()));
+    for ((partition, passthrough), table) in partitions.iter().zip(passthrough).zip(raw) {
+        let Keys(raw) = table.get_ref();
+        let around = Around { partition, channels, passthrough, buses: &[] };
+        let buses = controllers::check(&raw.can.0, around)?;
+        let mut own = check_partition(&raw.io.0, Around { buses: &buses, ..around })?;
+        controllers::check_registers(&own, &buses)?;
+        cans.push(Can { objects: can::objects(&mut own)?, buses });
+        entries.push(own);
+    }
     ends::check(&entries, partitions, channels)?;
-    let sorted = entries.into_iter().map(|entries| {
+    let sorted = entries.into_iter().zip(cans).map(|(entries, can)| {
         let mut connections: Vec<Connection> = entries.into_iter().map(|e| e.connection).collect();
         connections.sort_by_key(|connection| order(&connection.mapping));
-        connections
+        (connections, can)
     });
     Ok(sorted.collect())
 }
@@ -138,7 +156,11 @@ fn check_partition<'a>(
 
 /// In this order the guest finds them: by program, inputs first, and places together.
 fn order(m: &Mapping) -> (u8, u8, u8, u64, u8, u32, u8, u32) {
-    let class = if is_channel(m) { kind::FIELD } else { m.kind };
+    let class = match m.kind {
+        _ if is_channel(m) => kind::FIELD,
+        _ if can::is_can(m) => kind::CAN,
+        kind => kind,
+    };
     (m.program, m.direction, class, m.place, m.width, m.field, m.place_bit, m.offset)
 }
 
@@ -286,11 +308,14 @@ fn is_bool(point: &Point) -> bool {
 }
 
 /// The table that the guest finds, with the interrupts that release tasks.
-pub fn table(connections: &[Connection], events: &[Mapping]) -> IoTable {
+pub fn table(connections: &[Connection], can: &Can, events: &[Mapping]) -> IoTable {
     let mut all: Vec<Mapping> = connections.iter().map(|c| c.mapping).collect();
     all.extend(events);
     all.sort_by_key(order);
     let mut table = IoTable { count: all.len() as u32, ..IoTable::EMPTY };
     table.mappings.iter_mut().zip(all).for_each(|(entry, mapping)| *entry = mapping);
+    let controllers = can.buses.iter().map(|bus| bus.controller);
+    table.controllers.iter_mut().zip(controllers).for_each(|(entry, c)| *entry = c);
+    table.objects.iter_mut().zip(&can.objects).for_each(|(entry, object)| *entry = *object);
     table
 }

@@ -1,5 +1,5 @@
-//! The place that a point is connected to: a channel or a register; outputs of programs and simulated values are in files of
-//! their own.
+//! The place that a point is connected to: a channel or a register; CAN objects, outputs of programs and simulated values are
+//! in files of their own.
 
 use takt_abi::io::{INPUT, Mapping, WHOLE, kind};
 use takt_program::{Elementary, limit};
@@ -11,11 +11,10 @@ use super::super::diagnostic::{Diagnostic, Span, quote};
 use super::super::passthrough::safe_values::{check_port, check_register};
 use super::super::raw;
 use super::point::Point;
-use super::{Around, Place, is_bool, of_program, simulate};
+use super::{Around, Place, can, is_bool, of_program, simulate};
 
 /// The keys of places, of which a table has one, and what belongs to them.
-const PLACES: &str =
-    "one of `channel`, `port`, `mmio`, `output` (of a program) and `simulate`, for each table";
+const PLACES: &str = "one of `channel`, `can`, `port`, `mmio`, `output` (of a program) and `simulate`, for each table";
 
 /// The place that a table names, and where it does.
 pub fn find(
@@ -29,6 +28,7 @@ pub fn find(
     let span = |value: &Option<Spanned<String>>| value.as_ref().map(Spanned::span);
     let places = [
         ("channel", span(&raw.channel)),
+        ("can", span(&raw.can)),
         ("port", span(&raw.port)),
         ("mmio", span(&raw.mmio)),
         ("output", span(&raw.output)),
@@ -52,8 +52,11 @@ pub fn find(
     check_keys(raw, key)?;
     if mapping.direction != INPUT && matches!(key, "output" | "simulate") {
         let found = format!("`{key}` is for inputs, and {} is an output", quote(&point.name));
-        let allowed = "for an output `channel`, `port` or `mmio`";
+        let allowed = "for an output `channel`, `can`, `port` or `mmio`";
         return Err(Diagnostic::new(placed, found, allowed));
+    }
+    if let Some(name) = &raw.can {
+        return Ok((can::check(raw, name, header, point, mapping, around)?, placed));
     }
     let connection = match (&raw.channel, &raw.port, &raw.mmio, &raw.output, &raw.simulate) {
         (Some(name), ..) => channel(raw, name, header, point, mapping, around),
@@ -69,12 +72,17 @@ pub fn find(
 /// Keys that belong to other places than this one are refused.
 fn check_keys(raw: &raw::Io, place: &str) -> Result<(), Diagnostic> {
     let keys = [
-        ("byte", raw.byte.as_ref().map(Spanned::span), &["channel"][..]),
+        ("byte", raw.byte.as_ref().map(Spanned::span), &["channel", "can"][..]),
         ("valid", raw.valid.as_ref().map(Spanned::span), &["channel"]),
-        ("age", raw.age.as_ref().map(Spanned::span), &["channel"]),
-        ("bit", raw.bit.as_ref().map(Spanned::span), &["channel", "port", "mmio"]),
+        ("age", raw.age.as_ref().map(Spanned::span), &["channel", "can"]),
+        ("bit", raw.bit.as_ref().map(Spanned::span), &["channel", "can", "port", "mmio"]),
         ("width", raw.width.as_ref().map(Spanned::span), &["port", "mmio"]),
         ("offset", raw.offset.as_ref().map(Spanned::span), &["mmio"]),
+        ("id", raw.id.as_ref().map(Spanned::span), &["can"]),
+        ("extended", raw.extended.as_ref().map(Spanned::span), &["can"]),
+        ("count", raw.count.as_ref().map(Spanned::span), &["can"]),
+        ("length", raw.length.as_ref().map(Spanned::span), &["can"]),
+        ("send", raw.send.as_ref().map(Spanned::span), &["can"]),
         ("output_of", raw.output_of.as_ref().map(Spanned::span), &["output"]),
     ];
     for (key, span, places) in keys {
@@ -86,6 +94,12 @@ fn check_keys(raw: &raw::Io, place: &str) -> Result<(), Diagnostic> {
         }
     }
     Ok(())
+}
+
+/// A number of nanoseconds fits into it.
+pub fn is_time(point: &Point) -> bool {
+    use Elementary::{Lint, Ltime, Lword, Time, Ulint};
+    matches!(point.ty, Some(Time | Ltime | Lint | Ulint | Lword))
 }
 
 /// What part of a channel a table asks for.
@@ -122,17 +136,7 @@ fn channel(
             Ok(Place { mapping: Mapping { kind: kind::VALID, ..mapping }, words })
         }
         Part::Age(span) => {
-            let is_time = matches!(
-                point.ty,
-                Some(
-                    Elementary::Time
-                        | Elementary::Ltime
-                        | Elementary::Lint
-                        | Elementary::Ulint
-                        | Elementary::Lword
-                )
-            );
-            if !is_time || mapping.direction != INPUT {
+            if !is_time(point) || mapping.direction != INPUT {
                 let found = format!("{} cannot be the age of a message", quote(&point.name));
                 let allowed = "an input that is a TIME, LTIME, LINT, ULINT or LWORD: nanoseconds";
                 return Err(Diagnostic::new(span, found, allowed));
@@ -248,7 +252,7 @@ fn field(
 }
 
 /// The bit of a BOOL among so many.
-fn check_bit(bit: &Spanned<i64>, point: &Point, bits: u8) -> Result<u8, Diagnostic> {
+pub fn check_bit(bit: &Spanned<i64>, point: &Point, bits: u8) -> Result<u8, Diagnostic> {
     if !is_bool(point) {
         let found = format!("`bit` is about a BOOL, and {} is none", quote(&point.name));
         return Err(Diagnostic::new(bit.span(), found, "no `bit` for a point of whole bytes"));
@@ -336,6 +340,6 @@ fn register(
     Ok(Place { mapping, words })
 }
 
-fn bit_words(bit: u8) -> String {
+pub fn bit_words(bit: u8) -> String {
     if bit == WHOLE { String::new() } else { format!(", bit {bit}") }
 }

@@ -46,7 +46,10 @@ fn check_outputs(next: &Entry<'_>, other: &Entry<'_>) -> Result<(), Diagnostic> 
     let names = || format!("{} and {}", quote(&other.point.name), quote(&next.point.name));
     if this.program != that.program {
         let found = format!("outputs of two programs are written to one place: {}", names());
-        return refuse(found, "a channel or a register for the outputs of one program");
+        return refuse(
+            found,
+            "a channel, a CAN object or a register for the outputs of one program",
+        );
     }
     if !is_channel(this) && (this.place, this.width) != (that.place, that.width) {
         let found = format!("{} are in registers that overlap", names());
@@ -54,7 +57,7 @@ fn check_outputs(next: &Entry<'_>, other: &Entry<'_>) -> Result<(), Diagnostic> 
     }
     if meet(at_place(this), at_place(that)) {
         let found = format!("two outputs are written to one place: {}", names());
-        return refuse(found, "one output for each bit of a register or of a message");
+        return refuse(found, "one output for each bit of a register, a message or a CAN object");
     }
     Ok(())
 }
@@ -73,9 +76,9 @@ pub fn at_place(m: &Mapping) -> Bits {
     bits(m.field.into(), m.place_bit, m.bytes.into())
 }
 
-/// All that is written at once: a whole message, or a whole register.
+/// All that is written at once: a whole message, CAN object or register.
 fn in_device(m: &Mapping) -> Bits {
-    if m.kind == kind::FIELD {
+    if matches!(m.kind, kind::FIELD | kind::CAN) {
         (m.place, m.place + 1)
     } else {
         (m.place, m.place + u64::from(m.width))

@@ -184,7 +184,7 @@ fn hex(text: &str) -> Option<u64> {
     if good { u64::from_str_radix(digits, 16).ok() } else { None }
 }
 
-fn check_hex(text: &Spanned<String>, what: &str, example: &str) -> Result<u64, Diagnostic> {
+pub fn check_hex(text: &Spanned<String>, what: &str, example: &str) -> Result<u64, Diagnostic> {
     hex(text.get_ref()).ok_or_else(|| {
         let found = format!("{} is not {what}", quote(text.get_ref()));
         let allowed = format!("0x and at most 16 hexadecimal digits, such as {example:?}");
