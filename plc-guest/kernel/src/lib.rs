@@ -10,6 +10,7 @@
 //! | [`task`] | what a task is, and in which state |
 //! | [`scheduler`] | who runs; releases, ends, programs that start and stop |
 //! | [`objects`] | semaphores, queues, mailboxes and event flags |
+//! | [`can`] | what is received and sent by CAN controllers, and when |
 //! | [`process_image`] | what becomes of the bytes of inputs and outputs |
 //! | [`watchdog`] | when a job has used too much time |
 //! | [`watch`] | which bytes of programs are looked at, and how far that has got |
@@ -23,6 +24,9 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod can;
+#[cfg(test)]
+mod can_tests;
 pub mod forces;
 pub mod objects;
 pub mod process_image;

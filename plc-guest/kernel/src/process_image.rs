@@ -18,14 +18,14 @@ pub const WORD: usize = 8;
 /// Mappings of one place: it is read or written once for all of them.
 pub fn places(mappings: &[Mapping]) -> impl Iterator<Item = &[Mapping]> {
     mappings.chunk_by(|a, b| {
-        let class = |m: &Mapping| if is_channel(m) { kind::FIELD } else { m.kind };
+        let class = |m: &Mapping| match m.kind {
+            kind::FIELD | kind::VALID | kind::AGE => kind::FIELD,
+            kind::CAN | kind::CAN_AGE | kind::CAN_COUNT => kind::CAN,
+            kind => kind,
+        };
         let of = |m: &Mapping| (m.program, m.direction, class(m), m.place, m.width);
         of(a) == of(b)
     })
-}
-
-const fn is_channel(mapping: &Mapping) -> bool {
-    matches!(mapping.kind, kind::FIELD | kind::VALID | kind::AGE)
 }
 
 /// True if a job reads this input. Without a task it is that of the initialisation, which reads all.
@@ -126,7 +126,7 @@ pub fn clear(mapping: &Mapping, image: &mut [u8]) {
     }
 }
 
-/// What is known of a channel's newest message.
+/// What is known of the newest message of a channel, or of the newest frame of a CAN object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Newest<'a> {
     /// The message; none if there is none of the full length.
@@ -135,18 +135,21 @@ pub struct Newest<'a> {
     pub valid: bool,
     /// Nanoseconds since it was written; the largest number if there is none.
     pub age: u64,
+    /// Of an object, how often it was received.
+    pub count: u32,
 }
 
 impl Newest<'_> {
     /// There is no message.
-    pub const NONE: Self = Self { message: None, valid: false, age: i64::MAX as u64 };
+    pub const NONE: Self = Self { message: None, valid: false, age: i64::MAX as u64, count: 0 };
 }
 
-/// Gives an input of a channel its value.
-pub fn read_channel(mapping: &Mapping, newest: &Newest<'_>, image: &mut [u8]) {
+/// Gives an input of a channel or an object its value.
+pub fn read_newest(mapping: &Mapping, newest: &Newest<'_>, image: &mut [u8]) {
     match mapping.kind {
         kind::VALID => put(mapping, u64::from(newest.valid).to_le_bytes(), image),
-        kind::AGE => put(mapping, newest.age.to_le_bytes(), image),
+        kind::CAN_COUNT => put(mapping, u64::from(newest.count).to_le_bytes(), image),
+        kind::AGE | kind::CAN_AGE => put(mapping, newest.age.to_le_bytes(), image),
         _ if !newest.valid && mapping.flags & flag::ZERO != 0 => clear(mapping, image),
         _ => {
             if let Some(message) = newest.message {

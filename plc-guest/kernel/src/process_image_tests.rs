@@ -108,13 +108,13 @@ fn a_channel_without_a_valid_message_keeps_its_values_or_zeroes_them() {
     let all = [keeps, zeroes, valid, age];
     let mut image = [0; 16];
     let mut see = |newest: Newest<'_>| {
-        all.iter().for_each(|mapping| read_channel(mapping, &newest, &mut image));
+        all.iter().for_each(|mapping| read_newest(mapping, &newest, &mut image));
         image
     };
-    let fresh = see(Newest { message: Some(&[5, 6]), valid: true, age: 300 });
+    let fresh = see(Newest { message: Some(&[5, 6]), valid: true, age: 300, count: 0 });
     assert_eq!(fresh, [5, 6, 5, 6, 64, 0, 0, 0, 44, 1, 0, 0, 0, 0, 0, 0]);
     // Old: what it says is the last that is known.
-    let stale = see(Newest { message: Some(&[7, 8]), valid: false, age: 1 << 40 });
+    let stale = see(Newest { message: Some(&[7, 8]), valid: false, age: 1 << 40, count: 0 });
     assert_eq!(stale[..5], [7, 8, 0, 0, 0]);
     let none = see(Newest::NONE);
     assert_eq!(none[..5], [7, 8, 0, 0, 0]);

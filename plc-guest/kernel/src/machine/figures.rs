@@ -18,7 +18,7 @@ const NAME: usize = 24;
 /// What of the table is printed next.
 #[derive(Clone, Copy, Debug)]
 pub struct Figures {
-    /// The next row: 0 is the head, the others are the tasks.
+    /// The next row: 0 is the head, behind it are the tasks.
     row: u8,
     /// When the next table begins.
     next: Instant,
@@ -38,7 +38,7 @@ impl Kernel {
         }
         self.print_row(self.figures.row, now);
         self.figures.row += 1;
-        if usize::from(self.figures.row) > self.scheduler.ids().count() + 1 {
+        if usize::from(self.figures.row) >= self.rows() {
             let intervals = now.0 / INTERVAL.0 + 1;
             self.figures = Figures { row: 0, next: Instant(0).after(INTERVAL.times(intervals)) };
         }
@@ -47,9 +47,14 @@ impl Kernel {
     /// Prints the whole table: the guest is about to end.
     pub fn print_figures(&mut self) {
         let now = self.now();
-        for row in 0..self.scheduler.ids().count() as u8 + 2 {
+        for row in 0..self.rows() as u8 {
             self.print_row(row, now);
         }
+    }
+
+    /// The head, the tasks, the CAN controllers, and the rest.
+    fn rows(&self) -> usize {
+        self.scheduler.ids().count() + self.io.controllers() + 2
     }
 
     fn print_row(&mut self, row: u8, now: Instant) {
@@ -73,7 +78,13 @@ impl Kernel {
             Some(id) if usize::from(id) < self.scheduler.ids().count() => {
                 self.print_task(TaskId(id), now);
             }
-            Some(_) => self.print_rest(now),
+            Some(row) => {
+                let number = usize::from(row) - self.scheduler.ids().count();
+                if number < self.io.controllers() {
+                    return self.io.print_controller(number);
+                }
+                self.print_rest(now);
+            }
         }
     }
 

@@ -225,7 +225,8 @@ impl Kernel {
                 let now = self.now();
                 self.scheduler.start(id, now);
             }
-        } else if !self.change_some(self.window.end_tsc)
+        } else if !self.io.send_waiting(release, self.window.end_tsc)
+            && !self.change_some(self.window.end_tsc)
             && !self.take_sample(release, self.window.release_tsc, self.window.end_tsc)
             && !self.serve_order(release, self.window.end_tsc)
         {

@@ -104,6 +104,7 @@ impl Ports {
                 message: Some(sample.bytes),
                 valid: sample.validity == Validity::Valid,
                 age: clock.span(sample.age.0).0,
+                count: 0,
             },
             _ => Newest::NONE,
         }

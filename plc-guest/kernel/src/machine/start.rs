@@ -55,7 +55,7 @@ impl Kernel {
             Ram::map(space::boot_root(), information.memory_bytes)
         };
         self.live.open();
-        let Some(io) = Io::open(&mut self.ports) else {
+        let Some(io) = Io::open(&mut self.ports, 1000 * information.tsc_khz) else {
             print(format_args!(
                 "this kernel needs inputs and outputs of interface version {VERSION}"
             ));
