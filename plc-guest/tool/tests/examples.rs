@@ -25,6 +25,12 @@ fn the_level_of_a_tank_is_controlled() {
 }
 
 #[test]
+fn a_drive_keeps_a_motor_at_its_speed_and_notices_that_it_is_silent() {
+    example("drive", &[]);
+    example("motor", &[]);
+}
+
+#[test]
 fn a_traffic_light_has_its_phases() {
     example("traffic", &["--step", "1000000"]);
 }

@@ -1,6 +1,7 @@
 //! Whole systems in the nested lab. They are one program, so that there are always as many at work as
 //! there are CPUs.
 
+mod can_objects;
 mod carried;
 mod change;
 mod clocks;

@@ -167,6 +167,8 @@ fn example(name: &str) -> (tempfile::TempDir, PartitionFile) {
     fs::create_dir_all(&examples).unwrap();
     fs::write(examples.join("tank.plc"), guest_images::tank()).unwrap();
     fs::write(examples.join("plant.plc"), guest_images::plant()).unwrap();
+    fs::write(examples.join("drive.plc"), guest_images::drive()).unwrap();
+    fs::write(examples.join("motor.plc"), guest_images::motor()).unwrap();
     let path = folder.join("configs").join(name);
     fs::copy(Path::new("../../configs").join(name), &path).unwrap();
     let file = config::load(&path, None).unwrap_or_else(|error| panic!("{error}"));

@@ -105,7 +105,7 @@ fn example(name: &str, inputs: &[Point], outputs: &[Point]) -> Vec<u8> {
 
     let mut program = Builder::new(name);
     program.code = vec![0xc3];
-    (program.input_bytes, program.output_bytes) = (16, 16);
+    (program.input_bytes, program.output_bytes) = (32, 16);
     let task = Task::cyclic("main", Nanoseconds(10_000_000), CodeOffset(0));
     program.task(Task { budget: Some(Nanoseconds(10_000)), ..task });
     for (area, points) in [(Area::Input, inputs), (Area::Output, outputs)] {
@@ -131,4 +131,21 @@ pub fn tank() -> Vec<u8> {
 pub fn plant() -> Vec<u8> {
     let real = |name| (name, Elementary::Real, 0, None);
     example("plant", &[real("valve")], &[real("level")])
+}
+
+/// The points of the example `drive`.
+pub fn drive() -> Vec<u8> {
+    let inputs = [
+        ("speed", Elementary::Real, 0, None),
+        ("age", Elementary::Time, 8, None),
+        ("told", Elementary::Udint, 16, None),
+    ];
+    let enable = ("enable", Elementary::Bool, 4, Some(0));
+    example("drive", &inputs, &[("voltage", Elementary::Real, 0, None), enable])
+}
+
+/// The points of the example `motor`.
+pub fn motor() -> Vec<u8> {
+    let inputs = [("voltage", Elementary::Real, 0, None), ("enable", Elementary::Bool, 4, Some(0))];
+    example("motor", &inputs, &[("speed", Elementary::Real, 0, None)])
 }
