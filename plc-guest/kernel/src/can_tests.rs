@@ -188,7 +188,7 @@ fn a_controller_off_its_bus_is_told_to_come_back_after_a_while_and_sends_all_ane
     chip.inside().bus_off = false;
     can.receive(0, 100 + PATIENCE + 1);
     can.send(0, 100 + PATIENCE + 1);
-    // Nothing has changed, and nobody knows what became of the frame before.
+    // Nothing has changed, but no answer tells what became of the frame before.
     assert_eq!(sent(&chip), [(2, 1)]);
     assert_eq!(can.look(0, 2_000).unwrap().1.bus_offs, 1);
     assert_eq!(chip.inside().violations, [""; 0]);

@@ -195,7 +195,7 @@ fn foreign_frames_are_counted_and_no_release_is_lost() {
 fn cards_that_lie_or_are_none_stall_nothing_and_are_told() {
     let shared = target("tests/can-shared");
     let mut bytes = vec![0; 1 << 20];
-    // The status of each: nobody acknowledges, there is always one more frame, off the bus. The last is none.
+    // The status of each: no node acknowledges, there is always one more frame, off the bus. The last is none.
     for (offset, status) in [(0, 0x40), (0x100, 0x05), (0x200, 0x80)] {
         bytes[offset + 2] = status;
     }
