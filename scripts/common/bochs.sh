@@ -20,8 +20,6 @@ build_bochs() {
 # bochs_machine: sets $machine to Bochs with the kernel words $words, its console on standard output, and
 # $output.
 bochs_machine() {
-    # The line's speed is emulated too, and without a word the kernel takes the slowest.
-    words=${words/console=ttyS0/console=ttyS0,115200}
     # Bochs knows no end at a restart, but one at a triple fault. It counts each repetition of an
     # instruction: without these two features kernels move eight bytes by one, as in the lab.
     words="reboot=triple clearcpuid=erms,fsrm $words"
