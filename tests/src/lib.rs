@@ -124,6 +124,13 @@ impl Outcome {
         );
     }
 
+    /// Fails unless a PLC started each scan within 10 ns of its release, whatever interrupted the host.
+    pub fn assert_exact(&self, partition: &str) {
+        let latest = self.number(partition, "release_latency_ns.max");
+        let late = &self.partition(partition)["late_starts"];
+        assert!(latest <= UNTOLD_NS, "{partition}: {latest} ns, {late:#}\n{}", self.output);
+    }
+
     /// Releases that a partition with this period, in us, has in such a run. It had a few less if it ended its
     /// start-up after the epoch.
     #[must_use]
