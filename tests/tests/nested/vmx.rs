@@ -35,7 +35,7 @@ fn both_guests_run(lane: &str, maker: &str) {
     outcome.assert_shows("[plc] Takt PLC guest");
     assert!(outcome.number("linux", "boot_to_init_ns") > 0);
     outcome.assert_kept_its_time("plc", releases);
-    // The console's line takes time here, and Linux says much while it starts.
+    // Linux says much while it starts, and what carries that away interrupts nothing.
     outcome.assert_exact("plc");
 }
 
