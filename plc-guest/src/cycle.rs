@@ -74,6 +74,7 @@ pub fn wait() -> (Information, u64) {
 /// The time stamp counter. It is not ordered against neighbouring instructions; that is an error
 /// of some nanoseconds, a serialising instruction would cost more than that.
 #[must_use]
+#[inline]
 pub fn now() -> u64 {
     // SAFETY: `rdtsc` has no preconditions in ring 0.
     unsafe { _rdtsc() }

@@ -14,6 +14,10 @@ const STATUS: *mut Status = memory::STATUS as *mut Status;
 pub(crate) const RELEASE_TSC: *const u64 =
     (memory::INFORMATION as usize + core::mem::offset_of!(Information, release_tsc)) as *const u64;
 
+/// Address of [`Information::release`], for code that can call nothing.
+pub const RELEASE: usize =
+    memory::INFORMATION as usize + core::mem::offset_of!(Information, release);
+
 /// A consistent copy of the partition information page.
 ///
 /// The host may kick the vCPU out in the middle of the copy and write the page for the next
@@ -38,12 +42,14 @@ pub fn information() -> Information {
 
 /// The number of the release that the page is about: it has changed when a window has begun.
 #[must_use]
+#[inline]
 pub fn release() -> u64 {
     // SAFETY: as in `information`.
     unsafe { read_volatile(&raw const (*INFORMATION).release) }
 }
 
 /// Tells the host that the scan of `release` started at `tsc`.
+#[inline]
 pub fn publish_start(release: u64, tsc: u64) {
     // SAFETY: the host provides the page as memory at this address, `boot` maps it writable, and
     // nothing else lies there. `started` is written last: who sees it sees its time stamp.
@@ -54,6 +60,7 @@ pub fn publish_start(release: u64, tsc: u64) {
 }
 
 /// Tells the host that the scan was finished at `tsc`.
+#[inline]
 pub fn publish_done(tsc: u64) {
     // SAFETY: as in `publish_start`.
     unsafe { write_volatile(&raw mut (*STATUS).done_tsc, tsc) };

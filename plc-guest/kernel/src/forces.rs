@@ -78,6 +78,9 @@ impl Forces {
         self.all.copy_within(at + 1..end, at);
         self.all[end - 1] = None;
         self.count -= 1;
+        if self.count == 0 {
+            self.settled = 0;
+        }
         self.each[usize::from(point.range.program)] -= 1;
         self.inputs[usize::from(point.range.program)] -= is_input(&point);
         Ok(())
@@ -88,7 +91,7 @@ impl Forces {
         *self = Self::NONE;
     }
 
-    /// All forced values of a program are in their places.
+    /// All forced values of a program are in their places. Not to be told while nothing is forced.
     pub fn settle(&mut self, program: u8) {
         self.settled |= bit(program);
     }

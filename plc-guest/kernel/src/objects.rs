@@ -15,7 +15,7 @@
 //! between.
 
 use crate::scheduler::Scheduler;
-use crate::task::{ProgramId, State, TaskId, Wait, Wake};
+use crate::task::{ProgramId, Release, State, TaskId, Wait, Wake};
 use crate::time::{Instant, Span};
 use core::ops::Range;
 use takt_program::call::Error;
@@ -128,11 +128,12 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
     /// # Errors
     /// [`Error::BadId`].
     pub fn object_of(&self, program: ProgramId, number: u64) -> Result<ObjectId, Error> {
-        let range = self.programs.get(program.index()).map(|p| (p.objects.start, p.objects.end));
-        let (start, end) = range.ok_or(Error::BadId)?;
-        match u64::from(start).checked_add(number) {
-            Some(place) if place < u64::from(end) => Ok(ObjectId(place as u8)),
-            _ => Err(Error::BadId),
+        let Range { start, end } =
+            self.programs.get(program.index()).ok_or(Error::BadId)?.objects.clone();
+        if number < u64::from(end - start) {
+            Ok(ObjectId(start + number as u8))
+        } else {
+            Err(Error::BadId)
         }
     }
 
@@ -162,6 +163,7 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         let bit = self.bit(id, caller);
         let task = &mut self.tasks[caller.index()];
         task.held |= bit;
+        self.out_of_rank |= task.bit();
         task.effective = task.effective.min(ceiling);
         Ok(())
     }
@@ -192,14 +194,29 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         });
         let effective = ceilings.fold(task.settings.priority, u8::min);
         self.tasks[id.index()].effective = effective;
+        self.holds_nothing_more(id);
+    }
+
+    /// A task that holds nothing any more is at its rank again, if it ever is.
+    fn holds_nothing_more(&mut self, id: TaskId) {
+        let task = &self.tasks[id.index()];
+        if task.held == 0 && task.settings.release != Release::Start {
+            self.out_of_rank &= !task.bit();
+        }
     }
 
     /// Gives back all that a task holds: its job is over.
+    #[inline]
     pub(crate) fn give_all(&mut self, id: TaskId) {
-        let held = core::mem::take(&mut self.tasks[id.index()].held);
-        if held == 0 {
-            return;
+        if self.tasks[id.index()].held != 0 {
+            self.give_held(id);
         }
+    }
+
+    #[inline(never)]
+    fn give_held(&mut self, id: TaskId) {
+        let held = core::mem::take(&mut self.tasks[id.index()].held);
+        self.holds_nothing_more(id);
         let range = self.places(id);
         let own = self.objects[range].iter_mut().enumerate();
         for (_, object) in own.filter(|(n, _)| held >> n & 1 != 0) {
@@ -231,10 +248,13 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         let Object::Queue { depth, first, count } = *self.object(id)? else {
             return Err(Error::BadId);
         };
-        let wanted = State::Waiting(Wait::Message(id.0));
-        if let Some(receiver) = self.most_urgent(|state| state == wanted) {
-            self.wake(receiver, Wake::Message);
-            return Ok(Sent::To(receiver));
+        let mut waiting = self.in_call;
+        while let Some(receiver) = self.first_of(waiting) {
+            if self.tasks[receiver.index()].state == State::Waiting(Wait::Message(id.0)) {
+                self.wake(receiver, Wake::Message);
+                return Ok(Sent::To(receiver));
+            }
+            waiting &= waiting - 1;
         }
         if count >= depth {
             return Err(Error::Full);
@@ -299,22 +319,23 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
     ///
     /// # Errors
     /// [`Error::BadId`].
+    #[inline]
     pub fn set_flags(&mut self, id: ObjectId, mask: u32) -> Result<(), Error> {
         let Object::Flags(flags) = self.object(id)? else {
             return Err(Error::BadId);
         };
         *flags |= mask;
         let flags = *flags;
-        let met = |state| match state {
-            State::Waiting(Wait::Flags { object, mask, all }) => {
-                let met = object == id.0 && fulfilled(flags, mask, all);
-                met.then_some(flags & mask)
+        let mut waiting = self.in_call;
+        while let Some(waiter) = self.first_of(waiting) {
+            waiting &= waiting - 1;
+            if let State::Waiting(Wait::Flags { object, mask, all }) =
+                self.tasks[waiter.index()].state
+                && object == id.0
+                && fulfilled(flags, mask, all)
+            {
+                self.wake(waiter, Wake::Flags(flags & mask));
             }
-            _ => None,
-        };
-        while let Some(waiter) = self.most_urgent(|state| met(state).is_some()) {
-            let seen = met(self.tasks[waiter.index()].state).unwrap_or(0);
-            self.wake(waiter, Wake::Flags(seen));
         }
         Ok(())
     }
@@ -372,19 +393,11 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         let task = &mut self.tasks[caller.index()];
         task.state = State::Waiting(wait);
         task.until = now.after(timeout);
-        self.ready &= !caller.bit();
+        self.next = self.next.min(task.until);
+        self.ready &= !task.bit();
+        self.in_call |= task.bit();
         self.running = None;
-        self.expect(caller);
         Ok(())
-    }
-
-    /// The most urgent task in such a state.
-    fn most_urgent(&self, wanted: impl Fn(State) -> bool) -> Option<TaskId> {
-        let all = self.ids().filter(|id| wanted(self.tasks[id.index()].state));
-        all.min_by_key(|id| {
-            let task = &self.tasks[id.index()];
-            (task.class(), task.settings.priority, *id)
-        })
     }
 }
 

@@ -9,7 +9,7 @@
 use crate::objects::{Object, Received, Sent, WAIT_MAX};
 use crate::scheduler::{Phase, Scheduler};
 use crate::search_tests::check;
-use crate::task::{ProgramId, Release, Settings, State, TaskId};
+use crate::task::{ProgramId, Release, Settings, State, TaskId, Wait};
 use crate::time::{Instant, Span};
 use takt_program::call::{Call, Error};
 
@@ -186,18 +186,24 @@ fn step(s: &mut Kernel, now: &mut Instant, random: &mut Random) -> bool {
 
 /// What is kept twice agrees, and the most urgent task runs.
 fn agrees(s: &Kernel) {
-    let (mut ready, mut event) = (0, Instant::NEVER);
+    let (mut ready, mut in_call, mut out_of_rank) = (0, 0, 0);
+    let mut event = Instant::NEVER;
     for id in s.ids() {
         let task = s.task(id);
-        ready |= if task.state() == State::Ready { id.bit() } else { 0 };
+        let bit = |is: bool| if is { task.bit() } else { 0 };
+        let state = task.state();
+        ready |= bit(state == State::Ready);
+        in_call |= bit(matches!(state, State::Waiting(Wait::Message(_) | Wait::Flags { .. })));
+        out_of_rank |= bit(task.held != 0 || task.settings().release == Release::Start);
         event = event.min(task.event());
         let stopped = s.phase(task.settings().program) == Phase::Stopped;
         assert!(!stopped || !task.is_active(), "a task of a stopped program has a job");
     }
-    assert_eq!(s.ready, ready);
+    assert_eq!((s.ready, s.in_call, s.out_of_rank), (ready, in_call, out_of_rank));
     assert!(s.next_event() <= event, "time would pass over something");
     let rank = |id: TaskId| (s.task(id).class(), s.task(id).urgency(), s.task(id).held == 0, id);
-    let most_urgent = s.ids().filter(|id| ready & id.bit() != 0).min_by_key(|id| rank(*id));
+    let most_urgent =
+        s.ids().filter(|id| s.task(*id).state() == State::Ready).min_by_key(|id| rank(*id));
     assert_eq!(s.running(), most_urgent);
 }
 

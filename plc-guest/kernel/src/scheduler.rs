@@ -10,14 +10,15 @@
 //! The kernel calls this at each of its entries, with the time that it is then: [`Scheduler::account`]
 //! for what has run, [`Scheduler::advance`] for what time alone changes, what the running task asked for, and
 //! [`Scheduler::pick`] for what runs next. Each takes a number of steps that depends on the number of
-//! tasks only.
+//! tasks only. Sets of tasks are words with a bit for each rank, so the most urgent task of a set is its lowest bit, and
+//! no entry looks at tasks that it does not concern.
 //!
 //! Releases are kept as `offset + k * period` and never reckoned from now, so a late one moves no later
 //! one. A release that finds the job before it unfinished is lost and counted; it is not made up.
 
 use crate::objects::{Object, ObjectId};
 use crate::statistics::count;
-use crate::task::{Class, ProgramId, Release, Settings, State, Task, TaskId, Wait, Wake};
+use crate::task::{ProgramId, Release, Settings, State, Task, TaskId, Wait, Wake};
 use crate::time::{Instant, Span};
 use crate::watchdog::Watchdog;
 use core::ops::Range;
@@ -64,6 +65,8 @@ pub struct Picked {
     pub task: TaskId,
     /// Its job begins: it starts at its entry.
     pub begins: bool,
+    /// The start of its job is still to be measured.
+    pub starts: bool,
     /// The wait in a call that has ended, if one has.
     pub wake: Option<Wake>,
 }
@@ -81,17 +84,21 @@ pub struct Scheduler<const T: usize, const P: usize, const O: usize> {
     pub(crate) programs_count: u8,
     pub(crate) objects: [Object; O],
     pub(crate) objects_count: u8,
-    /// Tasks in state ready, a bit for each.
+    /// All tasks by rank, the most urgent first.
+    order: [TaskId; T],
+    /// Tasks in state ready, a bit for each rank.
     pub(crate) ready: u64,
+    /// Tasks that wait in a call, a bit for each rank.
+    pub(crate) in_call: u64,
+    /// Tasks whose place among the ready ones is not their rank, a bit for each: holders of semaphores, initialisations.
+    pub(crate) out_of_rank: u64,
     pub(crate) running: Option<TaskId>,
     /// Who had the processor last.
     last: Option<TaskId>,
     /// Before this instant time alone changes nothing.
-    next: Instant,
+    pub(crate) next: Instant,
     /// Tasks whose deadline has passed, a bit for each.
     late: u64,
-    /// Times that another task was given the processor.
-    switches: u64,
 }
 
 const NO_TASK: Task = Task::new(Settings {
@@ -115,12 +122,14 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
             programs_count: 0,
             objects: [Object::Flags(0); O],
             objects_count: 0,
+            order: [TaskId(0); T],
             ready: 0,
+            in_call: 0,
+            out_of_rank: 0,
             running: None,
             last: None,
             next: Instant::NEVER,
             late: 0,
-            switches: 0,
         }
     }
 
@@ -160,15 +169,28 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         Ok(ProgramId(id))
     }
 
-    /// Adds a task, to a program that there is.
+    /// Adds a task, to a program that there is, before any is started.
     ///
     /// # Errors
     /// [`Full`].
     pub fn add_task(&mut self, settings: Settings) -> Result<TaskId, Full> {
-        let id = self.tasks_count;
-        *self.tasks.get_mut(usize::from(id)).ok_or(Full)? = Task::new(settings);
+        let (id, count) = (TaskId(self.tasks_count), usize::from(self.tasks_count));
+        *self.tasks.get_mut(id.index()).ok_or(Full)? = Task::new(settings);
         self.tasks_count += 1;
-        Ok(TaskId(id))
+        let key = |id: TaskId| {
+            let task = &self.tasks[id.index()];
+            (task.class(), task.settings.priority)
+        };
+        let place = self.order[..count].partition_point(|other| key(*other) <= key(id));
+        self.order[count] = id;
+        self.order[place..=count].rotate_right(1);
+        for (rank, id) in self.order[..=count].iter().enumerate() {
+            self.tasks[id.index()].rank = rank as u8;
+        }
+        let initialisations = self.tasks.iter().take(count + 1);
+        let initialisations = initialisations.filter(|t| t.settings.release == Release::Start);
+        self.out_of_rank = initialisations.fold(0, |set, task| set | task.bit());
+        Ok(id)
     }
 
     /// All tasks.
@@ -207,8 +229,13 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
 
     /// Times that another task than the one before was given the processor.
     #[must_use]
-    pub const fn switches(&self) -> u64 {
-        self.switches
+    pub fn switches(&self) -> u64 {
+        self.tasks.iter().fold(0, |sum, task| sum + task.statistics.switches)
+    }
+
+    /// The most urgent task of a set of ranks.
+    pub(crate) const fn first_of(&self, set: u64) -> Option<TaskId> {
+        if set == 0 { None } else { Some(self.order[set.trailing_zeros() as usize % T]) }
     }
 
     /// The next instant at which time alone changes something.
@@ -278,7 +305,8 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
             task.state = State::Dormant;
             task.effective = task.settings.priority;
             task.wake = None;
-            self.ready &= !id.bit();
+            self.ready &= !task.bit();
+            self.in_call &= !task.bit();
             self.late &= !id.bit();
             if self.running == Some(id) {
                 self.running = None;
@@ -299,11 +327,11 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
     }
 
     /// The running task has executed for so long. Tells if that is more than it may, once a job.
+    #[inline]
     pub fn account(&mut self, ran: Span) -> Option<Violation> {
         let task = &mut self.tasks[self.running?.index()];
-        task.executed = task.executed.plus(ran);
-        task.statistics.executed = task.statistics.executed.plus(ran);
-        if task.exceeded || !task.watchdog.expired(task.executed) {
+        task.executed.0 = task.executed.0.wrapping_add(ran.0);
+        if !task.watchdog.expired(task.executed) || task.exceeded {
             return None;
         }
         task.exceeded = true;
@@ -312,10 +340,14 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
     }
 
     /// Does what is due: releases, time-outs, deadlines.
+    #[inline]
     pub fn advance(&mut self, now: Instant) {
-        if now < self.next {
-            return;
+        if now >= self.next {
+            self.advance_all(now);
         }
+    }
+
+    fn advance_all(&mut self, now: Instant) {
         self.next = Instant::NEVER;
         for id in self.ids() {
             self.advance_task(id, now);
@@ -376,11 +408,7 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         if core::mem::replace(&mut task.signalled, true) {
             count(&mut task.statistics.overruns, 1);
         }
-        if task.state == State::Waiting(Wait::Release) && task.next <= now {
-            self.release_event(id, now);
-        } else {
-            self.expect(id);
-        }
+        self.look_at_signal(id, now);
     }
 
     /// What an event task waits for is there, and perhaps it was before: a message stays in its queue until it is received.
@@ -412,8 +440,9 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
     }
 
     fn release(&mut self, id: TaskId, at: Instant) {
-        self.tasks[id.index()].release(at);
-        self.ready |= id.bit();
+        let task = &mut self.tasks[id.index()];
+        task.release(at);
+        self.ready |= task.bit();
         self.expect(id);
     }
 
@@ -422,7 +451,8 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         let task = &mut self.tasks[id.index()];
         task.wake = Some(wake);
         task.state = State::Ready;
-        self.ready |= id.bit();
+        self.ready |= task.bit();
+        self.in_call &= !task.bit();
     }
 
     /// Notes when time will change something about a task.
@@ -431,64 +461,73 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
     }
 
     /// Gives the processor to the most urgent ready task.
+    #[inline]
     pub fn pick(&mut self) -> Option<Picked> {
-        let mut best: Option<(Class, u64, bool, TaskId)> = None;
-        let mut rest = self.ready;
-        while rest != 0 {
-            let id = TaskId(rest.trailing_zeros() as u8);
-            rest &= rest - 1;
-            let task = &self.tasks[id.index()];
-            let key = (task.class(), task.urgency(), task.held == 0, id);
-            if best.is_none_or(|best| key < best) {
-                best = Some(key);
-            }
-        }
-        self.running = best.map(|(_, _, _, id)| id);
+        self.running = if self.ready & self.out_of_rank == 0 {
+            self.first_of(self.ready)
+        } else {
+            self.first_out_of_rank()
+        };
         let id = self.running?;
         let task = &mut self.tasks[id.index()];
-        if self.last != self.running {
-            self.last = self.running;
-            count(&mut self.switches, 1);
-            count(&mut task.statistics.switches, 1);
+        if self.last != Some(id) {
+            self.last = Some(id);
+            task.statistics.switches += 1;
         }
         let begins = !core::mem::replace(&mut task.started, true);
-        Some(Picked { task: id, begins, wake: task.wake.take() })
+        Some(Picked { task: id, begins, starts: !task.measured, wake: task.wake.take() })
     }
 
-    /// The running task gets the processor at this instant: for a new job that is its start.
-    pub fn begins(&mut self, now: Instant) {
-        if let Some(id) = self.running {
-            let task = &mut self.tasks[id.index()];
-            if !core::mem::replace(&mut task.measured, true) {
-                let waited = now.since(task.released);
-                task.statistics.start_max = task.statistics.start_max.max(waited);
-            }
-        }
+    /// The most urgent ready task, if one of them is not at its rank.
+    fn first_out_of_rank(&self) -> Option<TaskId> {
+        let ready = self.order.iter().filter(|id| self.ready & self.tasks[id.index()].bit() != 0);
+        let best = ready.min_by_key(|id| {
+            let task = &self.tasks[id.index()];
+            (task.class(), task.urgency(), task.held == 0, task.rank)
+        });
+        best.copied()
+    }
+
+    /// A task that has been picked gets the processor at this instant, for the first time in its job.
+    #[inline]
+    pub fn begins(&mut self, id: TaskId, now: Instant) {
+        let task = &mut self.tasks[id.index()];
+        task.measured = true;
+        let waited = now.since(task.released);
+        task.statistics.start_max = task.statistics.start_max.max(waited);
     }
 
     /// The running task's job is complete. Tells if it was one too many over its budget.
+    #[inline]
     pub fn end(&mut self, now: Instant) -> Option<Violation> {
         let id = self.running.take()?;
         self.give_all(id);
         let task = &mut self.tasks[id.index()];
-        let (settings, executed) = (task.settings, task.executed);
-        let response = now.since(task.released);
-        if settings.deadline != Span::ZERO && response > settings.deadline && !task.missed {
-            count(&mut task.statistics.misses, 1);
-            self.late |= id.bit();
+        let (executed, response) = (task.executed, now.since(task.released));
+        let deadline = task.settings.deadline;
+        task.statistics.ended(executed, response);
+        if deadline != Span::ZERO {
+            let slack = Span(deadline.0.saturating_sub(response.0));
+            task.statistics.slack_min = task.statistics.slack_min.min(slack);
+            if response > deadline && !task.missed {
+                count(&mut task.statistics.misses, 1);
+                self.late |= id.bit();
+            }
         }
-        let deadline = Some(settings.deadline).filter(|deadline| *deadline != Span::ZERO);
-        task.statistics.ended(executed, response, deadline);
-        let told = task.exceeded;
-        if !told && task.watchdog.exceeds(executed) {
-            count(&mut task.statistics.over_budget, 1);
+        let mut violation = None;
+        if task.watchdog.is_to_see(executed) {
+            if !task.exceeded && task.watchdog.exceeds(executed) {
+                count(&mut task.statistics.over_budget, 1);
+            }
+            violation =
+                (task.watchdog.ended(executed) && !task.exceeded).then_some(Violation::Budget);
         }
-        let violation = task.watchdog.ended(executed) && !told;
+        let starting = (task.settings.release == Release::Start).then_some(task.settings.program);
         self.retire(id, now);
-        if settings.release == Release::Start {
-            self.run(settings.program, now);
+        if let Some(program) = starting {
+            self.run(program, now);
         }
-        violation.then_some(Violation::Budget)
+        violation
     }
 
     /// Ends the job of a task without its doing.
@@ -501,14 +540,26 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         if self.running == Some(id) {
             self.running = None;
         }
+        self.in_call &= !self.tasks[id.index()].bit();
         self.retire(id, now);
     }
 
+    #[inline]
     fn retire(&mut self, id: TaskId, now: Instant) {
-        self.ready &= !id.bit();
-        self.tasks[id.index()].retire();
+        let task = &mut self.tasks[id.index()];
+        self.ready &= !task.bit();
+        task.retire();
+        // The next release of a cyclic task has been expected since the last.
+        if task.signalled {
+            self.look_at_signal(id, now);
+        }
+    }
+
+    /// An event task without a job has been signalled.
+    #[inline(never)]
+    fn look_at_signal(&mut self, id: TaskId, now: Instant) {
         let task = &self.tasks[id.index()];
-        if task.signalled && task.next <= now && task.state == State::Waiting(Wait::Release) {
+        if task.next <= now && task.state == State::Waiting(Wait::Release) {
             self.release_event(id, now);
         } else {
             self.expect(id);

@@ -366,9 +366,11 @@ fn tasks_begin_when_the_initialisation_has_ended() {
 
 #[test]
 fn an_initialisation_without_end_keeps_no_task_of_another_program_waiting() {
-    let mut s = started(&[settings(Release::Start, 255)]);
+    let mut s = started(&[]);
+    assert!(s.add_task(settings(Release::Start, 255)).is_ok());
     let other = s.add_program(core::iter::empty()).unwrap();
     assert!(s.add_task(Settings { program: other, ..cyclic(100, 0, 255) }).is_ok());
+    s.start(PROGRAM, Instant(0));
     s.start(other, Instant(0));
     assert_eq!(at(&mut s, 0), Some(1));
     s.end(Instant(10));

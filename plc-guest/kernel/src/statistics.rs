@@ -24,8 +24,8 @@ pub struct Statistics {
     pub executed_min: Span,
     /// Longest execution of a job.
     pub executed_max: Span,
-    /// Execution of all jobs together.
-    pub executed: Span,
+    /// Execution of all jobs together that precede the current one.
+    pub(crate) executed: Span,
     /// Longest time from a release to the end of its job.
     pub response_max: Span,
     /// Longest time from a release to the start of its job.
@@ -53,15 +53,13 @@ impl Statistics {
         switches: 0,
     };
 
-    /// A job has ended after so much execution, this long after its release. Without a deadline it has no slack.
-    pub(crate) fn ended(&mut self, executed: Span, response: Span, deadline: Option<Span>) {
-        count(&mut self.jobs, 1);
+    /// A job has ended after so much execution, this long after its release.
+    #[inline]
+    pub(crate) fn ended(&mut self, executed: Span, response: Span) {
+        self.jobs += 1;
         self.executed_min = self.executed_min.min(executed);
         self.executed_max = self.executed_max.max(executed);
         self.response_max = self.response_max.max(response);
-        if let Some(deadline) = deadline {
-            self.slack_min = self.slack_min.min(Span(deadline.0.saturating_sub(response.0)));
-        }
     }
 
     /// A smallest span, if it has been measured.

@@ -10,7 +10,8 @@
 //! | `Ready`, and chosen by the scheduler | RUNNING | has the processor |
 //! | [`State::Faulted`] | FAULTED | has stopped its program by an error |
 
-use crate::statistics::{Statistics, count};
+use crate::scheduler::TASKS_MAX;
+use crate::statistics::Statistics;
 use crate::time::{Instant, Span};
 use crate::watchdog::Watchdog;
 
@@ -23,13 +24,13 @@ pub struct TaskId(pub u8);
 pub struct ProgramId(pub u8);
 
 impl TaskId {
-    /// As an index.
+    /// As an index. That it is one of a table of [`TASKS_MAX`] is said so that no access has to look.
     #[must_use]
     pub const fn index(self) -> usize {
-        self.0 as usize
+        self.0 as usize % TASKS_MAX
     }
 
-    /// Its bit in a set of tasks.
+    /// Its bit in a set of tasks by their places.
     pub(crate) const fn bit(self) -> u64 {
         1 << self.0
     }
@@ -139,6 +140,8 @@ pub enum Wake {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Task {
     pub(crate) settings: Settings,
+    /// Its place among all tasks, the most urgent first.
+    pub(crate) rank: u8,
     pub(crate) watchdog: Watchdog,
     pub(crate) state: State,
     /// Its priority, or the ceiling of a semaphore that it holds if that is more urgent.
@@ -175,6 +178,7 @@ impl Task {
     pub(crate) const fn new(settings: Settings) -> Self {
         Self {
             settings,
+            rank: 0,
             watchdog: Watchdog::new(settings.budget, settings.sensitivity),
             state: State::Dormant,
             effective: settings.priority,
@@ -211,6 +215,17 @@ impl Task {
     #[must_use]
     pub const fn statistics(&self) -> &Statistics {
         &self.statistics
+    }
+
+    /// Its bit in a set of tasks by their ranks.
+    pub(crate) const fn bit(&self) -> u64 {
+        1 << self.rank
+    }
+
+    /// Execution of all its jobs, with the current one.
+    #[must_use]
+    pub const fn executed(&self) -> Span {
+        self.statistics.executed.plus(self.executed)
     }
 
     /// Release of the current job.
@@ -307,6 +322,7 @@ impl Task {
     pub(crate) fn release(&mut self, at: Instant) {
         self.elapsed = if self.cycle == 0 { Span::ZERO } else { at.since(self.released) };
         self.released = at;
+        self.statistics.executed = self.executed();
         self.executed = Span::ZERO;
         self.started = false;
         self.measured = false;
@@ -323,6 +339,6 @@ impl Task {
             Release::Start => State::Dormant,
             _ => State::Waiting(Wait::Release),
         };
-        count(&mut self.cycle, 1);
+        self.cycle += 1;
     }
 }

@@ -170,7 +170,8 @@ impl Watch {
 
     /// A job runs: what of a sample is still to be taken would be of another moment.
     pub fn give_up(&mut self) {
-        if self.cursor.take().is_some() {
+        if self.cursor.is_some() {
+            self.cursor = None;
             self.missed = self.missed.saturating_add(1);
         }
     }

@@ -13,53 +13,60 @@ use crate::time::Span;
 /// The watch over the jobs of one task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Watchdog {
-    /// Execution time that a job may use; zero: no limit.
-    pub budget: Span,
+    /// Execution time that a job may use.
+    budget: Span,
     /// See the [module](self).
-    pub sensitivity: u16,
+    sensitivity: u16,
+    /// Execution time that no job may exceed.
+    most: Span,
     /// Jobs over their budget, one after the other.
-    exceeded: u64,
+    exceeded: u32,
+    /// The end of a job that has executed for no longer changes nothing here.
+    quiet: Span,
 }
 
 impl Watchdog {
     /// A watchdog that has seen nothing.
     #[must_use]
     pub const fn new(budget: Span, sensitivity: u16) -> Self {
-        Self { budget, sensitivity, exceeded: 0 }
-    }
-
-    const fn limit(&self) -> u64 {
-        self.sensitivity as u64 + 1
+        let budget = if budget.0 == 0 { Span(u64::MAX) } else { budget };
+        let most = budget.times(sensitivity as u64 + 1);
+        Self { budget, sensitivity, most, exceeded: 0, quiet: budget }
     }
 
     /// True if a job that has executed for so long must not go on.
     #[must_use]
     pub const fn expired(&self, executed: Span) -> bool {
-        self.budget.0 != 0 && executed.0 > self.budget.times(self.limit()).0
+        executed.0 > self.most.0
     }
 
     /// True if a job that ended after so long exceeded its budget.
     #[must_use]
     pub const fn exceeds(&self, executed: Span) -> bool {
-        self.budget.0 != 0 && executed.0 > self.budget.0
+        executed.0 > self.budget.0
+    }
+
+    /// True if the end of a job that has executed for so long changes anything here.
+    #[must_use]
+    pub const fn is_to_see(&self, executed: Span) -> bool {
+        executed.0 > self.quiet.0
     }
 
     /// The program starts anew: what jobs did before counts no more.
     pub const fn forget(&mut self) {
         self.exceeded = 0;
+        self.quiet = self.budget;
     }
 
     /// A job has ended. True if it was one too many over its budget; the count then starts anew.
     pub fn ended(&mut self, executed: Span) -> bool {
-        if !self.exceeds(executed) {
-            self.exceeded = 0;
-            return false;
-        }
-        self.exceeded += 1;
-        let too_many = self.exceeded >= self.limit();
+        let exceeds = self.exceeds(executed);
+        self.exceeded = if exceeds { self.exceeded + 1 } else { 0 };
+        let too_many = exceeds && self.exceeded > self.sensitivity.into();
         if too_many {
             self.exceeded = 0;
         }
+        self.quiet = if self.exceeded == 0 { self.budget } else { Span::ZERO };
         too_many
     }
 }

@@ -36,10 +36,10 @@ impl Arguments {
     const fn of(task: TaskId, context: &Context) -> Self {
         Self {
             task,
-            first: context.rdi,
-            second: context.rsi,
-            third: context.rdx,
-            fourth: context.r10,
+            first: context.registers.rdi,
+            second: context.registers.rsi,
+            third: context.registers.rdx,
+            fourth: context.registers.r10,
         }
     }
 }
@@ -50,73 +50,67 @@ const DONE: Answer = Ok(Some(0));
 
 impl Kernel {
     /// The running task has made a call.
+    #[inline(always)]
     pub fn call(&mut self, task: TaskId) {
         let context = &self.contexts[task.index()];
-        let (number, arguments) = (context.rax, Arguments::of(task, context));
+        let (number, arguments) = (context.registers.rax, Arguments::of(task, context));
         let call = u32::try_from(number).ok().and_then(Call::from_code);
         let answer = match call {
             None => Err(Error::BadNumber),
-            Some(Call::End) => return self.end(task),
             Some(Call::Stop) => return self.stop(task, arguments.first),
             Some(call) => self.answer(task, call, &arguments),
         };
-        match answer {
-            Ok(None) => {}
-            Ok(Some(result)) => self.contexts[task.index()].rax = result as u64,
-            Err(error) => self.contexts[task.index()].rax = error.result() as u64,
-        }
+        let result = match answer {
+            Ok(None) => return,
+            Ok(Some(result)) => result,
+            Err(error) => error.result(),
+        };
+        self.contexts[task.index()].registers.rax = result as u64;
     }
 
+    #[inline(always)]
     fn answer(&mut self, task: TaskId, call: Call, a: &Arguments) -> Answer {
         let program = ProgramId(self.places[task.index()].program);
+        let mask = || u32::try_from(a.second).map_err(|_| Error::NotAllowed);
         match call {
-            Call::End | Call::Stop => Err(Error::BadNumber),
-            Call::Time => Ok(Some(self.now().0 as i64)),
-            Call::Log => self.log(program, task, a.first, a.second),
-            Call::ChannelRead => self.channel_read(program, a),
-            Call::ChannelWrite => self.channel_write(program, a),
-            _ => {
-                let object = self.scheduler.object_of(program, a.first)?;
-                self.object_call(program, call, object, a)
-            }
-        }
-    }
-
-    fn object_call(
-        &mut self,
-        program: ProgramId,
-        call: Call,
-        id: ObjectId,
-        a: &Arguments,
-    ) -> Answer {
-        let now = self.now();
-        let mask = u32::try_from(a.second).map_err(|_| Error::NotAllowed);
-        match call {
-            Call::SemaphoreTake => self.scheduler.take(id)?,
-            Call::SemaphoreGive => self.scheduler.give(id)?,
-            Call::QueueSend => self.queue_send(program, id, a)?,
-            Call::QueueReceive => return self.queue_receive(program, id, a),
-            Call::MailboxWrite => self.mailbox_write(program, id, a)?,
-            Call::MailboxRead => return self.mailbox_read(program, id, a),
-            Call::FlagsSet => self.scheduler.set_flags(id, mask?)?,
-            Call::FlagsClear => self.scheduler.clear_flags(id, mask?)?,
+            Call::End | Call::Stop => return Err(Error::BadNumber),
+            Call::Time => return Ok(Some(self.now().0 as i64)),
+            Call::Log => return self.log(program, task, a.first, a.second),
+            Call::ChannelRead => return self.channel_read(program, a),
+            Call::ChannelWrite => return self.channel_write(program, a),
+            Call::SemaphoreTake => self.scheduler.take(self.object(program, a)?)?,
+            Call::SemaphoreGive => self.scheduler.give(self.object(program, a)?)?,
+            Call::QueueSend => self.queue_send(program, self.object(program, a)?, a)?,
+            Call::QueueReceive => return self.queue_receive(program, self.object(program, a)?, a),
+            Call::MailboxWrite => self.mailbox_write(program, self.object(program, a)?, a)?,
+            Call::MailboxRead => return self.mailbox_read(program, self.object(program, a)?, a),
+            Call::FlagsSet => self.scheduler.set_flags(self.object(program, a)?, mask()?)?,
+            Call::FlagsClear => self.scheduler.clear_flags(self.object(program, a)?, mask()?)?,
             Call::FlagsWait => {
+                let object = self.object(program, a)?;
                 let all = match a.third {
                     0 => false,
                     1 => true,
                     _ => return Err(Error::NotAllowed),
                 };
                 let timeout = Span(a.fourth);
-                return match self.scheduler.wait_flags(id, mask?, all, now, timeout)? {
+                let now = self.entered();
+                return match self.scheduler.wait_flags(object, mask()?, all, now, timeout)? {
                     Seen::Flags(flags) => Ok(Some(i64::from(flags))),
                     Seen::Waits => Ok(None),
                 };
             }
-            _ => return Err(Error::BadNumber),
         }
         DONE
     }
 
+    /// The object that a call names first.
+    #[inline]
+    fn object(&self, program: ProgramId, a: &Arguments) -> Result<ObjectId, Error> {
+        self.scheduler.object_of(program, a.first)
+    }
+
+    #[inline(never)]
     fn queue_send(&mut self, program: ProgramId, id: ObjectId, a: &Arguments) -> Result<(), Error> {
         let ObjectKind::Queue { message_bytes, .. } = self.kind(program, a.first)? else {
             return Err(Error::BadId);
@@ -127,8 +121,8 @@ impl Kernel {
             Sent::To(receiver) => {
                 // The receiver's buffer was looked at when it began to wait, and is large enough.
                 let context = &mut self.contexts[receiver.index()];
-                let buffer = context.rsi;
-                context.rax = message.bytes();
+                let buffer = context.registers.rsi;
+                context.registers.rax = message.bytes();
                 let to = self.memory(receiver, buffer, message.bytes(), true)?;
                 to.copy_from(message);
             }
@@ -136,12 +130,13 @@ impl Kernel {
         Ok(())
     }
 
+    #[inline(never)]
     fn queue_receive(&mut self, program: ProgramId, id: ObjectId, a: &Arguments) -> Answer {
         let ObjectKind::Queue { message_bytes, .. } = self.kind(program, a.first)? else {
             return Err(Error::BadId);
         };
         let buffer = self.buffer(a.task, a.second, a.third, message_bytes)?;
-        match self.scheduler.receive(id, self.now(), Span(a.fourth))? {
+        match self.scheduler.receive(id, self.entered(), Span(a.fourth))? {
             Received::Slot(slot) => {
                 let length = self.slot(program, a.first, message_bytes, slot).get(buffer);
                 Ok(Some(length))
@@ -150,6 +145,7 @@ impl Kernel {
         }
     }
 
+    #[inline(never)]
     fn mailbox_write(
         &mut self,
         program: ProgramId,
@@ -165,6 +161,7 @@ impl Kernel {
         Ok(())
     }
 
+    #[inline(never)]
     fn mailbox_read(&mut self, program: ProgramId, id: ObjectId, a: &Arguments) -> Answer {
         let ObjectKind::Mailbox { bytes } = self.kind(program, a.first)? else {
             return Err(Error::BadId);
@@ -175,6 +172,7 @@ impl Kernel {
         Ok(Some(if fresh { length | FRESH } else { length }))
     }
 
+    #[inline(never)]
     fn channel_read(&mut self, program: ProgramId, a: &Arguments) -> Answer {
         let to = self.memory(a.task, a.second, a.third, true)?;
         let message = self.ports.read(program.0, a.first, to.bytes(), cycle::now())?;
@@ -182,6 +180,7 @@ impl Kernel {
         Ok(Some(message.len() as i64))
     }
 
+    #[inline(never)]
     fn channel_write(&mut self, program: ProgramId, a: &Arguments) -> Answer {
         let from = self.message(a.task, a.second, a.third, limit::MESSAGE_BYTES)?;
         let bytes = from.bytes() as usize;
@@ -190,6 +189,7 @@ impl Kernel {
         DONE
     }
 
+    #[inline(never)]
     fn log(&mut self, program: ProgramId, task: TaskId, pointer: u64, bytes: u64) -> Answer {
         let from = self.message(task, pointer, bytes, limit::LOG_BYTES)?;
         let mut buffer = [0; limit::LOG_BYTES as usize];
@@ -223,6 +223,7 @@ impl Kernel {
     }
 
     /// The program stops itself.
+    #[inline(never)]
     fn stop(&mut self, task: TaskId, code: u64) {
         let place = self.places[task.index()];
         if let Some(program) = &self.programs[usize::from(place.program)] {

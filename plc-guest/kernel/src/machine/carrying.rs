@@ -7,7 +7,7 @@
 //!
 //! After the exchange the same goes on in the other direction until the trial is over, so that an error leads back soon.
 
-use super::kernel::Kernel;
+use super::kernel::{Kernel, Shown};
 use super::memory::Area;
 use super::program::{Program, STATE};
 use super::space::Space;
@@ -182,7 +182,7 @@ impl Kernel {
             return Err(ChangeReason::Stopped);
         };
         if change.carrying.piece(program, there) {
-            self.space = None;
+            self.shown = Shown::NONE;
         }
         // On trial no order for the way back was given: the figures are those of the commit.
         if change.record.phase != ChangePhase::Trial {

@@ -15,7 +15,7 @@
 //! The way back is the same, with the other plan. Values are those that the failed version has left.
 
 use super::carrying::Carrying;
-use super::kernel::Kernel;
+use super::kernel::{Kernel, Shown};
 use super::preparing::Piece;
 use super::program::STATE;
 use super::start::settings_of;
@@ -65,6 +65,11 @@ impl Change {
         carrying: Carrying::AFTER_EXCHANGE,
     };
 
+    /// True if this program is the one that changes, or has changed.
+    pub fn is_of(&self, program: u8) -> bool {
+        self.record.phase != ChangePhase::None && self.record.program == program
+    }
+
     fn is(&self, program: u8, phase: ChangePhase) -> bool {
         self.record.program == program && self.record.phase == phase
     }
@@ -102,7 +107,7 @@ impl Change {
 
     /// A job of this program is complete.
     pub fn job_ends(&mut self, program: u8) {
-        if self.is_on_trial(program) {
+        if self.record.phase == ChangePhase::Trial && self.record.program == program {
             self.record.jobs += 1;
             if self.record.jobs >= TRIAL_JOBS {
                 self.record.phase = ChangePhase::Held;
@@ -257,7 +262,7 @@ impl Kernel {
             }
         }
         // The tables are entered anew, so no address of the version that was left is remembered.
-        self.space = None;
+        self.shown = Shown::NONE;
         change.record.phase = match change.record.phase {
             ChangePhase::Committing => ChangePhase::Trial,
             _ => ChangePhase::RolledBack,

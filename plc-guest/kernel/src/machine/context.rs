@@ -2,21 +2,29 @@
 //!
 //! [`run`] looks like a function: it returns when the task has entered the kernel again, and says why. So
 //! the kernel is a loop in plain Rust, with one stack, and no entry of its own can nest: interrupts are off in
-//! the whole kernel.
+//! the whole kernel but for its last steps.
 //!
 //! A task's registers are saved into its [`Context`] with pushes: an entry's stack *is* the end of the
-//! context, where the processor itself puts the interrupted program's frame. Floating-point and SSE
+//! context, where the processor itself puts the interrupted program's frame. A call by which a job ends saves none of them, and
+//! a job begins with none: [`Context::begin`] copies no empty registers. Floating-point and SSE
 //! registers are kept with FXSAVE at each entry, since compiled kernel code uses them too. AVX is not
 //! available: CR4.OSXSAVE stays off, so its instructions, XGETBV and XSETBV are invalid.
 //!
+//! # Windows that begin in the kernel
+//!
+//! The host interrupts only who can be interrupted: for others the tick would be an exit, which costs more of the guard before a
+//! release than the whole way through the kernel. So a window that begins while interrupts are off is for the kernel to find.
+//! [`run`] looks for it with interrupts on, just before the task goes on: a window that begins before this look is found
+//! by it, and one that begins behind it comes with a tick. A tick that comes there, in ring 0, leads back from [`run`] as the look does;
+//! anywhere else in the kernel it has nothing to tell.
+//!
 //! # Traps of SYSCALL that are avoided
 //!
-//! - It does not change the stack. The entry's first two instructions do; between them nothing can come,
+//! - It does not change the stack. The entry's first instructions do; between them nothing can come,
 //!   because interrupts are off (SFMASK) and exceptions have stacks of their own (IST).
 //! - TF is in SFMASK, so a task that single-steps into the kernel takes its #DB at ring 3 afterwards; NT
 //!   and AC are, so that neither reaches an `iretq` or an access of the kernel; DF and IF are.
-//! - An interrupt or exception keeps AC, which would suspend SMAP: `back` sets the kernel's own flags for
-//!   every entry.
+//! - An interrupt or exception keeps AC, which would suspend SMAP: both set the kernel's own flags.
 //! - SYSRET faults in ring 0 for an `rcx` that is not canonical (Intel), and takes flags from `r11`. The
 //!   kernel returns with `iretq` from a frame of its own in every case: one way out for all entries.
 //! - SWAPGS is not needed: the kernel has no data behind GS. CR4.FSGSBASE stays off, and both bases are
@@ -24,12 +32,14 @@
 //!
 //! (AMD64 volume 2, section 6.1.1; Intel SDM volume 2, "SYSCALL" and "SYSRET".)
 
-use core::arch::naked_asm;
+use core::arch::{asm, naked_asm};
 use core::cell::UnsafeCell;
 use core::mem::offset_of;
 use core::ptr;
 use takt_plc_guest::descriptor::{self, KERNEL_CODE, USER_CODE, USER_DATA};
 use takt_plc_guest::exception::{self, Frame};
+use takt_plc_guest::pages;
+use takt_program::call::Call;
 
 /// What a task is when it does not run.
 ///
@@ -38,6 +48,15 @@ use takt_plc_guest::exception::{self, Frame};
 #[derive(Clone, Debug)]
 pub struct Context {
     floating: [u8; 512],
+    pub registers: Registers,
+    /// 1 until its job has begun: of the registers only address, stack and argument count.
+    begins: u64,
+}
+
+/// The general registers, and the frame of an interrupt.
+#[repr(C)]
+#[derive(Clone, Debug)]
+pub struct Registers {
     r15: u64,
     r14: u64,
     r13: u64,
@@ -61,7 +80,7 @@ pub struct Context {
 }
 
 /// Bytes to the end of the frame, without the padding.
-const FRAME_END: u64 = offset_of!(Context, ss) as u64 + 8;
+const FRAME_END: u64 = offset_of!(Context, begins) as u64;
 const _: () = assert!(FRAME_END.is_multiple_of(16), "the processor aligns the stack of ring 0");
 
 /// Interrupts on, and the bit that is always set.
@@ -71,15 +90,26 @@ const SYSCALL_BYTES: u64 = 2;
 /// Flags of the kernel: only the bit that is always set.
 const KERNEL_FLAGS: u64 = 1 << 1;
 /// State of the x87 unit and of SSE after a reset: all exceptions masked.
-const X87_CONTROL: u16 = 0x37f;
+const X87_CONTROL: u8 = 0x7f;
+const X87_CONTROL_HIGH: u8 = 0x03;
 const MXCSR: u32 = 0x1f80;
 /// The same, as a place that `ldmxcsr` can read.
 static KERNEL_MXCSR: u32 = MXCSR;
 
-impl Context {
-    /// Nothing.
-    pub const EMPTY: Self = Self {
-        floating: [0; 512],
+#[repr(C, align(16))]
+struct Image([u8; 512]);
+
+/// The floating-point and SSE registers with which a job begins. A copy of it would take longer than the rest of a
+/// job's beginning.
+static CLEAN: Image = {
+    let mut image = [0; 512];
+    (image[0], image[1]) = (X87_CONTROL, X87_CONTROL_HIGH);
+    [image[24], image[25], image[26], image[27]] = MXCSR.to_le_bytes();
+    Image(image)
+};
+
+impl Registers {
+    const EMPTY: Self = Self {
         r15: 0,
         r14: 0,
         r13: 0,
@@ -101,18 +131,21 @@ impl Context {
         rsp: 0,
         ss: USER_DATA as u64,
     };
+}
+
+impl Context {
+    /// Nothing.
+    pub const EMPTY: Self = Self { floating: [0; 512], registers: Registers::EMPTY, begins: 0 };
 
     /// The beginning of a job: at `entry` with one argument, and nothing in the other registers.
     pub fn begin(&mut self, entry: u64, stack: u64, argument: u64) {
-        *self = Self::EMPTY;
-        self.floating[..2].copy_from_slice(&X87_CONTROL.to_le_bytes());
-        self.floating[24..28].copy_from_slice(&MXCSR.to_le_bytes());
-        (self.rip, self.rsp, self.rdi) = (entry, stack, argument);
+        (self.registers.rip, self.registers.rsp, self.registers.rdi) = (entry, stack, argument);
+        self.begins = 1;
     }
 
     /// After a call: the task makes it again, with the same number and arguments.
     pub fn repeat_call(&mut self) {
-        self.rip = self.rip.wrapping_sub(SYSCALL_BYTES);
+        self.registers.rip = self.registers.rip.wrapping_sub(SYSCALL_BYTES);
     }
 }
 
@@ -123,8 +156,10 @@ pub enum Entry {
     Tick,
     /// The task has made a call.
     Call,
-    /// It has caused an exception, and cannot go on.
-    Fault(Fault),
+    /// Its job is complete. Its registers are lost.
+    End,
+    /// It has caused an exception, and cannot go on: [`last_fault`].
+    Fault,
 }
 
 /// An exception of ring 3.
@@ -136,19 +171,20 @@ pub struct Fault {
     pub cr2: u64,
 }
 
+const _: () = assert!(Call::End as u32 == 0, "`call` looks for it");
+
 const TICK: u64 = 0;
 const CALL: u64 = 1;
-const FAULT: u64 = 2;
+const END: u64 = 2;
+const FAULT: u64 = 3;
 
 /// What the entries need to find, with nothing in a register yet.
 #[repr(C)]
 struct Way {
     /// Stack of the kernel, as [`run`] left it.
     kernel: u64,
-    /// End of the running task's context.
+    /// End of the running task's context; after a call the task's stack.
     context: u64,
-    /// Stack of the task, while a call is on its way in.
-    user: u64,
 }
 
 struct Shared<T>(UnsafeCell<T>);
@@ -156,30 +192,52 @@ struct Shared<T>(UnsafeCell<T>);
 // SAFETY: there is one thread, and interrupts are off whenever the kernel runs.
 unsafe impl<T> Sync for Shared<T> {}
 
-static WAY: Shared<Way> = Shared(UnsafeCell::new(Way { kernel: 0, context: 0, user: 0 }));
+static WAY: Shared<Way> = Shared(UnsafeCell::new(Way { kernel: 0, context: 0 }));
 static LAST_FAULT: Shared<Option<Fault>> = Shared(UnsafeCell::new(None));
 
-/// Lets a task go on, until it enters the kernel again.
+/// Lets a task go on, until it enters the kernel again. If the release with this number is not that of the window any more, it
+/// enters at once, as by a tick.
 ///
 /// The tables of its program must be in use: what ring 3 does with wrong ones is undone by nothing.
-pub fn run(context: &mut Context) -> Entry {
+#[inline]
+pub fn run(context: &mut Context, release: u64) -> Entry {
     let end = ptr::from_mut(context) as u64 + FRAME_END;
     // SAFETY: one thread, interrupts off; the context is the stack of the entry, and stays until then.
     unsafe {
         (*WAY.0.get()).context = end;
         descriptor::set_ring_0_stack(end);
     }
+    let entry: u64;
     // SAFETY: the context is one of ring 3 (only `begin` and entries write its frame), with flags that
-    // keep no interrupt off.
-    match unsafe { enter(context) } {
-        TICK => Entry::Tick,
-        CALL => Entry::Call,
-        // SAFETY: one thread; the handler has written it.
-        _ => match unsafe { (*LAST_FAULT.0.get()).take() } {
-            Some(fault) => Entry::Fault(fault),
-            None => unreachable!("an entry of no kind"),
-        },
+    // keep no interrupt off. What `enter` and the task do not restore is told to the compiler.
+    unsafe {
+        asm!(
+            "call {enter}",
+            enter = sym enter,
+            in("rdi") ptr::from_mut(context),
+            in("rsi") release,
+            lateout("rax") entry,
+            out("r12") _,
+            out("r13") _,
+            out("r14") _,
+            out("r15") _,
+            clobber_abi("C"),
+        );
+        match entry {
+            TICK => Entry::Tick,
+            CALL => Entry::Call,
+            END => Entry::End,
+            FAULT => Entry::Fault,
+            // No entry leaves another number.
+            _ => core::hint::unreachable_unchecked(),
+        }
     }
+}
+
+/// What [`run`] has returned for, if that was an exception.
+pub fn last_fault() -> Option<Fault> {
+    // SAFETY: one thread; only the handler writes it, and ring 3 does not run.
+    unsafe { *LAST_FAULT.0.get() }
 }
 
 /// Prepares the processor for entries from ring 3; `vector` is that of the interrupt at a window's start.
@@ -195,125 +253,153 @@ pub unsafe fn install(vector: u8) {
     unsafe { super::processor::set_call_entry(call as *const () as u64, KERNEL_CODE) };
 }
 
-/// Restores all registers of a task; returns at its next entry, with the kind of it.
+/// Restores all registers of the task whose context is in `rdi`; returns at its next entry, with the kind of it in `rax`, or at once
+/// if the release in `rsi` is not the window's. Of the registers it keeps `rbx`, `rbp` and `rsp`.
+///
+/// The frame goes to the kernel's stack, and each register comes from the context: a tick between `sti` and `iretq` leaves the
+/// context as it was.
 #[unsafe(naked)]
-unsafe extern "C" fn enter(context: *mut Context) -> u64 {
+unsafe extern "C" fn enter() {
     naked_asm!(
         "push rbx",
         "push rbp",
-        "push r12",
-        "push r13",
-        "push r14",
-        "push r15",
         "mov [rip + {way} + {kernel}], rsp",
-        "mov rsp, rdi",
-        "fxrstor64 [rsp]",
-        "add rsp, 512",
-        "pop r15",
-        "pop r14",
-        "pop r13",
-        "pop r12",
-        "pop r11",
-        "pop r10",
-        "pop r9",
-        "pop r8",
-        "pop rbp",
-        "pop rdi",
-        "pop rsi",
-        "pop rdx",
-        "pop rcx",
-        "pop rbx",
-        "pop rax",
+        "sti",
+        ".globl takt_last_steps",
+        "takt_last_steps:",
+        "mov eax, {page}",
+        "cmp rsi, [rax]",
+        "jne 2f",
+        "cmp qword ptr [rdi + {begins}], 0",
+        "jne 3f",
+        "fxrstor64 [rdi]",
+        "push [rdi + {ss}]",
+        "push [rdi + {rsp}]",
+        "push [rdi + {rflags}]",
+        "push [rdi + {cs}]",
+        "push [rdi + {rip}]",
+        ".set takt_at, {registers}",
+        ".irp register, r15, r14, r13, r12, r11, r10, r9, r8, rbp",
+        r"mov \register, [rdi + takt_at]",
+        ".set takt_at, takt_at + 8",
+        ".endr",
+        ".irp register, rsi, rdx, rcx, rbx, rax",
+        ".set takt_at, takt_at + 8",
+        r"mov \register, [rdi + takt_at]",
+        ".endr",
+        "mov rdi, [rdi + {rdi}]",
         "iretq",
+        // A job begins, with nothing in its registers.
+        "3:",
+        "fxrstor64 [rip + {clean}]",
+        "push {user_data}",
+        "push [rdi + {rsp}]",
+        "push {flags}",
+        "push {user_code}",
+        "push [rdi + {rip}]",
+        "mov rdi, [rdi + {rdi}]",
+        ".irp register, eax, ebx, ecx, edx, esi, ebp, r8d, r9d, r10d, r11d, r12d, r13d, r14d, r15d",
+        r"xor \register, \register",
+        ".endr",
+        "iretq",
+        "2:",
+        "cli",
+        ".globl takt_last_steps_end",
+        "takt_last_steps_end:",
+        "mov eax, {kind}",
+        "jmp takt_back",
+        page = const pages::RELEASE,
+        clean = sym CLEAN,
+        user_data = const USER_DATA,
+        user_code = const USER_CODE,
+        flags = const FLAGS,
+        begins = const offset_of!(Context, begins),
+        kind = const TICK,
         way = sym WAY,
         kernel = const offset_of!(Way, kernel),
+        registers = const offset_of!(Context, registers),
+        ss = const offset_of!(Context, registers.ss),
+        rsp = const offset_of!(Context, registers.rsp),
+        rflags = const offset_of!(Context, registers.rflags),
+        cs = const offset_of!(Context, registers.cs),
+        rip = const offset_of!(Context, registers.rip),
+        rdi = const offset_of!(Context, registers.rdi),
     )
 }
 
-/// A window has begun. One that comes while the kernel runs is dropped: the kernel looks for itself.
+/// A window has begun. One that comes while the kernel runs, but for the end of [`enter`], is dropped: the kernel looks for
+/// itself.
 #[unsafe(naked)]
 unsafe extern "C" fn tick() {
     naked_asm!(
-        "test byte ptr [rsp + 8], 3",
-        "jz 2f",
         "push rax",
+        "test byte ptr [rsp + 16], 3",
+        "jz 2f",
+        "push {flags}",
+        "popfq",
         "mov eax, {kind}",
-        "jmp {save}",
+        "jmp takt_save",
         "2:",
+        "lea rax, [rip + takt_last_steps]",
+        "cmp [rsp + 8], rax",
+        "jb 3f",
+        "lea rax, [rip + takt_last_steps_end]",
+        "cmp [rsp + 8], rax",
+        "jae 3f",
+        "mov eax, {kind}",
+        "jmp takt_back",
+        "3:",
+        "pop rax",
         "iretq",
         kind = const TICK,
-        save = sym save,
+        flags = const KERNEL_FLAGS,
     )
 }
 
-/// A task makes a call.
+/// A task makes a call. One by which a job ends saves nothing.
+///
+/// Behind it is how all entries from ring 3 save the rest of a context, whose frame and `rax` are saved, and return from [`enter`]
+/// with what is in `rax`.
 #[unsafe(naked)]
 unsafe extern "C" fn call() {
     naked_asm!(
-        "mov [rip + {way} + {user}], rsp",
-        "mov rsp, [rip + {way} + {context}]",
+        "test rax, rax",
+        "jz 2f",
+        "xchg rsp, [rip + {way} + {context}]",
         "push {data}",
-        "push [rip + {way} + {user}]",
+        // The task's stack.
+        "push [rip + {way} + {context}]",
         "push r11",
         "push {code}",
         "push rcx",
         "push rax",
-        "mov eax, {kind}",
-        "jmp {save}",
-        way = sym WAY,
-        user = const offset_of!(Way, user),
-        context = const offset_of!(Way, context),
-        data = const USER_DATA,
-        code = const USER_CODE,
-        kind = const CALL,
-        save = sym save,
-    )
-}
-
-/// Saves the rest of a context, whose frame and `rax` are saved, and returns from [`enter`] with what
-/// is in `rax`.
-#[unsafe(naked)]
-unsafe extern "C" fn save() {
-    naked_asm!(
-        "push rbx",
-        "push rcx",
-        "push rdx",
-        "push rsi",
-        "push rdi",
-        "push rbp",
-        "push r8",
-        "push r9",
-        "push r10",
-        "push r11",
-        "push r12",
-        "push r13",
-        "push r14",
-        "push r15",
+        "mov eax, {call}",
+        ".globl takt_save",
+        "takt_save:",
+        ".irp register, rbx, rcx, rdx, rsi, rdi, rbp, r8, r9, r10, r11, r12, r13, r14, r15",
+        r"push \register",
+        ".endr",
         "fxsave64 [rsp - 512]",
-        "jmp {back}",
-        back = sym back,
-    )
-}
-
-/// Back to the kernel's loop.
-#[unsafe(naked)]
-unsafe extern "C" fn back() {
-    naked_asm!(
+        "mov qword ptr [rsp + {begins}], 0",
+        ".globl takt_back",
+        "takt_back:",
         "ldmxcsr [rip + {mxcsr}]",
         "mov rsp, [rip + {way} + {kernel}]",
-        "push {flags}",
-        "popfq",
-        "pop r15",
-        "pop r14",
-        "pop r13",
-        "pop r12",
         "pop rbp",
         "pop rbx",
         "ret",
-        mxcsr = sym KERNEL_MXCSR,
-        flags = const KERNEL_FLAGS,
+        "2:",
+        "mov eax, {end}",
+        "jmp takt_back",
         way = sym WAY,
+        context = const offset_of!(Way, context),
         kernel = const offset_of!(Way, kernel),
+        begins = const offset_of!(Context, begins) - offset_of!(Context, registers),
+        mxcsr = sym KERNEL_MXCSR,
+        data = const USER_DATA,
+        code = const USER_CODE,
+        call = const CALL,
+        end = const END,
     )
 }
 
@@ -321,7 +407,7 @@ unsafe extern "C" fn back() {
 /// on.
 unsafe extern "C" fn fault(frame: &Frame) -> ! {
     let cr2 = super::processor::fault_address();
-    // SAFETY: one thread; `run` takes it before the next.
+    // SAFETY: one thread, and `last_fault` is not at work in ring 3.
     unsafe { *LAST_FAULT.0.get() = Some(Fault { frame: *frame, cr2 }) };
     // SAFETY: `run` is waiting, since ring 3 runs only then.
     unsafe { leave_fault() }
@@ -329,5 +415,12 @@ unsafe extern "C" fn fault(frame: &Frame) -> ! {
 
 #[unsafe(naked)]
 unsafe extern "C" fn leave_fault() -> ! {
-    naked_asm!("mov eax, {kind}", "jmp {back}", kind = const FAULT, back = sym back)
+    naked_asm!(
+        "push {flags}",
+        "popfq",
+        "mov eax, {kind}",
+        "jmp takt_back",
+        flags = const KERNEL_FLAGS,
+        kind = const FAULT,
+    )
 }

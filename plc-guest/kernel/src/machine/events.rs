@@ -80,6 +80,11 @@ impl Events {
         }
     }
 
+    /// True if no task waits for one.
+    pub const fn is_empty(&self) -> bool {
+        self.all[0].is_none()
+    }
+
     /// Looks at all sources.
     pub fn poll(
         &mut self,

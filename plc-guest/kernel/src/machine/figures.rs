@@ -91,7 +91,7 @@ impl Kernel {
     /// What no task has had of the time, with the time outside of windows, and how often the processor
     /// changed hands.
     fn print_rest(&self, now: Instant) {
-        let all = self.scheduler.ids().map(|id| self.scheduler.task(id).statistics().executed.0);
+        let all = self.scheduler.ids().map(|id| self.scheduler.task(id).executed().0);
         let rest = now.0.saturating_sub(all.sum());
         let per_mille = rest.saturating_mul(1000) / now.0.max(1);
         print(format_args!(
@@ -116,7 +116,7 @@ impl Kernel {
             State::Dormant if place.number.is_some() => " stopped",
             _ => "",
         };
-        let per_mille = figures.executed.0.saturating_mul(1000) / now.0.max(1);
+        let per_mille = task.executed().0.saturating_mul(1000) / now.0.max(1);
         print(format_args!(
             "{:NAME$} {:>8} {:>6} {:>7} {:>7} {:>8} {:>8} {:>8} {:>6} {:>8} {:>6} {:>8} {:>3}.{}{state}",
             name.text(),

@@ -30,6 +30,7 @@ use super::memory::{Area, Pages};
 use super::ports::Ports;
 use super::program::Program;
 use super::{PROGRAMS, Scheduler, TASKS, processor};
+use core::mem::offset_of;
 use takt_abi::Information;
 use takt_abi::live::ChangeReason;
 use takt_abi::program::action;
@@ -37,9 +38,10 @@ use takt_kernel::scheduler::{Picked, Violation};
 use takt_kernel::task::{Release, TaskId, Wake};
 use takt_kernel::time::{Clock, Instant, Span};
 use takt_plc_guest::console::print;
-use takt_plc_guest::{cycle, interrupt, pages, port};
+use takt_plc_guest::{cycle, pages, port};
+use takt_program::address::CALL_PAGE;
 use takt_program::call::{Call, Error};
-use takt_program::{ABI_VERSION, Start, TaskInformation};
+use takt_program::{Start, TaskInformation};
 
 /// A release may be this much early. Instants of windows and of tasks are rounded apart, and a task
 /// whose release is a nanosecond after its window's must not wait for the next window.
@@ -58,6 +60,43 @@ pub struct Place {
     pub number: Option<u16>,
     /// Address of its function.
     pub entry: u64,
+    /// Its stack pointer at the beginning of a job: on top of the stack lies the address to return to.
+    pub stack: u64,
+    pub stack_top: Area,
+    /// What it is told about its job, and where the task finds it.
+    pub argument: u64,
+    pub information: Area,
+    /// Its program has inputs or outputs.
+    pub has_image: bool,
+    /// The tables of its program with its view of the process image.
+    pub shown: Shown,
+}
+
+impl Place {
+    const NONE: Self = Self {
+        program: 0,
+        number: None,
+        entry: 0,
+        stack: 0,
+        stack_top: Area::NONE,
+        argument: 0,
+        information: Area::NONE,
+        has_image: false,
+        shown: Shown::NONE,
+    };
+}
+
+/// A program, and the task whose view of the process image it shows; equal for tasks between which nothing is exchanged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shown(u32);
+
+impl Shown {
+    /// Nobody's.
+    pub const NONE: Self = Self(u32::MAX);
+
+    pub const fn new(program: u8, view: u16) -> Self {
+        Self((program as u32) << 16 | view as u32)
+    }
 }
 
 /// The window that the kernel is in.
@@ -65,6 +104,8 @@ pub struct Place {
 pub struct Window {
     release: u64,
     release_tsc: u64,
+    /// The same instant.
+    start: Instant,
     end_tsc: u64,
     /// Its beginning has been told to the host.
     begun: bool,
@@ -94,12 +135,13 @@ pub struct Kernel {
     pub clock: Clock,
     pub start: Start,
     pub window: Window,
-    /// The program whose tables are in use, and the task whose view of the process image is in them.
-    pub space: Option<(u8, u16)>,
+    /// The time stamp at the last entry, and that time.
+    stamp: u64,
+    entered: Instant,
+    /// What tables are in use.
+    pub shown: Shown,
     /// What is mapped to inputs and outputs.
     pub io: Io,
-    /// Tasks whose jobs have not read their inputs yet, a bit for each.
-    unread: u64,
     /// Tasks with an error in [`untold`](Self::untold), a bit for each.
     pub has_untold: u64,
     /// Errors of tasks whose lines wait.
@@ -120,16 +162,17 @@ impl Kernel {
     pub const EMPTY: Self = Self {
         scheduler: Scheduler::new(),
         contexts: [const { Context::EMPTY }; TASKS],
-        places: [const { Place { program: 0, number: None, entry: 0 } }; TASKS],
+        places: [Place::NONE; TASKS],
         programs: [const { None }; PROGRAMS],
         ports: Ports::CLOSED,
         events: Events::NONE,
         clock: Clock::new(0, 1_000_000),
         start: Start::Cold,
-        window: Window { release: 0, release_tsc: 0, end_tsc: 0, begun: false },
-        space: None,
+        window: Window { release: 0, release_tsc: 0, start: Instant(0), end_tsc: 0, begun: false },
+        stamp: 0,
+        entered: Instant(0),
+        shown: Shown::NONE,
         io: Io::NONE,
-        unread: 0,
         has_untold: 0,
         untold: [None; TASKS],
         figures: Figures::START,
@@ -149,15 +192,20 @@ impl Kernel {
         let first = pages::information();
         self.clock = Clock::new(first.release_tsc, first.tsc_khz);
         self.enter_window(&first);
+        self.pass_time(self.window.start);
         loop {
-            let now = self.now();
             // It opens the door to interrupts, and a tick that comes in by it is dropped: so before the look.
-            self.events.poll(&mut self.scheduler, &self.programs, &mut self.ports, now);
-            self.look_for_window();
-            let due = now.max(self.clock.instant(self.window.release_tsc)).after(ROUNDING);
-            self.scheduler.advance(due);
-            self.see_to_the_late();
-            self.print_untold();
+            if !self.events.is_empty() {
+                let now = self.now();
+                self.events.poll(&mut self.scheduler, &self.programs, &mut self.ports, now);
+            }
+            if self.window.is_over() {
+                self.enter_window(&pages::information());
+                self.pass_time(self.now().max(self.window.start));
+            }
+            if self.has_untold != 0 {
+                self.print_untold();
+            }
             match self.scheduler.pick() {
                 Some(picked) => self.dispatch(picked),
                 None => self.idle(),
@@ -165,37 +213,43 @@ impl Kernel {
         }
     }
 
+    /// Does what is due at this instant.
+    fn pass_time(&mut self, now: Instant) {
+        self.scheduler.advance(now.after(ROUNDING));
+        self.see_to_the_late();
+    }
+
     /// The time.
     pub fn now(&self) -> Instant {
         self.clock.instant(cycle::now())
     }
 
-    fn look_for_window(&mut self) {
-        if self.window.is_over() {
-            self.enter_window(&pages::information());
-        }
+    /// The time at the last entry of a task.
+    pub const fn entered(&self) -> Instant {
+        self.entered
     }
 
-    /// A window that has begun in the midst of the kernel has its tick on the way, held up by the interrupt flag. Let in
-    /// here it costs the guard some microseconds; at the first return to ring 3 it would cost them the most urgent task,
-    /// behind its release and out of its budget.
     fn enter_window(&mut self, information: &Information) {
-        interrupt::open_for_a_moment();
+        let start = self.clock.instant(information.release_tsc);
         self.window = Window {
             release: information.release,
             release_tsc: information.release_tsc,
+            start,
             end_tsc: information.window_end_tsc,
             begun: false,
         };
-        self.scheduler.window(self.clock.instant(information.release_tsc));
+        self.scheduler.window(start);
     }
 
     /// Waits for the release, if it is still to come, and tells the host that the window's work begins.
     /// Returns the time stamp; none if the window is over by then.
+    #[inline(always)]
     fn begin_window(&mut self) -> Option<u64> {
-        if self.window.begun {
-            return Some(cycle::now());
-        }
+        if self.window.begun { Some(cycle::now()) } else { self.wait_for_release() }
+    }
+
+    #[inline(never)]
+    fn wait_for_release(&mut self) -> Option<u64> {
         let release = self.window.release;
         let tsc = processor::wait_until(self.window.release_tsc);
         if self.window.is_over() {
@@ -208,6 +262,7 @@ impl Kernel {
     }
 
     /// Nothing is ready.
+    #[inline(never)]
     fn idle(&mut self) {
         if self.begin_window().is_none() || self.print_untold() {
             return;
@@ -215,7 +270,8 @@ impl Kernel {
         let next = self.clock.tsc(self.scheduler.next_event());
         let release = self.window.release;
         if next < self.window.end_tsc {
-            processor::wait_until(next);
+            let at = processor::wait_until(next);
+            self.pass_time(self.clock.instant(at));
         } else if let Some(program) =
             self.programs.iter_mut().flatten().find(|p| p.can_load(release))
         {
@@ -240,102 +296,128 @@ impl Kernel {
     }
 
     /// Gives a task the processor, and sees to what it comes back with.
+    #[inline(always)]
     fn dispatch(&mut self, picked: Picked) {
-        let Picked { task, begins, wake } = picked;
+        let Picked { task, begins, starts, wake } = picked;
+        let program = self.places[task.index()].program;
         self.live.watch.give_up();
-        let place = self.places[task.index()];
-        if self.change.is_leaving(place.program) {
-            // The version has failed, and what it replaced is about to come back.
-            let now = self.now();
-            self.scheduler.skip(task, now);
-            return;
+        if self.change.is_of(program) {
+            if self.change.is_leaving(program) {
+                // The version has failed, and what it replaced is about to come back.
+                let now = self.now();
+                self.scheduler.skip(task, now);
+                return;
+            }
+            self.change.program_runs(program);
         }
-        self.change.program_runs(place.program);
         if begins {
-            self.begin_job(task, place);
-        }
-        if let Some(wake) = wake {
+            self.begin_job(task);
+        } else if let Some(wake) = wake {
             self.end_wait(task, wake);
-        }
-        // A job that goes on is in no hurry, and it may be all that is left of each window.
-        let goes_on = !begins && wake.is_none();
-        if self.has_untold != 0 && goes_on && self.begin_window().is_some() {
+        } else if self.has_untold != 0 && self.begin_window().is_some() {
+            // A job that goes on is in no hurry, and it may be all that is left of each window.
             self.print_untold();
         }
-        self.enter_space(place);
-        self.live.forces.unsettle(place.program);
+        self.enter_space(task);
+        if self.live.forces.count() != 0 {
+            self.live.forces.unsettle(program);
+        }
         // If the window is over by now, all that was prepared waits for the next one.
         let Some(from) = self.begin_window() else { return };
-        self.scheduler.begins(self.clock.instant(from));
-        if self.unread & 1 << task.0 != 0 {
-            self.read_inputs(task);
+        let at = self.clock.instant(from);
+        if at >= self.scheduler.next_event() {
+            // It may be that a more urgent one is released.
+            self.pass_time(at);
+            return;
+        }
+        if starts {
+            self.scheduler.begins(task, at);
+            if self.places[task.index()].has_image {
+                self.read_inputs(task);
+            }
         }
         let context = &mut self.contexts[task.index()];
         let entry = loop {
-            match context::run(context) {
+            match context::run(context, self.window.release) {
                 // The time is told without a look at anything else.
-                Entry::Call if context.rax == u64::from(Call::Time as u32) => {
-                    context.rax = self.clock.instant(cycle::now()).0;
+                Entry::Call if context.registers.rax == u64::from(Call::Time as u32) => {
+                    context.registers.rax = self.clock.instant(cycle::now()).0;
                 }
                 entry => break entry,
             }
         };
-        let violation = self.charge(from);
-        // What a fault or STOP leads to, no action after a budget that is used up takes back.
-        let ended = self.ends_program(task, entry);
-        if let Some(violation) = violation
-            && (!ended || self.entry_of(task).on_overrun == action::STOP_PARTITION)
-        {
-            self.violated(task, violation);
-        }
-        if let Entry::Call = entry
-            && self.scheduler.running() == Some(task)
-        {
-            let ends = self.contexts[task.index()].rax == u64::from(Call::End as u32);
-            if ends && !self.write_outputs(task) {
-                return;
-            }
-            self.call(task);
+        match (self.charge(from, at), entry) {
+            (None, Entry::Tick) => {}
+            (None, Entry::Call) => self.call(task),
+            (None, Entry::End) => self.end(task),
+            (None, Entry::Fault) => self.fault(task),
+            (Some(violation), entry) => self.entered_late(task, entry, violation),
         }
     }
 
-    /// Sees to an entry after which the program does not go on as it was; false if this is none.
-    fn ends_program(&mut self, task: TaskId, entry: Entry) -> bool {
+    /// A task has entered the kernel after it has used up its budget. What a fault or STOP leads to, no action after that
+    /// takes back.
+    #[inline(never)]
+    fn entered_late(&mut self, task: TaskId, entry: Entry, violation: Violation) {
+        let ends = match entry {
+            Entry::Tick | Entry::End => false,
+            Entry::Call => {
+                self.contexts[task.index()].registers.rax == u64::from(Call::Stop as u32)
+            }
+            Entry::Fault => true,
+        };
         match entry {
-            Entry::Fault(fault) => {
-                let on_trial = self.change.is_on_trial(self.places[task.index()].program);
-                self.tell(task, Untold::Fault(fault, on_trial));
-                if !self.trial_fails(task, ChangeReason::Fault) {
-                    self.act(task, self.entry_of(task).on_fault);
-                }
-                true
+            Entry::Fault => self.fault(task),
+            _ if ends => self.call(task),
+            _ => {}
+        }
+        if !ends || self.entry_of(task).on_overrun == action::STOP_PARTITION {
+            self.violated(task, violation);
+        }
+        if self.scheduler.running() == Some(task) {
+            match entry {
+                Entry::Call => self.call(task),
+                Entry::End => self.end(task),
+                Entry::Tick | Entry::Fault => {}
             }
-            Entry::Call if self.contexts[task.index()].rax == u64::from(Call::Stop as u32) => {
-                self.call(task);
-                true
-            }
-            _ => false,
+        }
+    }
+
+    /// A task has caused an exception.
+    #[inline(never)]
+    fn fault(&mut self, task: TaskId) {
+        let on_trial = self.change.is_on_trial(self.places[task.index()].program);
+        if let Some(fault) = context::last_fault() {
+            self.tell(task, Untold::Fault(fault, on_trial));
+        }
+        if !self.trial_fails(task, ChangeReason::Fault) {
+            self.act(task, self.entry_of(task).on_fault);
         }
     }
 
     /// Charges the running task with the time since then, up to the end of the window that it was in.
-    fn charge(&mut self, from: u64) -> Option<Violation> {
-        let mut to = cycle::now();
-        if self.window.is_over() {
-            to = to.min(self.window.end_tsc);
-        }
-        self.scheduler.account(self.clock.span(to.saturating_sub(from)))
+    #[inline(always)]
+    fn charge(&mut self, from: u64, at: Instant) -> Option<Violation> {
+        self.stamp = cycle::now();
+        let ran = self.clock.span(self.stamp.min(self.window.end_tsc).saturating_sub(from));
+        self.entered = Instant(at.0.wrapping_add(ran.0));
+        self.scheduler.account(ran)
     }
 
     /// Uses the tables of a task's program, with the task's view of the process image.
-    fn enter_space(&mut self, place: Place) {
-        let Some(program) = &self.programs[usize::from(place.program)] else { return };
-        let space = (place.program, program.process.view_of(place.number));
-        if self.space != Some(space) {
-            self.space = Some(space);
-            program.process.show(program.space, place.number);
-            program.space.enter();
+    #[inline(always)]
+    fn enter_space(&mut self, id: TaskId) {
+        if self.shown != self.places[id.index()].shown {
+            self.exchange_space(self.places[id.index()]);
         }
+    }
+
+    #[inline(never)]
+    fn exchange_space(&mut self, place: Place) {
+        let Some(program) = &self.programs[usize::from(place.program)] else { return };
+        self.shown = place.shown;
+        program.process.show(program.space, place.number);
+        program.space.enter();
     }
 
     fn job(&self, id: TaskId) -> Job {
@@ -346,8 +428,8 @@ impl Kernel {
 
     /// Inputs at the start of a job: those of the program are read, and the task gets them, with the outputs as
     /// they are. Nothing comes between this and the job's first instruction.
+    #[inline(never)]
     fn read_inputs(&mut self, id: TaskId) {
-        self.unread &= !(1 << id.0);
         let job = self.job(id);
         self.io.read(job, &self.programs, &mut self.ports);
         // All others are in their places since the job began.
@@ -359,17 +441,15 @@ impl Kernel {
 
     /// Outputs at the end of a job: those that the task writes are taken from it, and those that are mapped leave the
     /// partition. The job pays for it. False if it may not end as it would for that.
+    #[inline(never)]
     fn write_outputs(&mut self, id: TaskId) -> bool {
         let job = self.job(id);
         let Some(program) = &self.programs[usize::from(job.program)] else { return true };
-        if program.process.is_empty() {
-            return true;
-        }
         let from = cycle::now();
         program.process.take(job.task);
         self.apply_forces(job.program);
         self.io.write(job, &program.process, &mut self.ports);
-        if let Some(violation) = self.charge(from) {
+        if let Some(violation) = self.charge(from, self.clock.instant(from)) {
             self.violated(id, violation);
         }
         self.scheduler.running() == Some(id)
@@ -388,30 +468,21 @@ impl Kernel {
         self.stop_outputs(self.places[id.index()].program);
     }
 
-    fn begin_job(&mut self, id: TaskId, place: Place) {
-        let task = self.scheduler.task(id);
-        let Some(program) = &self.programs[usize::from(place.program)] else { return };
-        let information = TaskInformation {
-            version: ABI_VERSION.into(),
-            task: place.number.map_or(TaskInformation::INIT, u32::from),
-            cycle: task.cycle(),
-            now: task.released().0,
-            period: task.elapsed().0,
-            start: program.start as u32,
-            ..TaskInformation::default()
-        };
-        if !self.live.forces.is_settled(place.program) {
+    #[inline(always)]
+    fn begin_job(&mut self, id: TaskId) {
+        let (task, place) = (self.scheduler.task(id), &self.places[id.index()]);
+        // What is the same for all its jobs is there since the program's start.
+        let words = [task.cycle(), task.released().0, task.elapsed().0];
+        place.information.set_words(offset_of!(TaskInformation, cycle) as u64, words);
+        place.stack_top.set_words(0, [CALL_PAGE]);
+        self.contexts[id.index()].begin(place.entry, place.stack, place.argument);
+        if self.live.forces.count() != 0 && !self.live.forces.is_settled(place.program) {
             self.apply_forces(place.program);
         }
-        let argument = program.inform(place.number, &information);
-        let stack = program.begin_stack(place.number.unwrap_or(0));
-        if !program.process.is_empty() {
-            self.unread |= 1 << id.0;
-        }
-        self.contexts[id.index()].begin(place.entry, stack, argument);
     }
 
     /// The result of a call that has waited.
+    #[inline(always)]
     fn end_wait(&mut self, id: TaskId, wake: Wake) {
         let result = match wake {
             Wake::TimedOut => Error::TimedOut.result(),
@@ -419,18 +490,23 @@ impl Kernel {
             // The sender has written the message and its length.
             Wake::Message => return,
         };
-        self.contexts[id.index()].rax = result as u64;
+        self.contexts[id.index()].registers.rax = result as u64;
     }
 
     /// The job of the running task is complete.
+    #[inline(always)]
     pub fn end(&mut self, id: TaskId) {
-        let tsc = cycle::now();
-        let program = self.places[id.index()].program;
-        self.apply_forces(program);
-        self.live.forces.settle(program);
-        pages::publish_done(tsc);
+        let Place { program, has_image, .. } = self.places[id.index()];
+        if has_image && !self.write_outputs(id) {
+            return;
+        }
+        if self.live.forces.count() != 0 {
+            self.apply_forces(program);
+            self.live.forces.settle(program);
+        }
+        pages::publish_done(self.stamp);
         self.change.job_ends(program);
-        if let Some(violation) = self.scheduler.end(self.clock.instant(tsc)) {
+        if let Some(violation) = self.scheduler.end(self.entered()) {
             self.violated(id, violation);
         }
         self.see_to_the_late();
@@ -448,6 +524,7 @@ impl Kernel {
     }
 
     /// A job has not kept a limit.
+    #[inline(never)]
     fn violated(&mut self, id: TaskId, violation: Violation) {
         let entry = self.entry_of(id);
         let (what, wanted) = match violation {

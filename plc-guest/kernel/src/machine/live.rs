@@ -188,6 +188,7 @@ impl Kernel {
     }
 
     /// Puts the forced values of a program into their places.
+    #[inline(never)]
     pub fn apply_forces(&self, program: u8) {
         self.put_forced(self.live.forces.of(program));
     }
@@ -320,7 +321,7 @@ impl Kernel {
             skipped: figures.skipped,
             executed_min: figures.executed_min.0,
             executed_max: figures.executed_max.0,
-            executed: figures.executed.0,
+            executed: task.executed().0,
             response_max: figures.response_max.0,
             start_max: figures.start_max.0,
             slack_min: figures.slack_min.0,

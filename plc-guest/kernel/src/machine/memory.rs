@@ -114,8 +114,15 @@ impl Area {
 
     /// Writes a 64-bit number at an offset, if that is inside.
     pub fn set_word(self, offset: u64, value: u64) {
-        if let Some(part) = self.part(offset, 8) {
-            part.write(&value.to_le_bytes());
+        self.set_words(offset, [value]);
+    }
+
+    /// Writes such numbers one after the other, if they are inside.
+    pub fn set_words<const N: usize>(self, offset: u64, values: [u64; N]) {
+        if let Some(part) = self.part(offset, 8 * N as u64) {
+            let to = part.pointer().cast::<[u64; N]>();
+            // SAFETY: as in `clear`; there is room for all.
+            unsafe { to.write_unaligned(values.map(u64::to_le)) };
         }
     }
 

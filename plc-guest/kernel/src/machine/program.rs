@@ -4,11 +4,13 @@
 //! initial bytes are copied at each start, some at a time, so that a program that starts anew takes no
 //! time from its neighbours.
 
+use super::kernel::{Place, Shown};
 use super::memory::{Area, OutOfMemory, Pages, Ram};
 use super::process::Process;
 use super::retain::Loading;
 use super::space::{Rights, Space};
 use core::fmt;
+use core::mem::offset_of;
 use takt_abi::live;
 use takt_abi::memory::PAGE;
 use takt_abi::program as table;
@@ -16,7 +18,8 @@ use takt_change::cost::{GATHER_BYTES, SAVED_BYTES};
 use takt_kernel::scheduler::OBJECTS_EACH_MAX;
 use takt_kernel::task::ProgramId;
 use takt_program::{
-    Area as Kind, Image, ImageError, ObjectKind, SectionKind, Start, TaskId, TaskInformation,
+    ABI_VERSION, Area as Kind, CodeOffset, Image, ImageError, ObjectKind, SectionKind, Start,
+    TaskId, TaskInformation,
 };
 use takt_program::{address, limit};
 
@@ -316,28 +319,37 @@ impl Program {
         *used
     }
 
-    /// Tells a task about its job; returns where the task finds it.
-    pub fn inform(&self, number: Option<u16>, information: &TaskInformation) -> u64 {
-        let at = address::task_information(number.map(TaskId));
-        let offset = at - address::TASK_INFORMATION;
-        let words = [
-            u64::from(information.version) | u64::from(information.task) << 32,
-            information.cycle,
-            information.now,
-            information.period,
-            u64::from(information.start) | u64::from(information.flags) << 32,
-        ];
-        for (place, word) in words.into_iter().enumerate() {
-            self.information.set_word(offset + 8 * place as u64, word);
+    /// Where a task is in its image, which has it at this entry.
+    pub fn place(&self, number: Option<u16>, entry: CodeOffset) -> Place {
+        let stack = self.stack(number.unwrap_or(0));
+        let at = address::task_information(number.map(TaskId)) - address::TASK_INFORMATION;
+        Place {
+            program: self.id.0,
+            number,
+            argument: address::task_information(number.map(TaskId)),
+            entry: address::CODE + u64::from(entry.0),
+            stack: address::stack_end(TaskId(number.unwrap_or(0))) - 8,
+            stack_top: stack.part(stack.bytes() - 8, 8).unwrap_or(Area::NONE),
+            information: self
+                .information
+                .part(at, size_of::<TaskInformation>() as u64)
+                .unwrap_or(Area::NONE),
+            has_image: !self.process.is_empty(),
+            shown: Shown::new(self.id.0, self.process.view_of(number)),
         }
-        at
     }
 
-    /// The stack pointer at the beginning of a job: on top of it lies the address to return to.
-    pub fn begin_stack(&self, number: u16) -> u64 {
-        let stack = self.stack(number);
-        stack.set_word(stack.bytes() - 8, address::CALL_PAGE);
-        address::stack_end(TaskId(number)) - 8
+    /// Tells all tasks what is the same for all their jobs until the program starts anew.
+    pub fn inform(&self) {
+        let tasks = self.image.tasks().map(|task| Some(task.id.0)).chain([None]);
+        for number in tasks {
+            let at = address::task_information(number.map(TaskId)) - address::TASK_INFORMATION;
+            let task = number.map_or(TaskInformation::INIT, u32::from);
+            let first = u64::from(ABI_VERSION) | u64::from(task) << 32;
+            self.information.set_words(at, [first]);
+            let start = at + offset_of!(TaskInformation, start) as u64;
+            self.information.set_words(start, [self.start as u64]);
+        }
     }
 
     /// Its state is to be set up again, after the window of this release.

@@ -64,7 +64,11 @@ impl Program {
             },
             Loading::Restore(cursor) => self.carry(cursor, false).map(Loading::Restore),
         };
-        self.loading.is_none()
+        let done = self.loading.is_none();
+        if done {
+            self.inform();
+        }
+        done
     }
 
     /// Carries the values of some variables to the block, or back. Returns where it goes on.

@@ -20,7 +20,6 @@ use takt_kernel::task::{ProgramId, Release, Settings, TaskId};
 use takt_kernel::time::Span;
 use takt_plc_guest::console::print;
 use takt_plc_guest::{pages, port};
-use takt_program::address::CODE;
 use takt_program::{Elementary, EventSource, Image, ObjectKind, Start, Task, TaskKind, TypeKind};
 
 /// Vector of the interrupt at a window's start: the first that is no exception.
@@ -112,10 +111,7 @@ impl Kernel {
                 budget: Span::ZERO,
                 sensitivity: 0,
             };
-            self.add(
-                settings,
-                Place { program: place, number: None, entry: CODE + u64::from(entry.0) },
-            )?;
+            self.add(settings, program.place(None, entry))?;
         }
         for task in image.tasks() {
             self.add_task(id, &task, &program)?;
@@ -140,8 +136,7 @@ impl Kernel {
         program: &Program,
     ) -> Result<(), LoadError> {
         let settings = settings_of(id, task);
-        let entry = CODE + u64::from(task.entry.0);
-        let new = self.add(settings, Place { program: id.0, number: Some(task.id.0), entry })?;
+        let new = self.add(settings, program.place(Some(task.id.0), task.entry))?;
         if let TaskKind::Event { source, .. } = task.kind {
             let source = source_of(program, source, self.io.vector(id.0, task.id.0))?;
             if !self.events.add(new, id.0, source) {
