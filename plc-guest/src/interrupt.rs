@@ -15,7 +15,7 @@
 
 use crate::{pages, port};
 use core::arch::{asm, global_asm};
-use core::sync::atomic::{AtomicU64, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use takt_abi::interrupt_controller::{LOCAL_APIC, SPURIOUS, VECTORS};
 use takt_abi::port::ARM;
 
@@ -26,6 +26,11 @@ pub(crate) const FIRST: u8 = *VECTORS.start();
 const END_OF_INTERRUPT: u32 = 0x80b;
 /// Bytes from one stub to the next.
 const STUB_BYTES: u64 = 16;
+
+/// What [`end_later`] has set.
+static LATER: AtomicBool = AtomicBool::new(false);
+/// Interrupts that are still to be ended.
+static UNENDED: AtomicU64 = AtomicU64::new(0);
 
 /// Vectors that have come and were not looked at, a bit for each.
 static COME: [AtomicU64; 4] = [const { AtomicU64::new(0) }; 4];
@@ -55,6 +60,29 @@ pub fn arm(vector: u8) {
 #[must_use]
 pub fn has_controller() -> bool {
     pages::information().interrupt_controller == LOCAL_APIC
+}
+
+/// Has interrupts that come in ring 0 ended by [`end`]: for a guest that lets them in when it has no time for the exit that the
+/// end costs. Until then no other comes with a vector of the same 16 or of lower ones.
+pub fn end_later() {
+    LATER.store(true, Ordering::Relaxed);
+}
+
+/// True if there is something to [`end`].
+#[must_use]
+#[inline]
+pub fn is_unended() -> bool {
+    UNENDED.load(Ordering::Relaxed) != 0
+}
+
+/// Ends what has come; an exit for each.
+pub fn end() {
+    for _ in 0..UNENDED.swap(0, Ordering::Relaxed) {
+        // SAFETY: an interrupt has come, so this is ring 0 with a controller in x2APIC mode.
+        unsafe {
+            asm!("wrmsr", in("ecx") END_OF_INTERRUPT, in("eax") 0, in("edx") 0, options(nostack))
+        };
+    }
 }
 
 /// Takes what has arrived. `sti` itself keeps interrupts off for one more instruction.
@@ -96,10 +124,18 @@ global_asm!(
     "push rax",
     "push rcx",
     "push rdx",
+    "test byte ptr [rsp + 40], 3",
+    "jnz 3f",
+    "cmp byte ptr [rip + {later}], 0",
+    "je 3f",
+    "lock inc qword ptr [rip + {unended}]",
+    "jmp 4f",
+    "3:",
     "mov ecx, {end}",
     "xor eax, eax",
     "xor edx, edx",
     "wrmsr",
+    "4:",
     "mov eax, dword ptr [rsp + 24]",
     "lea rcx, [rip + {come}]",
     "lock bts qword ptr [rcx], rax",
@@ -114,4 +150,6 @@ global_asm!(
     spurious = const SPURIOUS,
     end = const END_OF_INTERRUPT,
     come = sym COME,
+    later = sym LATER,
+    unended = sym UNENDED,
 );

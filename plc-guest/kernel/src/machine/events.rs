@@ -6,7 +6,8 @@
 //!
 //! The interrupt of a device is let in once, and again when the job that it has released is over: until then the device
 //! asks for the same reason still. So at most one comes for each job, however often the device asks; its handler notes it
-//! and goes back to the task that it found.
+//! and goes back to the task that it found. One that is let in by the kernel is ended when the release of the window is past
+//! and its most urgent job is over, if that begins at the release: the end is an exit, which the guard has no time for.
 
 use super::memory::Area;
 use super::ports::{News, Ports};

@@ -38,7 +38,7 @@ use takt_kernel::scheduler::{Picked, Violation};
 use takt_kernel::task::{Release, TaskId, Wake};
 use takt_kernel::time::{Clock, Instant, Span};
 use takt_plc_guest::console::print;
-use takt_plc_guest::{cycle, pages, port};
+use takt_plc_guest::{cycle, interrupt, pages, port};
 use takt_program::address::CALL_PAGE;
 use takt_program::call::{Call, Error};
 use takt_program::{Start, TaskInformation};
@@ -196,6 +196,7 @@ impl Kernel {
         loop {
             // It opens the door to interrupts, and a tick that comes in by it is dropped: so before the look.
             if !self.events.is_empty() {
+                interrupt::end();
                 let now = self.now();
                 self.events.poll(&mut self.scheduler, &self.programs, &mut self.ports, now);
             }
@@ -264,7 +265,11 @@ impl Kernel {
     /// Nothing is ready.
     #[inline(never)]
     fn idle(&mut self) {
-        if self.begin_window().is_none() || self.print_untold() {
+        if self.begin_window().is_none() {
+            return;
+        }
+        interrupt::end();
+        if self.print_untold() {
             return;
         }
         let next = self.clock.tsc(self.scheduler.next_event());
@@ -314,8 +319,10 @@ impl Kernel {
             self.begin_job(task);
         } else if let Some(wake) = wake {
             self.end_wait(task, wake);
-        } else if self.has_untold != 0 && self.begin_window().is_some() {
+        } else if (self.has_untold != 0 || interrupt::is_unended()) && self.begin_window().is_some()
+        {
             // A job that goes on is in no hurry, and it may be all that is left of each window.
+            interrupt::end();
             self.print_untold();
         }
         self.enter_space(task);

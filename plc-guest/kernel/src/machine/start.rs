@@ -19,7 +19,7 @@ use takt_kernel::scheduler::Full;
 use takt_kernel::task::{ProgramId, Release, Settings, TaskId};
 use takt_kernel::time::Span;
 use takt_plc_guest::console::print;
-use takt_plc_guest::{pages, port};
+use takt_plc_guest::{interrupt, pages, port};
 use takt_program::{Elementary, EventSource, Image, ObjectKind, Start, Task, TaskKind, TypeKind};
 
 /// Vector of the interrupt at a window's start: the first that is no exception.
@@ -76,6 +76,7 @@ impl Kernel {
             images().map(|image| image.tasks().len()).sum::<usize>(),
             images().map(|image| image.objects().len()).sum::<usize>()
         ));
+        interrupt::end_later();
         port::write(takt_abi::port::TICK, TICK_VECTOR.into());
         self.run()
     }
