@@ -102,6 +102,7 @@ pub fn missing(kvm: &Kvm) -> Vec<&'static str> {
         (Cap::ReadonlyMem, "read-only memory slots (KVM_CAP_READONLY_MEM)"),
         (Cap::X86UserSpaceMsr, "registers by user space (KVM_CAP_X86_USER_SPACE_MSR, Linux 5.10)"),
         (Cap::X86MsrFilter, "filters for registers (KVM_CAP_X86_MSR_FILTER, Linux 5.10)"),
+        (Cap::SyncRegs, "registers in shared memory (KVM_CAP_SYNC_REGS)"),
         (Cap::GetTscKhz, "the TSC's frequency (KVM_CAP_GET_TSC_KHZ)"),
     ];
     needed.into_iter().filter(|(cap, _)| !kvm.check_extension(*cap)).map(|(_, name)| name).collect()

@@ -118,9 +118,9 @@ pub mod port {
     pub const ARM: u16 = 0x7a18;
     /// 32-bit write of a vector, from 32 to 254: from now on until the guest is started anew, a window
     /// begins with this interrupt if the guest has not said [`DONE`] in the window before. It comes
-    /// before the release, or as soon as the guest's interrupt flag lets it, needs no end of interrupt,
-    /// and may come twice for one release: a handler looks at
-    /// [`Information::release`](crate::Information::release). For a guest that has asked for this the
+    /// before the release, if the guest's interrupt flag is set then; a guest whose flag is clear looks at
+    /// [`Information::release`](crate::Information::release) itself. It needs no end of interrupt, and may come twice for
+    /// one release: a handler looks there too. For a guest that has asked for this the
     /// end of a window before [`DONE`] is no overrun, if the scan of that window is complete
     /// ([`Status::done_tsc`](crate::Status::done_tsc)).
     pub const TICK: u16 = 0x7a1c;

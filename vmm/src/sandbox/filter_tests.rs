@@ -146,15 +146,6 @@ fn a_plc_with_interrupts_may_be_started_anew() {
 }
 
 #[test]
-fn only_a_plc_may_be_interrupted_at_its_windows_start() {
-    const KVM_INTERRUPT: u64 = 0x4004_ae86;
-    for kind in KINDS {
-        let allowed = allows(kind, libc::SYS_ioctl, [3, KVM_INTERRUPT, 0, 0, 0, 0]);
-        assert_eq!(allowed, kind == Kind::Plc, "{kind:?}");
-    }
-}
-
-#[test]
 fn no_memory_becomes_executable_and_no_signal_but_a_kick_is_sent() {
     const EXECUTABLE: u64 = 4;
     for kind in KINDS {

@@ -8,31 +8,30 @@
 //! A guest asks for it ([`port::TICK`](takt_abi::port::TICK)), and it comes only after a window that the
 //! guest has not given back: one that says "done" pays nothing.
 //!
+//! # A guest that cannot be interrupted
+//!
+//! A guest whose interrupt flag is clear is in its kernel, which looks for a new window by itself
+//! ([`Information::release`](takt_abi::Information::release)) before it goes on with a task. It gets no tick: KVM would
+//! bring it by an exit as soon as the flag is set, and that exit would come before the release, or behind it.
+//!
 //! # What KVM makes of it
 //!
-//! Without an interrupt controller `KVM_INTERRUPT` queues the vector as acknowledged already, and the next
-//! entry delivers it *whatever the guest's interrupt flag says*. So [`before_entry`](Tick::before_entry) asks
-//! `ready_for_interrupt_injection` first, and if that is 0 has KVM exit as soon as the guest can take it
-//! (`Documentation/virt/kvm/api.rst`, "KVM_INTERRUPT" and "kvm_run"). The answer is that of the last
-//! `KVM_RUN`: of this guest and not of one before a restart, since a guest has made an exit to ask for ticks.
+//! The vector is queued as acknowledged already, with the registers that `KVM_RUN` takes from the shared page
+//! (`Documentation/virt/kvm/api.rst`, "KVM_CAP_SYNC_REGS"): a system call less than `KVM_INTERRUPT`, in the guard before
+//! a release. The next entry delivers it *whatever the guest's interrupt flag says*. So
+//! [`before_entry`](Tick::before_entry) asks `ready_for_interrupt_injection` first. That is 0 with the flag set too, if
+//! another event is on its way into the guest. It must not be replaced, so KVM is to exit when it has come in. Both answers are
+//! those of the last `KVM_RUN`: of this guest and not of one before a restart, since a guest has made an exit to ask for
+//! ticks.
 //!
-//! With the processor's own controller (a partition with device interrupts) the vector comes by its pin
-//! LINT0, which is why that is open ([`apic`](crate::interrupts::apic)). A vector that waits there is kept by
-//! KVM, and a second one refused (`EEXIST`): it is the same tick.
+//! With the processor's own controller (a partition with device interrupts) KVM says that a guest is ready only if its pin LINT0
+//! is open, which is why it is ([`apic`](crate::interrupts::apic)).
 //!
-//! A kick can take the thread out between the ioctl and the delivery. Then the next window, which follows an
-//! unfinished one too, ticks while the first tick waits, and the guest may see two. It is told so.
+//! A kick can take the thread out before the delivery. Then the next window, which follows an unfinished one too, ticks when
+//! the first tick has come in, and the guest sees two. It is told so.
 
-use kvm_bindings::kvm_interrupt;
-use kvm_ioctls::VcpuFd;
-use vmm_sys_util::ioctl::ioctl_with_ref;
-
-/// What kvm-ioctls has no call for.
-mod request {
-    use kvm_bindings::{KVMIO, kvm_interrupt};
-
-    vmm_sys_util::ioctl_iow_nr!(KVM_INTERRUPT, KVMIO, 0x86, kvm_interrupt);
-}
+use kvm_bindings::{kvm_vcpu_events, kvm_vcpu_events__bindgen_ty_2 as Queued};
+use kvm_ioctls::{SyncReg, VcpuFd};
 
 /// Whether the guest is to be interrupted before it goes on.
 #[derive(Debug, Default)]
@@ -64,19 +63,23 @@ impl Tick {
         self.unfinished = false;
     }
 
-    /// Brings what is due, if the guest can take it.
-    ///
-    /// # Errors
-    /// KVM's error number.
-    pub fn before_entry(&mut self, vcpu: &mut VcpuFd) -> Result<(), i32> {
-        let Some(vector) = self.due else { return Ok(()) };
-        if vcpu.get_kvm_run().ready_for_interrupt_injection == 0 {
-            self.request_window(vcpu, true);
-            return Ok(());
+    /// Brings what is due, if the guest is to be interrupted.
+    pub fn before_entry(&mut self, vcpu: &mut VcpuFd) {
+        let Some(vector) = self.due else { return };
+        let run = vcpu.get_kvm_run();
+        let (ready, open) = (run.ready_for_interrupt_injection != 0, run.if_flag != 0);
+        let later = open && !ready;
+        self.request_window(vcpu, later);
+        if later {
+            return;
         }
-        self.request_window(vcpu, false);
         self.due = None;
-        interrupt(vcpu, vector)
+        if ready {
+            let interrupt = Queued { injected: 1, nr: vector, ..Queued::default() };
+            // A guest that is ready has nothing else of this under way.
+            vcpu.sync_regs_mut().events = kvm_vcpu_events { interrupt, ..Default::default() };
+            vcpu.set_sync_dirty_reg(SyncReg::VcpuEvents);
+        }
     }
 
     fn request_window(&mut self, vcpu: &mut VcpuFd, wanted: bool) {
@@ -84,18 +87,5 @@ impl Tick {
             self.requested = wanted;
             vcpu.get_kvm_run().request_interrupt_window = u8::from(wanted);
         }
-    }
-}
-
-fn interrupt(vcpu: &VcpuFd, vector: u8) -> Result<(), i32> {
-    let argument = kvm_interrupt { irq: vector.into() };
-    // SAFETY: the kernel reads the live argument.
-    let result = unsafe { ioctl_with_ref(vcpu, request::KVM_INTERRUPT(), &argument) };
-    if result == 0 {
-        return Ok(());
-    }
-    match kvm_ioctls::Error::last().errno() {
-        libc::EEXIST => Ok(()),
-        errno => Err(errno),
     }
 }

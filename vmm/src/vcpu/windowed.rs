@@ -369,9 +369,7 @@ impl Windowed {
             if let Some((exit, left)) = last.filter(|_| exits <= DETOURS_MAX) {
                 self.log.push(Record::Detour(Detour { exit, left, entered: now }));
             }
-            if let Err(errno) = self.tick.before_entry(kickable.vcpu()) {
-                return ran(Outcome::Ended(End::Kvm(KvmFailure::Errno(errno))));
-            }
+            self.tick.before_entry(kickable.vcpu());
             let result = kickable.vcpu().run();
             let left = Tsc::now();
             exits = exits.saturating_add(1);
