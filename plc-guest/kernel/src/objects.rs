@@ -403,5 +403,5 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
 
 const fn fulfilled(flags: u32, mask: u32, all: bool) -> bool {
     let set = flags & mask;
-    if all { set == mask } else { set != 0 }
+    set != 0 && (!all || set == mask)
 }

@@ -171,7 +171,7 @@ fn step(s: &mut Kernel, now: &mut Instant, random: &mut Random) -> bool {
             s.signal(chosen, *now);
         }
         (4, _) if s.phase(program) == Phase::Stopped => s.start(program, *now),
-        (5, Some(_)) => drop(s.account(Span(random.below(500)))),
+        (5, Some(_)) => drop(s.account(s.running().unwrap(), Span(random.below(500)))),
         // The kernel ends no initialisation but with its program.
         (6, Some(id)) if s.task(id).settings().release != Release::Start => s.skip(id, *now),
         (7, Some(id)) if random.below(64) == 0 => s.fail(id),

@@ -93,8 +93,8 @@ pub struct Scheduler<const T: usize, const P: usize, const O: usize> {
     /// Tasks whose place among the ready ones is not their rank, a bit for each: holders of semaphores, initialisations.
     pub(crate) out_of_rank: u64,
     pub(crate) running: Option<TaskId>,
-    /// Who had the processor last.
-    last: Option<TaskId>,
+    /// Who had the processor last; at first a task that there is not.
+    last: TaskId,
     /// Before this instant time alone changes nothing.
     pub(crate) next: Instant,
     /// Tasks whose deadline has passed, a bit for each.
@@ -127,7 +127,7 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
             in_call: 0,
             out_of_rank: 0,
             running: None,
-            last: None,
+            last: TaskId(u8::MAX),
             next: Instant::NEVER,
             late: 0,
         }
@@ -326,10 +326,10 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         self.tasks[id.index()].state = State::Faulted;
     }
 
-    /// The running task has executed for so long. Tells if that is more than it may, once a job.
+    /// A task, which was running, has executed for so long. Tells if that is more than it may, once a job.
     #[inline]
-    pub fn account(&mut self, ran: Span) -> Option<Violation> {
-        let task = &mut self.tasks[self.running?.index()];
+    pub fn account(&mut self, id: TaskId, ran: Span) -> Option<Violation> {
+        let task = &mut self.tasks[id.index()];
         task.executed.0 = task.executed.0.wrapping_add(ran.0);
         if !task.watchdog.expired(task.executed) || task.exceeded {
             return None;
@@ -470,8 +470,8 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         };
         let id = self.running?;
         let task = &mut self.tasks[id.index()];
-        if self.last != Some(id) {
-            self.last = Some(id);
+        if self.last != id {
+            self.last = id;
             task.statistics.switches += 1;
         }
         let begins = !core::mem::replace(&mut task.started, true);

@@ -68,7 +68,7 @@ fn an_initialisation_without_an_end_leaves_half_of_the_rest_to_another() {
     for window in 0..10 {
         let runs = at(&mut s, window * 100).unwrap();
         turns[usize::from(runs)] += 1;
-        assert_eq!(s.account(Span(10)), None);
+        assert_eq!(s.account(s.running().unwrap(), Span(10)), None);
     }
     assert_eq!(turns, [5, 5]);
 }
@@ -230,14 +230,14 @@ fn a_deadline_that_was_passed_unseen_is_told_at_the_end() {
 fn a_job_over_its_budget_is_told_once() {
     let mut s = started(&[Settings { budget: Span(30), ..cyclic(100, 0, 0) }]);
     assert_eq!(at(&mut s, 0), Some(0));
-    assert_eq!(s.account(Span(30)), None);
-    assert_eq!(s.account(Span(1)), Some(Violation::Budget));
-    assert_eq!(s.account(Span(10)), None);
+    assert_eq!(s.account(s.running().unwrap(), Span(30)), None);
+    assert_eq!(s.account(s.running().unwrap(), Span(1)), Some(Violation::Budget));
+    assert_eq!(s.account(s.running().unwrap(), Span(10)), None);
     assert_eq!(s.end(Instant(41)), None);
     assert_eq!(s.task(TaskId(0)).statistics().over_budget, 1);
     // The next job has a budget of its own.
     assert_eq!(at(&mut s, 100), Some(0));
-    assert_eq!(s.account(Span(30)), None);
+    assert_eq!(s.account(s.running().unwrap(), Span(30)), None);
 }
 
 #[test]
@@ -251,7 +251,11 @@ fn another_version_has_its_own_limits_and_the_rest_of_its_settings_stays() {
     let expected = Settings { budget: Span(5), deadline: Span(20), sensitivity: 1, ..settings };
     assert_eq!(*s.task(TaskId(0)).settings(), expected);
     assert_eq!(at(&mut s, 100), Some(0), "its releases are those that they were");
-    assert_eq!(s.account(Span(11)), Some(Violation::Budget), "twice the budget at most");
+    assert_eq!(
+        s.account(s.running().unwrap(), Span(11)),
+        Some(Violation::Budget),
+        "twice the budget at most"
+    );
     s.advance(Instant(121));
     assert_eq!(s.take_late(), Some(TaskId(0)));
 }
@@ -262,7 +266,7 @@ fn jobs_before_a_restart_do_not_count_against_those_after_it() {
     let mut s = started(&[settings]);
     let ends = |s: &mut Small, now| {
         assert_eq!(at(s, now), Some(0));
-        assert_eq!(s.account(Span(15)), None);
+        assert_eq!(s.account(s.running().unwrap(), Span(15)), None);
         s.end(Instant(now + 15))
     };
     assert_eq!(ends(&mut s, 0), None);
@@ -288,7 +292,7 @@ fn a_violation_that_is_found_at_the_end_is_not_that_of_the_next_job() {
     let mut s = started(&[Settings { budget: Span(10), deadline: Span(50), ..event }]);
     s.signal(TaskId(0), Instant(0));
     assert_eq!(at(&mut s, 0), Some(0));
-    assert_eq!(s.account(Span(11)), Some(Violation::Budget));
+    assert_eq!(s.account(s.running().unwrap(), Span(11)), Some(Violation::Budget));
     assert!(s.task(TaskId(0)).has_violated());
     s.signal(TaskId(0), Instant(150));
     s.end(Instant(150));

@@ -52,13 +52,16 @@ impl Kernel {
     /// The running task has made a call.
     #[inline(always)]
     pub fn call(&mut self, task: TaskId) {
-        let context = &self.contexts[task.index()];
-        let (number, arguments) = (context.registers.rax, Arguments::of(task, context));
+        let registers = &self.contexts[task.index()].registers;
+        let (number, first, second) = (registers.rax, registers.rdi, registers.rsi);
         let call = u32::try_from(number).ok().and_then(Call::from_code);
         let answer = match call {
             None => Err(Error::BadNumber),
-            Some(Call::Stop) => return self.stop(task, arguments.first),
-            Some(call) => self.answer(task, call, &arguments),
+            Some(Call::Stop) => return self.stop(task, first),
+            Some(Call::SemaphoreTake | Call::SemaphoreGive | Call::FlagsSet | Call::FlagsClear) => {
+                self.short_call(task, call, first, second)
+            }
+            Some(call) => self.answer(task, call),
         };
         let result = match answer {
             Ok(None) => return,
@@ -68,24 +71,41 @@ impl Kernel {
         self.contexts[task.index()].registers.rax = result as u64;
     }
 
+    /// A call on an object that never waits and copies nothing.
     #[inline(always)]
-    fn answer(&mut self, task: TaskId, call: Call, a: &Arguments) -> Answer {
+    fn short_call(&mut self, task: TaskId, call: Option<Call>, first: u64, second: u64) -> Answer {
         let program = ProgramId(self.places[task.index()].program);
-        let mask = || u32::try_from(a.second).map_err(|_| Error::NotAllowed);
+        let id = self.scheduler.object_of(program, first)?;
+        let mask = u32::try_from(second).map_err(|_| Error::NotAllowed);
         match call {
-            Call::End | Call::Stop => return Err(Error::BadNumber),
+            Some(Call::SemaphoreTake) => self.scheduler.take(id)?,
+            Some(Call::SemaphoreGive) => self.scheduler.give(id)?,
+            Some(Call::FlagsSet) => self.scheduler.set_flags(id, mask?)?,
+            _ => self.scheduler.clear_flags(id, mask?)?,
+        }
+        DONE
+    }
+
+    #[inline(never)]
+    fn answer(&mut self, task: TaskId, call: Call) -> Answer {
+        let a = &Arguments::of(task, &self.contexts[task.index()]);
+        let program = ProgramId(self.places[task.index()].program);
+        match call {
+            // These are no calls that come here.
+            Call::End
+            | Call::Stop
+            | Call::SemaphoreTake
+            | Call::SemaphoreGive
+            | Call::FlagsSet
+            | Call::FlagsClear => return Err(Error::BadNumber),
             Call::Time => return Ok(Some(self.now().0 as i64)),
             Call::Log => return self.log(program, task, a.first, a.second),
             Call::ChannelRead => return self.channel_read(program, a),
             Call::ChannelWrite => return self.channel_write(program, a),
-            Call::SemaphoreTake => self.scheduler.take(self.object(program, a)?)?,
-            Call::SemaphoreGive => self.scheduler.give(self.object(program, a)?)?,
             Call::QueueSend => self.queue_send(program, self.object(program, a)?, a)?,
             Call::QueueReceive => return self.queue_receive(program, self.object(program, a)?, a),
             Call::MailboxWrite => self.mailbox_write(program, self.object(program, a)?, a)?,
             Call::MailboxRead => return self.mailbox_read(program, self.object(program, a)?, a),
-            Call::FlagsSet => self.scheduler.set_flags(self.object(program, a)?, mask()?)?,
-            Call::FlagsClear => self.scheduler.clear_flags(self.object(program, a)?, mask()?)?,
             Call::FlagsWait => {
                 let object = self.object(program, a)?;
                 let all = match a.third {
@@ -95,7 +115,8 @@ impl Kernel {
                 };
                 let timeout = Span(a.fourth);
                 let now = self.entered();
-                return match self.scheduler.wait_flags(object, mask()?, all, now, timeout)? {
+                let mask = u32::try_from(a.second).map_err(|_| Error::NotAllowed)?;
+                return match self.scheduler.wait_flags(object, mask, all, now, timeout)? {
                     Seen::Flags(flags) => Ok(Some(i64::from(flags))),
                     Seen::Waits => Ok(None),
                 };

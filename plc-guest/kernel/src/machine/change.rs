@@ -255,7 +255,7 @@ impl Kernel {
                 None => program.image.init(),
             };
             if let Some(entry) = entry {
-                place.entry = CODE + u64::from(entry.0);
+                place.start.entry = CODE + u64::from(entry.0);
             }
             if let Some(task) = task {
                 self.scheduler.set_limits(id, &settings_of(program.id, &task));

@@ -6,7 +6,7 @@
 //!
 //! A task's registers are saved into its [`Context`] with pushes: an entry's stack *is* the end of the
 //! context, where the processor itself puts the interrupted program's frame. A call by which a job ends saves none of them, and
-//! a job begins with none: [`Context::begin`] copies no empty registers. Floating-point and SSE
+//! a job begins without a context to restore. Floating-point and SSE
 //! registers are kept with FXSAVE at each entry, since compiled kernel code uses them too. AVX is not
 //! available: CR4.OSXSAVE stays off, so its instructions, XGETBV and XSETBV are invalid.
 //!
@@ -49,7 +49,7 @@ use takt_program::call::Call;
 pub struct Context {
     floating: [u8; 512],
     pub registers: Registers,
-    /// 1 until its job has begun: of the registers only address, stack and argument count.
+    /// 1 until its job has begun: the registers do not count.
     begins: u64,
 }
 
@@ -77,6 +77,15 @@ pub struct Registers {
     rflags: u64,
     rsp: u64,
     ss: u64,
+}
+
+/// Where the jobs of a task begin: with one argument, and nothing in the other registers.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct Start {
+    pub entry: u64,
+    pub stack: u64,
+    pub argument: u64,
 }
 
 /// Bytes to the end of the frame, without the padding.
@@ -137,9 +146,8 @@ impl Context {
     /// Nothing.
     pub const EMPTY: Self = Self { floating: [0; 512], registers: Registers::EMPTY, begins: 0 };
 
-    /// The beginning of a job: at `entry` with one argument, and nothing in the other registers.
-    pub fn begin(&mut self, entry: u64, stack: u64, argument: u64) {
-        (self.registers.rip, self.registers.rsp, self.registers.rdi) = (entry, stack, argument);
+    /// A job begins.
+    pub fn begin(&mut self) {
         self.begins = 1;
     }
 
@@ -195,12 +203,12 @@ unsafe impl<T> Sync for Shared<T> {}
 static WAY: Shared<Way> = Shared(UnsafeCell::new(Way { kernel: 0, context: 0 }));
 static LAST_FAULT: Shared<Option<Fault>> = Shared(UnsafeCell::new(None));
 
-/// Lets a task go on, until it enters the kernel again. If the release with this number is not that of the window any more, it
+/// Lets a task go on, or begin its job, until it enters the kernel again. If the release with this number is not that of the window any more, it
 /// enters at once, as by a tick.
 ///
 /// The tables of its program must be in use: what ring 3 does with wrong ones is undone by nothing.
 #[inline]
-pub fn run(context: &mut Context, release: u64) -> Entry {
+pub fn run(context: &mut Context, start: &Start, release: u64) -> Entry {
     let end = ptr::from_mut(context) as u64 + FRAME_END;
     // SAFETY: one thread, interrupts off; the context is the stack of the entry, and stays until then.
     unsafe {
@@ -216,6 +224,7 @@ pub fn run(context: &mut Context, release: u64) -> Entry {
             enter = sym enter,
             in("rdi") ptr::from_mut(context),
             in("rsi") release,
+            in("rdx") ptr::from_ref(start),
             lateout("rax") entry,
             out("r12") _,
             out("r13") _,
@@ -253,7 +262,7 @@ pub unsafe fn install(vector: u8) {
     unsafe { super::processor::set_call_entry(call as *const () as u64, KERNEL_CODE) };
 }
 
-/// Restores all registers of the task whose context is in `rdi`; returns at its next entry, with the kind of it in `rax`, or at once
+/// Restores all registers of the task whose context is in `rdi`, or sets those of its [`Start`] in `rdx`; returns at its next entry, with the kind of it in `rax`, or at once
 /// if the release in `rsi` is not the window's. Of the registers it keeps `rbx`, `rbp` and `rsp`.
 ///
 /// The frame goes to the kernel's stack, and each register comes from the context: a tick between `sti` and `iretq` leaves the
@@ -293,11 +302,11 @@ unsafe extern "C" fn enter() {
         "3:",
         "fxrstor64 [rip + {clean}]",
         "push {user_data}",
-        "push [rdi + {rsp}]",
+        "push [rdx + {stack}]",
         "push {flags}",
         "push {user_code}",
-        "push [rdi + {rip}]",
-        "mov rdi, [rdi + {rdi}]",
+        "push [rdx + {entry}]",
+        "mov rdi, [rdx + {argument}]",
         ".irp register, eax, ebx, ecx, edx, esi, ebp, r8d, r9d, r10d, r11d, r12d, r13d, r14d, r15d",
         r"xor \register, \register",
         ".endr",
@@ -313,6 +322,9 @@ unsafe extern "C" fn enter() {
         user_data = const USER_DATA,
         user_code = const USER_CODE,
         flags = const FLAGS,
+        stack = const offset_of!(Start, stack),
+        entry = const offset_of!(Start, entry),
+        argument = const offset_of!(Start, argument),
         begins = const offset_of!(Context, begins),
         kind = const TICK,
         way = sym WAY,

@@ -20,7 +20,7 @@
 //! The time that a task is charged ends with its window: what passes until the next one is not its.
 
 use super::change::Change;
-use super::context::{self, Context, Entry};
+use super::context::{self, Context, Entry, Start};
 use super::events::Events;
 use super::faults::Untold;
 use super::figures::Figures;
@@ -41,7 +41,7 @@ use takt_plc_guest::console::print;
 use takt_plc_guest::{cycle, interrupt, pages, port};
 use takt_program::address::CALL_PAGE;
 use takt_program::call::{Call, Error};
-use takt_program::{Start, TaskInformation};
+use takt_program::{Start as StartMode, TaskInformation};
 
 /// A release may be this much early. Instants of windows and of tasks are rounded apart, and a task
 /// whose release is a nanosecond after its window's must not wait for the next window.
@@ -58,13 +58,11 @@ pub struct Place {
     pub program: u8,
     /// Its number; none for the initialisation.
     pub number: Option<u16>,
-    /// Address of its function.
-    pub entry: u64,
-    /// Its stack pointer at the beginning of a job: on top of the stack lies the address to return to.
-    pub stack: u64,
+    /// Where its jobs begin: its function, with the place of the information below, and the top of its stack.
+    pub start: Start,
+    /// There lies the address to return to.
     pub stack_top: Area,
-    /// What it is told about its job, and where the task finds it.
-    pub argument: u64,
+    /// What it is told about its job.
     pub information: Area,
     /// Its program has inputs or outputs.
     pub has_image: bool,
@@ -76,10 +74,8 @@ impl Place {
     const NONE: Self = Self {
         program: 0,
         number: None,
-        entry: 0,
-        stack: 0,
+        start: Start { entry: 0, stack: 0, argument: 0 },
         stack_top: Area::NONE,
-        argument: 0,
         information: Area::NONE,
         has_image: false,
         shown: Shown::NONE,
@@ -133,7 +129,7 @@ pub struct Kernel {
     pub ports: Ports,
     pub events: Events,
     pub clock: Clock,
-    pub start: Start,
+    pub start: StartMode,
     pub window: Window,
     /// The time stamp at the last entry, and that time.
     stamp: u64,
@@ -167,7 +163,7 @@ impl Kernel {
         ports: Ports::CLOSED,
         events: Events::NONE,
         clock: Clock::new(0, 1_000_000),
-        start: Start::Cold,
+        start: StartMode::Cold,
         window: Window { release: 0, release_tsc: 0, start: Instant(0), end_tsc: 0, begun: false },
         stamp: 0,
         entered: Instant(0),
@@ -327,11 +323,15 @@ impl Kernel {
         }
         self.enter_space(task);
         if self.live.forces.count() != 0 {
+            if begins && !self.live.forces.is_settled(program) {
+                self.apply_forces(program);
+            }
             self.live.forces.unsettle(program);
         }
         // If the window is over by now, all that was prepared waits for the next one.
         let Some(from) = self.begin_window() else { return };
-        let at = self.clock.instant(from);
+        let past = self.clock.span(from - self.window.release_tsc);
+        let at = Instant(self.window.start.0 + past.0);
         if at >= self.scheduler.next_event() {
             // It may be that a more urgent one is released.
             self.pass_time(at);
@@ -345,7 +345,7 @@ impl Kernel {
         }
         let context = &mut self.contexts[task.index()];
         let entry = loop {
-            match context::run(context, self.window.release) {
+            match context::run(context, &self.places[task.index()].start, self.window.release) {
                 // The time is told without a look at anything else.
                 Entry::Call if context.registers.rax == u64::from(Call::Time as u32) => {
                     context.registers.rax = self.clock.instant(cycle::now()).0;
@@ -353,7 +353,7 @@ impl Kernel {
                 entry => break entry,
             }
         };
-        match (self.charge(from, at), entry) {
+        match (self.charge(task, from, at), entry) {
             (None, Entry::Tick) => {}
             (None, Entry::Call) => self.call(task),
             (None, Entry::End) => self.end(task),
@@ -402,13 +402,13 @@ impl Kernel {
         }
     }
 
-    /// Charges the running task with the time since then, up to the end of the window that it was in.
+    /// Charges a task, which was running, with the time since then, up to the end of the window that it was in.
     #[inline(always)]
-    fn charge(&mut self, from: u64, at: Instant) -> Option<Violation> {
+    fn charge(&mut self, id: TaskId, from: u64, at: Instant) -> Option<Violation> {
         self.stamp = cycle::now();
         let ran = self.clock.span(self.stamp.min(self.window.end_tsc).saturating_sub(from));
         self.entered = Instant(at.0.wrapping_add(ran.0));
-        self.scheduler.account(ran)
+        self.scheduler.account(id, ran)
     }
 
     /// Uses the tables of a task's program, with the task's view of the process image.
@@ -456,7 +456,7 @@ impl Kernel {
         program.process.take(job.task);
         self.apply_forces(job.program);
         self.io.write(job, &program.process, &mut self.ports);
-        if let Some(violation) = self.charge(from, self.clock.instant(from)) {
+        if let Some(violation) = self.charge(id, from, self.clock.instant(from)) {
             self.violated(id, violation);
         }
         self.scheduler.running() == Some(id)
@@ -482,10 +482,7 @@ impl Kernel {
         let words = [task.cycle(), task.released().0, task.elapsed().0];
         place.information.set_words(offset_of!(TaskInformation, cycle) as u64, words);
         place.stack_top.set_words(0, [CALL_PAGE]);
-        self.contexts[id.index()].begin(place.entry, place.stack, place.argument);
-        if self.live.forces.count() != 0 && !self.live.forces.is_settled(place.program) {
-            self.apply_forces(place.program);
-        }
+        self.contexts[id.index()].begin();
     }
 
     /// The result of a call that has waited.
@@ -564,7 +561,7 @@ impl Kernel {
                 self.fail(id);
                 if let Some(program) = &mut self.programs[usize::from(place.program)] {
                     let warm = wanted == action::WARM_RESTART_PROGRAM;
-                    let start = if warm { Start::Warm } else { Start::Cold };
+                    let start = if warm { StartMode::Warm } else { StartMode::Cold };
                     program.reload(self.window.release, start);
                 }
             }

@@ -4,6 +4,7 @@
 //! initial bytes are copied at each start, some at a time, so that a program that starts anew takes no
 //! time from its neighbours.
 
+use super::context::Start as JobStart;
 use super::kernel::{Place, Shown};
 use super::memory::{Area, OutOfMemory, Pages, Ram};
 use super::process::Process;
@@ -326,9 +327,11 @@ impl Program {
         Place {
             program: self.id.0,
             number,
-            argument: address::task_information(number.map(TaskId)),
-            entry: address::CODE + u64::from(entry.0),
-            stack: address::stack_end(TaskId(number.unwrap_or(0))) - 8,
+            start: JobStart {
+                entry: address::CODE + u64::from(entry.0),
+                stack: address::stack_end(TaskId(number.unwrap_or(0))) - 8,
+                argument: address::task_information(number.map(TaskId)),
+            },
             stack_top: stack.part(stack.bytes() - 8, 8).unwrap_or(Area::NONE),
             information: self
                 .information
