@@ -25,7 +25,7 @@ fn urgent() -> Program {
 }
 
 #[test]
-fn a_window_that_interrupts_a_task_leaves_8_us_to_wait_for_the_release() {
+fn a_window_that_interrupts_a_task_leaves_11_us_to_wait_for_the_release() {
     let idle = unguarded("tasks-idle", urgent());
     // In the middle of its work at each window's start.
     let endless = cyclic("lesser", us(3_600_000_000), 9, Entry::Endless);
@@ -35,19 +35,19 @@ fn a_window_that_interrupts_a_task_leaves_8_us_to_wait_for_the_release() {
     let of = |outcome: &Outcome, key| outcome.number("plc", &format!("release_latency_ns.{key}"));
     // With what the kernel does for the task that it interrupts: it saves its registers and charges it.
     let more = of(&ticked, "p50") - of(&idle, "p50");
-    let most = if ticked.is_on_kernel("6.1.") { 2_400 } else { 2_800 };
+    let most = if ticked.is_on_kernel("6.1.") { 1_400 } else { 1_800 };
     assert!(more <= most, "{more}\n{}", ticked.output);
     let latest = of(&ticked, "max");
     println!(
         "{more} ns more; of a guard of {GUARD_NS} ns {} are left",
         GUARD_NS.saturating_sub(latest)
     );
-    assert!(latest <= GUARD_NS - 8_000, "{latest}\n{}", ticked.output);
+    assert!(latest <= GUARD_NS - 11_000, "{latest}\n{}", ticked.output);
 }
 
 #[test]
-fn a_window_that_begins_in_a_call_leaves_3_us_to_wait_for_the_release() {
-    // There the interrupt waits for the kernel, which lets it in by an exit more. Some of the calls print lines.
+fn a_window_that_begins_in_a_call_leaves_8_us_to_wait_for_the_release() {
+    // The kernel finds the window itself when the call is over. Some of the calls print lines.
     let calls = cyclic("lesser", us(3_600_000_000), 9, Entry::RandomCalls);
     let called = unguarded("tasks-called", urgent().task(calls, 1_000_000_000));
     let unfinished = called.number("plc", "unfinished_windows");
@@ -55,10 +55,9 @@ fn a_window_that_begins_in_a_call_leaves_3_us_to_wait_for_the_release() {
     let [least, half, latest] =
         ["min", "p50", "max"].map(|key| called.number("plc", &format!("release_latency_ns.{key}")));
     println!("of a guard of {GUARD_NS} ns {} are left", GUARD_NS.saturating_sub(latest));
-    // The exit is in more than half of the windows.
-    assert!(half > least + 3_000, "{least} {half}\n{}", called.output);
-    // The calls are random, and so is the latest: 15.7 us of 2,000 windows here, 14.3 us of 60,000 in two longer runs.
-    assert!(latest <= GUARD_NS - 3_000, "{latest}\n{}", called.output);
+    // So more than half of the windows do without the interrupt, which takes longer than the rest of most calls.
+    assert!(half < least + 1_000, "{least} {half}\n{}", called.output);
+    assert!(latest <= GUARD_NS - 8_000, "{latest}\n{}", called.output);
 }
 
 /// The number with which a program stops itself in a run.
@@ -81,8 +80,8 @@ fn a_switch_from_a_task_to_another_takes_no_more_than_is_told() {
         .task(cyclic("urgent", us(1_000), 0, Entry::AwaitStamp), 200)
         .task(cyclic("lesser", us(1_000), 9, Entry::StampAndSet), 0);
     let woken = told("tasks-woken", waits);
-    // Wanted were 300. The lab counts each step of a copy, of eight bytes, as an instruction.
-    assert!(woken <= 780 && next <= 1_050, "{woken} {next}");
+    println!("a waiting task goes on after {woken} instructions, a job begins after {next}");
+    assert!(woken <= 320 && next <= 320, "{woken} {next}");
 }
 
 #[test]

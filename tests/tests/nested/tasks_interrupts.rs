@@ -60,10 +60,10 @@ fn an_interrupt_releases_its_task_once_and_moves_no_release() {
 }
 
 #[test]
-fn a_window_that_finds_a_task_and_an_interrupt_leaves_5_us_of_the_guard() {
+fn a_window_that_finds_a_task_and_an_interrupt_leaves_8_us_of_the_guard() {
     // Without a guard, what comes before the wait is seen as lateness.
     let outcome = run("tasks-interrupts-unguarded", "0us");
     let latest = outcome.number("plc", "release_latency_ns.max");
     println!("of a guard of {GUARD_NS} ns {} are left", GUARD_NS.saturating_sub(latest));
-    assert!(latest <= GUARD_NS - 5_000, "{latest}\n{}", outcome.output);
+    assert!(latest <= GUARD_NS - 8_000, "{latest}\n{}", outcome.output);
 }
