@@ -498,7 +498,7 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
     }
 
     /// The running task's job is complete. Tells if it was one too many over its budget.
-    #[inline]
+    #[inline(always)]
     pub fn end(&mut self, now: Instant) -> Option<Violation> {
         let id = self.running.take()?;
         self.give_all(id);
