@@ -73,7 +73,7 @@ fn a_window_that_begins_in_a_call_costs_the_most_urgent_task_nothing() {
     let calls = cyclic("calls", us(600_000), 9, Entry::RandomCalls);
     let program = Program::new("p")
         .task(limited(cyclic("urgent", us(250), 0, Entry::Destroy), 3), 0)
-        .task(calls, 100_000);
+        .task(calls, 200_000);
     let file = plc("tasks-in-call", 250, 100, &[("p", program, "")]);
     let outcome = file.run("tasks-in-call").lasting("3s").run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
