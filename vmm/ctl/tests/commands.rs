@@ -11,9 +11,8 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use serde_json::Value;
-use takt::control::{Operator, Server};
+use takt::control::{Door, Operator, Server};
 use takt::live::ValueOrder;
-use takt::unix_socket::{Listener, SocketKind};
 use takt_protocol::{
     ChannelStatus, ErrorKind, EventKind, ImageVersion, Load, Mode, PartitionStatus, Range, Refusal,
     ScheduleStatus, State, Status, TraceStart, TracedPartition, TracedWindow, VersionStatus,
@@ -248,10 +247,10 @@ impl Plant {
 
     fn running(name: &str) -> Plant {
         let mut plant = Plant::new(name);
-        let listener = Listener::bind(&plant.folder.join("takt.sock"), SocketKind::Stream).unwrap();
+        let door = Door::open(&plant.folder.join("takt.sock"), None).unwrap();
         let (end, typed) = (plant.end.clone(), plant.typed.clone());
         plant.server = Some(thread::spawn(move || {
-            let mut server = Server::new(Some(listener), 2);
+            let mut server = Server::new(Some(door), 2);
             server.tell(Nanos(2_000_000_000), EventKind::Ended, Some("plc"), "triple fault");
             server.console(0, "plc", b"# \x1b[1m\xff");
             let mut run = FakeRun { typed, ..FakeRun::default() };
