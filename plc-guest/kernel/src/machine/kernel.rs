@@ -87,7 +87,7 @@ impl Place {
 pub struct Shown(u32);
 
 impl Shown {
-    /// Nobody's.
+    /// No program's.
     pub const NONE: Self = Self(u32::MAX);
 
     pub const fn new(program: u8, view: u16) -> Self {
