@@ -1,6 +1,6 @@
 //! The control socket's file, and what who comes through it may do.
 //!
-//! Without the key `viewers` the file belongs to the user who started Takt, and whoever may open it may do
+//! Without the key `viewers` the file belongs to the user who started Takt, and a user who may open it may do
 //! everything. With the key a group of users may open it too, and its members see how the run stands and order
 //! nothing. The kernel says who has connected (`SO_PEERCRED`, unix(7)); a client cannot say anything else of itself.
 
