@@ -193,6 +193,7 @@ fn foreign_frames_are_counted_and_no_release_is_lost() {
 /// Memory in place of four cards. Its bytes stay as they are, so the card that it looks like lies.
 #[test]
 fn cards_that_lie_or_are_none_stall_nothing_and_are_told() {
+    fs::create_dir_all(target("tests")).expect("the folder can be made");
     let shared = target("tests/can-shared");
     let mut bytes = vec![0; 1 << 20];
     // The status of each: no node acknowledges, there is always one more frame, off the bus. The last is none.

@@ -181,7 +181,7 @@ fn a_linux_finds_its_ports_and_is_woken_by_a_doorbell() {
         outcome.assert_shows(bar);
     }
     // "TAKT", the version, and three ports.
-    outcome.assert_shows("table 0x544B4154 0x00000007 0x00000003");
+    outcome.assert_shows("table 0x544B4154 0x00000008 0x00000003");
     outcome.assert_shows("magic 0x544B4154 after a write");
     // With each of its lines on the console, the first of which comes after 2.5 s.
     outcome.assert_shows("rung, a count of 4 bytes");
