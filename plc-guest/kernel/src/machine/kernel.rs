@@ -43,8 +43,6 @@ use takt_program::address::CALL_PAGE;
 use takt_program::call::{Call, Error};
 use takt_program::{Start as StartMode, TaskInformation};
 
-/// What the first job takes to be prepared is at most this part of a millisecond.
-const PREPARING: u64 = 500;
 /// A release may be this much early. Instants of windows and of tasks are rounded apart, and a task
 /// whose release is a nanosecond after its window's must not wait for the next window.
 const ROUNDING: Span = Span(50);
@@ -185,12 +183,9 @@ impl Kernel {
         for program in self.scheduler.programs() {
             self.scheduler.start(program, Instant(0));
         }
-        // The start-up has reached into some window. The tasks' time begins with a whole one, and not with one of which so
-        // little is left before the release that the first job would begin late.
-        let mut first = whole_window();
-        if cycle::now() + first.tsc_khz / PREPARING >= first.release_tsc {
-            first = whole_window();
-        }
+        // The start-up has reached into some window. The tasks' time begins with a whole one.
+        port::write(takt_abi::port::DONE, 0);
+        let first = pages::information();
         self.clock = Clock::new(first.release_tsc, first.tsc_khz);
         self.enter_window(&first);
         self.pass_time(self.window.start);
@@ -582,12 +577,6 @@ impl Kernel {
             }
         }
     }
-}
-
-/// Gives back what is left of the window, and waits for the next one.
-fn whole_window() -> Information {
-    port::write(takt_abi::port::DONE, 0);
-    pages::information()
 }
 
 /// True if a line can be printed before the window ends, and the release after it waits for nothing.

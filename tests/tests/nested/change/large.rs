@@ -149,7 +149,7 @@ fn plc(name: &str, image: &[u8]) -> (PathBuf, PathBuf, String) {
     let image = fs::canonicalize(save_bytes(&format!("{name}.plc"), image)).unwrap();
     let kernel = fs::canonicalize(plc_image("kernel")).unwrap();
     let table = format!(
-        "memory = \"16MiB\"\nimage = {kernel:?}\nrelease_guard = \"10us\"\n[[partition.program]]\nimage = {image:?}\n\
+        "memory = \"16MiB\"\nimage = {kernel:?}\n[[partition.program]]\nimage = {image:?}\n\
          name = \"tank\"\nbank = \"1MiB\"\nstate = \"2MiB\"\nsecond_state = true\nallow_force = true"
     );
     (image, kernel, table)
