@@ -89,12 +89,12 @@ enum Command {
     Versions(commands::versions::Versions),
     /// Run a new version here beside the one that runs in a PLC, on the same inputs, and compare the outputs.
     Shadow(commands::shadow::Shadow),
-    /// Change a program to the version that was loaded, between two of its cycles.
+    /// Change a program to the version that was loaded, between two of its cycles; the next start begins with it.
     Commit(commands::versions::Order),
     /// Change a program back, or give up the version that was loaded.
     #[command(alias = "roll-back")]
     Rollback(commands::versions::Order),
-    /// Make the version that runs the one that the next start begins with.
+    /// Have the next start begin with the version that runs, where `commit` has not.
     Keep(commands::keep::Keep),
 }
 

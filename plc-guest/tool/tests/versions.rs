@@ -70,8 +70,11 @@ fn done() -> String {
 #[test]
 fn load_sends_the_image_and_waits_until_it_is_prepared() {
     let answers = [done(), versions("preparing"), versions("preparing"), versions("prepared")];
-    let (asked, ended) = run(&["load", "plant.toml", "tank", "tank.plc"], &answers);
+    let folder = plant();
+    let (asked, ended) = run_in(&folder, &["load", "plant.toml", "tank", "tank.plc"], &answers);
     ended.expect(0, "runs 1.2.0 (7a7a7a7a), other 1.3.0 (7a7a7a7a), prepared");
+    let read = |name| fs::read(folder.path().join(name)).unwrap();
+    assert!(read("tank.plc.loaded") == read("tank.plc"));
     assert!(asked[0].contains("\"request\":\"load\"") && asked[0].contains("\"parts\":1"));
     assert_eq!(asked.len(), 4);
 }
@@ -88,7 +91,7 @@ fn an_order_tells_what_came_of_it() {
     ] {
         let during = if request == "commit" { "committing" } else { "rolling-back" };
         let answers = [done(), versions(during), versions(phase)];
-        let (asked, ended) = run(&[order, "plant.toml", "tank"], &answers);
+        let (asked, ended) = run(&[order, "plant.toml", "tank", "--until-restart"], &answers);
         ended.expect(status, phase);
         assert!(asked[0].contains(&format!("\"request\":\"{request}\"")), "{asked:?}");
     }
@@ -125,9 +128,13 @@ fn image(code: u8) -> (Vec<u8>, String) {
     task.budget = Some(Nanoseconds(10_000));
     image.task(task);
     let bytes = image.build().unwrap();
-    let hash = Image::verify(&bytes).unwrap().hash();
-    let hash = hash.iter().map(|byte| format!("{byte:02x}")).collect();
+    let hash = hash_of(&bytes);
     (bytes, hash)
+}
+
+fn hash_of(image: &[u8]) -> String {
+    let hash = Image::verify(image).unwrap().hash();
+    hash.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[test]
@@ -145,6 +152,56 @@ fn what_runs_is_kept_for_the_next_start_when_its_trial_is_over() {
     let (_, ended) = run_in(&folder, &words, &answers[1..]);
     ended.expect(0, "already");
     assert!(read("tank.plc.previous") == old);
+}
+
+#[test]
+fn the_next_start_begins_with_what_was_committed_and_after_a_roll_back_with_what_was_before() {
+    let ((new, new_hash), folder) = (image(0x90), plant());
+    let read = |name: &str| fs::read(folder.path().join(name)).unwrap();
+    let (old, old_hash) = (read("tank.plc"), hash_of(&read("tank.plc")));
+    fs::write(folder.path().join("tank.plc.loaded"), &new).unwrap();
+    let commit = ["commit", "plant.toml", "tank"];
+    // A version that fails its trial is not kept, and a commit waits for that.
+    let phases = |hash: &str, phases: &[&str]| -> Vec<String> {
+        let answers = phases.iter().map(|phase| running(hash, phase));
+        [done()].into_iter().chain(answers).collect()
+    };
+    let (_, ended) =
+        run_in(&folder, &commit, &phases(&new_hash, &["committing", "trial", "rolled-back"]));
+    ended.expect(5, "tank is now rolled-back");
+    assert!(read("tank.plc") == old);
+    let held = phases(&new_hash, &["committing", "trial", "trial", "held"]);
+    let (_, ended) = run_in(&folder, &[&commit[..], &["--until-restart"]].concat(), &held);
+    ended.expect(0, "trial");
+    assert!(read("tank.plc") == old);
+    let (_, ended) = run_in(&folder, &commit, &held);
+    ended.expect(0, "held").expect(0, "tank.plc is version 0.0.0 (");
+    assert!(read("tank.plc") == new && read("tank.plc.previous") == old);
+
+    let back = phases(&old_hash, &["rolling-back", "rolled-back"]);
+    let (_, ended) = run_in(&folder, &["rollback", "plant.toml", "tank"], &back);
+    ended.expect(0, "tank.plc is version 0.0.0 (");
+    assert!(read("tank.plc") == old && read("tank.plc.previous") == new);
+
+    // What is given up before it was entered changes nothing.
+    let none = phases(&new_hash, &["none"]);
+    run_in(&folder, &["rollback", "plant.toml", "tank"], &none).1.expect(0, "none");
+    assert!(read("tank.plc") == old);
+}
+
+#[test]
+fn a_commit_tells_if_no_start_would_begin_with_it() {
+    let ((mut new, hash), folder) = (image(0x90), plant());
+    *new.last_mut().unwrap() ^= 1;
+    let old = fs::read(folder.path().join("tank.plc")).unwrap();
+    for end in ["loaded", "previous"] {
+        fs::write(folder.path().join("tank.plc").with_extension(format!("plc.{end}")), &new)
+            .unwrap();
+    }
+    let answers = [done(), running(&hash, "held")];
+    let (_, ended) = run_in(&folder, &["commit", "plant.toml", "tank"], &answers);
+    ended.expect(5, "the next start begins with").expect(5, "`takt plc keep` puts the image");
+    assert!(fs::read(folder.path().join("tank.plc")).unwrap() == old);
 }
 
 #[test]

@@ -4,6 +4,7 @@
 //! each job. A value that does not get to where the new version looks for it is a fault in the next cycle.
 
 mod compiling;
+mod killed;
 mod large;
 mod shadow;
 mod versions;

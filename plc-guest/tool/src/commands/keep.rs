@@ -2,8 +2,8 @@
 //!
 //! Takt reads the images of its partition file when it starts. A version that was entered while the PLC ran is lost by
 //! the next start unless its image takes the place of the old one. This command does that, when the version has proved
-//! itself, and leaves the old image beside it. The file has one whole image or the other at each instant, also if the
-//! power fails.
+//! itself, and leaves the old image beside it. `commit` and `rollback` do the same with what `load` has left there. The
+//! file has one whole image or the other at each instant, also if the power fails.
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
@@ -11,6 +11,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use takt_plan::Program;
 use takt_points::Connected;
 use takt_program::Image;
 use takt_protocol::ImageVersion;
@@ -23,8 +24,9 @@ use crate::{Failure, status};
 
 /// How long a trial is waited for.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// The ends of the names of files beside an image: the next one while it is written, and the last one.
+/// The ends of the names of files beside an image: the next one while it is written, one that was loaded, and the last one.
 const NEXT: &str = "next";
+const LOADED: &str = "loaded";
 const PREVIOUS: &str = "previous";
 
 /// Arguments of `keep`.
@@ -70,16 +72,58 @@ impl Keep {
                 shown(&image)
             ));
         }
-        let previous = replace(&program.path, &bytes).map_err(|error| {
-            Failure::input(format!("cannot replace {}: {error}", program.path.display()))
-        })?;
-        print(&format!(
-            "{} is version {} now; the one before it is {}",
-            program.path.display(),
-            shown(&image),
-            previous.display()
-        ))
+        put(program, &image, &bytes)
     }
+}
+
+/// Leaves the image of a version that was loaded beside that of the partition file, where [`keep_running`] finds it. The
+/// version can be entered without that, so it is told and is no failure.
+pub fn set_aside(program: &Program, bytes: &[u8]) -> Result<(), Failure> {
+    let whole = || {
+        let path = fs::canonicalize(&program.path)?;
+        let (next, loaded) = (beside(&path, NEXT), beside(&path, LOADED));
+        write_next(&path, &next, bytes)?;
+        fs::rename(&next, &loaded)
+    };
+    whole().or_else(|error| {
+        print(&format!(
+            "no start can begin with it yet, since it cannot be written beside {}: {error}",
+            program.path.display()
+        ))
+    })
+}
+
+/// Has the next start begin with the version that runs. Its image is that of the partition file, or lies beside it.
+pub fn keep_running(program: &Program, running: &ImageVersion) -> Result<(), Failure> {
+    let is_running =
+        |bytes: &[u8]| Image::verify(bytes).is_ok_and(|image| hex(&image.hash()) == running.hash);
+    if is_running(program.bytes()) {
+        return Ok(());
+    }
+    let path = fs::canonicalize(&program.path).unwrap_or_else(|_| program.path.clone());
+    for end in [LOADED, PREVIOUS] {
+        let Ok(bytes) = fs::read(beside(&path, end)) else { continue };
+        if is_running(&bytes) {
+            return put(program, &image(&path, &bytes)?, &bytes);
+        }
+    }
+    let message = format!(
+        "version {} of {} runs, but the next start begins with {}, since no image of that version is beside it. `takt plc keep` \
+         puts the image that you give it there",
+        takt_client::plain(&running.version),
+        program.name,
+        program.path.display()
+    );
+    Err(Failure { status: status::REFUSED, message })
+}
+
+/// Puts an image in the place of the partition file's, and tells it.
+fn put(program: &Program, image: &Image<'_>, bytes: &[u8]) -> Result<(), Failure> {
+    let path = program.path.display();
+    let previous = replace(&program.path, bytes)
+        .map_err(|error| Failure::input(format!("cannot replace {path}: {error}")))?;
+    let (version, previous) = (shown(image), previous.display());
+    print(&format!("{path} is version {version} now; the one before it is {previous}"))
 }
 
 fn shown(image: &Image<'_>) -> String {
@@ -115,11 +159,7 @@ fn replace(path: &Path, bytes: &[u8]) -> io::Result<PathBuf> {
     // A link stays a link.
     let path = fs::canonicalize(path)?;
     let folder = File::open(path.parent().unwrap_or(Path::new("/")))?;
-    let beside = |end: &str| {
-        let name = [path.as_os_str(), OsStr::new("."), OsStr::new(end)];
-        PathBuf::from(name.into_iter().collect::<std::ffi::OsString>())
-    };
-    let (next, previous) = (beside(NEXT), beside(PREVIOUS));
+    let (next, previous) = (beside(&path, NEXT), beside(&path, PREVIOUS));
 
     // A second name for the old content, which takes the place of an older one in one step.
     remove(&next)?;
@@ -129,13 +169,24 @@ fn replace(path: &Path, bytes: &[u8]) -> io::Result<PathBuf> {
     remove(&next)?;
     folder.sync_all()?;
 
-    let mut file = File::create_new(&next)?;
-    io::Write::write_all(&mut file, bytes)?;
-    file.set_permissions(fs::metadata(&path)?.permissions())?;
-    file.sync_all()?;
+    write_next(&path, &next, bytes)?;
     fs::rename(&next, &path)?;
     folder.sync_all()?;
     Ok(previous)
+}
+
+fn beside(path: &Path, end: &str) -> PathBuf {
+    let name = [path.as_os_str(), OsStr::new("."), OsStr::new(end)];
+    PathBuf::from(name.into_iter().collect::<std::ffi::OsString>())
+}
+
+/// Writes what is to take the place of `path` or of a file beside it, with the same permissions.
+fn write_next(path: &Path, next: &Path, bytes: &[u8]) -> io::Result<()> {
+    remove(next)?;
+    let mut file = File::create_new(next)?;
+    io::Write::write_all(&mut file, bytes)?;
+    file.set_permissions(fs::metadata(path)?.permissions())?;
+    file.sync_all()
 }
 
 /// Removes what an earlier attempt may have left.

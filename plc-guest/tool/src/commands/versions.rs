@@ -1,7 +1,8 @@
 //! `takt plc load`, `versions`, `commit`, `rollback`: another version of a program, while its PLC runs.
 //!
 //! Takt answers an order when it has taken it; the kernel carries it out in time that no task needs. So each command
-//! waits for what came of its order, and tells that.
+//! waits for what came of its order, and tells that. Takt starts with the images of its partition file, so `commit` and
+//! `rollback` also put the image of the version that stays there.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -11,12 +12,14 @@ use takt_plan::Program;
 use takt_points::{Connected, Plc};
 use takt_protocol::{Answer, Request, VersionStatus};
 
+use super::keep::{keep_running, set_aside};
 use super::live::print;
+use super::read;
 use crate::Failure;
 use crate::live::Which;
 use crate::status;
 
-/// How long a command waits for the PLC's kernel.
+/// How long a command waits for the PLC's kernel, or for one more job of a trial.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Arguments of `versions`.
@@ -59,7 +62,7 @@ impl Load {
     /// Sends the image, and waits until it is mapped.
     pub fn run(self) -> Result<(), Failure> {
         let plc = self.which.load()?;
-        find(&plc, &self.program)?;
+        let program = find(&plc, &self.program)?;
         let mut connected = plc.reach()?;
         for request in load(&connected.name(), &self.program, &self.image)? {
             let answer = connected.ask(&request)?;
@@ -69,7 +72,8 @@ impl Load {
                 print(&takt_client::plain(&text))?;
             }
         }
-        follow(&mut connected, &self.program, "preparing", &["prepared"])
+        follow(&mut connected, &self.program, "preparing", &["prepared"])?;
+        set_aside(program, &read(&self.image)?)
     }
 }
 
@@ -80,15 +84,19 @@ pub struct Order {
     which: Which,
     /// The program's name in the partition file.
     program: String,
+    /// Leave the image of the partition file as it is: the next start of Takt begins with that.
+    #[arg(long)]
+    until_restart: bool,
 }
 
 impl Order {
-    /// Enters the version that was loaded.
+    /// Enters the version that was loaded; the next start begins with it if it passes its trial.
     pub fn commit(self) -> Result<(), Failure> {
-        self.run(Request::Commit, "committing", &["trial", "held"])
+        let good = if self.until_restart { &["trial", "held"][..] } else { &["held"] };
+        self.run(Request::Commit, "committing", good)
     }
 
-    /// Goes back.
+    /// Goes back; the next start begins with the version that runs again.
     pub fn roll_back(self) -> Result<(), Failure> {
         self.run(Request::RollBack, "rolling-back", &["rolled-back", "none"])
     }
@@ -100,13 +108,22 @@ impl Order {
         good: &[&str],
     ) -> Result<(), Failure> {
         let plc = self.which.load()?;
-        find(&plc, &self.program)?;
+        let program = find(&plc, &self.program)?;
         let mut connected = plc.reach()?;
         let order = request(connected.name(), self.program.clone());
         if let Answer::Done { text } = connected.ask(&order)? {
             print(&takt_client::plain(&text))?;
         }
-        follow(&mut connected, &self.program, during, good)
+        let mut stands =
+            follow(&mut connected, &self.program, during, &[good, &["trial"]].concat())?;
+        if !good.contains(&stands.phase.as_str()) {
+            stands = follow(&mut connected, &self.program, "trial", good)?;
+        }
+        // What was only prepared has changed nothing.
+        if self.until_restart || stands.phase == "none" {
+            return Ok(());
+        }
+        keep_running(program, &stands.running)
     }
 }
 
@@ -128,34 +145,40 @@ pub fn versions(connected: &mut Connected<'_>) -> Result<Vec<VersionStatus>, Fai
     }
 }
 
-/// Waits until a program's change is in another phase than `during`, and tells which.
+/// Waits until a program's change is in another phase than `during`, and tells how it stands then.
 fn follow(
     connected: &mut Connected<'_>,
     program: &str,
     during: &str,
     good: &[&str],
-) -> Result<(), Failure> {
-    let end = Instant::now() + PATIENCE;
+) -> Result<VersionStatus, Failure> {
+    let (mut end, mut jobs) = (Instant::now() + PATIENCE, None);
     loop {
         let all = versions(connected)?;
-        let Some(version) = all.iter().find(|version| version.program == program) else {
+        let Some(version) = all.into_iter().find(|version| version.program == program) else {
             return Err(Failure::input(format!("the Takt that answers runs no program {program}")));
         };
+        if jobs.replace(version.jobs) != Some(version.jobs) {
+            end = Instant::now() + PATIENCE;
+        }
         if version.phase == during && Instant::now() < end {
             continue;
         }
-        print(shown(version).trim_end())?;
+        print(shown(&version).trim_end())?;
         if good.contains(&version.phase.as_str()) {
-            return Ok(());
+            return Ok(version);
         }
-        let message = if version.phase == during {
-            format!(
-                "{program} is still {during} after {} s: the PLC's kernel has no time between two jobs for it. `takt plc \
-                 versions` tells how it stands, `takt plc rollback` takes the order back",
-                PATIENCE.as_secs()
-            )
-        } else {
-            format!("{program} is now {}", version.phase)
+        let waited = PATIENCE.as_secs();
+        let message = match during {
+            _ if version.phase != during => format!("{program} is now {}", version.phase),
+            "trial" => format!(
+                "{program} is still on trial, and has had no job for {waited} s: the next start begins with the version before. \
+                 `takt plc keep` changes that when `takt plc versions` shows it held"
+            ),
+            _ => format!(
+                "{program} is still {during} after {waited} s: the PLC's kernel has no time between two jobs for it. `takt plc \
+                 versions` tells how it stands, `takt plc rollback` takes the order back"
+            ),
         };
         return Err(Failure { status: status::REFUSED, message });
     }
