@@ -107,28 +107,28 @@ impl QuietTimes {
         u64::try_from(from + (to - from).min(wide) / 2).ok().map(Nanos)
     }
 
-    /// The last instant up to `at` from which [`WAKE_UP`] is over before a quiet time begins; `None` if there
-    /// is no such gap close before it, or none since the epoch.
+    /// The last instant up to `at` from which `room` is over before a quiet time begins; `None` if there is no
+    /// such gap close before it, or none since the epoch.
     #[must_use]
-    pub fn before(&self, at: Nanos, switch: Switch) -> Option<Nanos> {
+    pub fn before(&self, at: Nanos, room: Nanos, switch: Switch) -> Option<Nanos> {
         let mut at = i128::from(at.0);
         for _ in 0..WINDOWS_BACK {
-            match self.quiet_from(at, switch) {
+            match self.quiet_from(at, room, switch) {
                 None => return u64::try_from(at).ok().map(Nanos),
-                Some(from) => at = from - i128::from(WAKE_UP.0) - 1,
+                Some(from) => at = from - i128::from(room.0) - 1,
             }
         }
         None
     }
 
-    /// Where the quiet time begins that `at`, or what is a wake-up's time after it, lies in.
-    fn quiet_from(&self, at: i128, switch: Switch) -> Option<i128> {
+    /// Where the quiet time begins that `at`, or what comes up to `room` after it, lies in.
+    fn quiet_from(&self, at: i128, room: Nanos, switch: Switch) -> Option<i128> {
         let frame = at.div_euclid(i128::from(self.frame));
         [frame - 1, frame, frame + 1].into_iter().find_map(|frame| {
             let (windows, base) = self.in_frame(frame, switch)?;
             let within = i64::try_from(at - base).ok()?;
             let window = windows.get(windows.partition_point(|window| window.to <= within))?;
-            let reached = within.saturating_add(signed(WAKE_UP)) >= window.from;
+            let reached = within.saturating_add(signed(room)) >= window.from;
             reached.then_some(base + i128::from(window.from))
         })
     }

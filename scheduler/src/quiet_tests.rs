@@ -88,7 +88,7 @@ fn a_window_of_the_guests_own_is_none_of_the_others() {
 #[test]
 fn a_short_wake_up_is_over_before_the_quiet_time_that_it_would_fall_into() {
     let quiet = quiet(1000, 20, &[&[(0, 300), (350, 500)]]);
-    let before = |at: u64| quiet.before(Nanos(at), STAY).map(|at| at.0);
+    let before = |at: u64| quiet.before(Nanos(at), WAKE_UP, STAY).map(|at| at.0);
     assert_eq!(before(600_000), Some(600_000));
     assert_eq!(before(974_999), Some(974_999), "over at the guard of the next frame");
     assert_eq!(before(975_000), Some(974_999));
@@ -98,7 +98,7 @@ fn a_short_wake_up_is_over_before_the_quiet_time_that_it_would_fall_into() {
     assert_eq!(before(1_400_000), Some(1_324_999));
     assert_eq!(before(200_000), None, "there is nothing before the epoch");
     let full = super::tests::quiet(1000, 0, &[&[(0, 500), (500, 1000)]]);
-    assert_eq!(full.before(us(100_000), STAY), None);
+    assert_eq!(full.before(us(100_000), WAKE_UP, STAY), None);
 }
 
 proptest! {
@@ -106,16 +106,18 @@ proptest! {
     fn what_is_found_before_an_instant_is_the_last_that_disturbs_none(
         starts in proptest::collection::btree_set(0u64..19, 1..5),
         at in 60_000u64..400_000,
+        room in 5u64..200,
     ) {
         let windows: Vec<_> = starts.iter().map(|start| (start * 50, start * 50 + 40)).collect();
         let quiet = quiet(1000, 5, &[&windows]);
+        let room = us(room);
         let free = |at: u64| {
-            (0..=WAKE_UP.0).step_by(1000).chain([WAKE_UP.0]).all(|after| {
+            (0..=room.0).step_by(1000).all(|after| {
                 quiet.next(Nanos(at + after), STAY) == Some(Nanos(at + after))
             })
         };
         let at = at * 10;
-        if let Some(Nanos(found)) = quiet.before(Nanos(at), STAY) {
+        if let Some(Nanos(found)) = quiet.before(Nanos(at), room, STAY) {
             prop_assert!(found <= at && free(found), "{found} for {at}");
             let later = (found + 1..=at).step_by(997);
             for later in later.chain([at].into_iter().filter(|at| *at > found)) {

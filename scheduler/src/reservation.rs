@@ -52,6 +52,15 @@ pub struct Reservation {
 }
 
 impl Reservation {
+    /// How long after a wake-up the kernel takes the bandwidth of a thread back that has then used the
+    /// processor for `used` and sleeps: when the share that it has reserved would have given it as much. It is a
+    /// timer's interrupt on the thread's CPU (`task_non_contending`, kernel/sched/deadline.c).
+    #[must_use]
+    pub fn taken_back_after(&self, used: Nanos) -> Nanos {
+        let ns = u128::from(used.0) * u128::from(self.period.0) / u128::from(self.runtime.0.max(1));
+        Nanos(u64::try_from(ns).unwrap_or(u64::MAX))
+    }
+
     /// Share of the CPU, in parts of a thousand, rounded up.
     #[must_use]
     pub fn permille(&self) -> u64 {
@@ -208,6 +217,16 @@ mod tests {
         let plc = Reservation { runtime: us(370), period: us(1000) };
         assert_eq!(r.partitions, [(PartitionId(0), plc)]);
         assert_eq!(r.permille(), 370 + 59);
+    }
+
+    #[test]
+    fn bandwidth_is_taken_back_when_the_share_would_have_given_what_was_used() {
+        let quarter = Reservation { runtime: us(250), period: us(1000) };
+        assert_eq!(quarter.taken_back_after(us(5)), us(20));
+        assert_eq!(quarter.taken_back_after(us(250)), us(1000));
+        assert_eq!(quarter.taken_back_after(Nanos::ZERO), Nanos::ZERO);
+        let none = Reservation { runtime: Nanos::ZERO, period: Nanos(u64::MAX) };
+        assert_eq!(none.taken_back_after(Nanos(u64::MAX)), Nanos(u64::MAX));
     }
 
     #[test]

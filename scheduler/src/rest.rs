@@ -2,13 +2,18 @@
 //!
 //! Such a wake-up serves no window, so it must not fall into one: it would interrupt a program between its
 //! guard and its "done". It is moved to the last instant before, from which it is over in time.
+//!
+//! So is, where there is room, the kernel's interrupt that follows it: some time after a thread with a reservation
+//! has gone to sleep, its bandwidth is taken back ([`Reservation::taken_back_after`]). Of a thread that has
+//! little of a long period it comes long after the wake-up.
 
 use std::fmt;
 use std::sync::Arc;
 
-use crate::quiet::QuietTimes;
+use crate::quiet::{QuietTimes, WAKE_UP};
+use crate::reservation::Reservation;
 use crate::switch::ScheduleState;
-use crate::time::{Timebase, Tsc};
+use crate::time::{Nanos, Timebase, Tsc};
 
 /// Called when the clock is found steered.
 pub type Listener = Box<dyn Fn() + Send>;
@@ -18,6 +23,8 @@ pub struct Rest {
     quiet: QuietTimes,
     board: Arc<ScheduleState>,
     base: Timebase,
+    /// From a wake-up until the interrupt that follows it is over.
+    followed: Nanos,
     on_steered: Option<Listener>,
 }
 
@@ -25,7 +32,13 @@ impl Rest {
     /// Outside of these times, under the schedule that the board shows.
     #[must_use]
     pub fn new(quiet: QuietTimes, board: Arc<ScheduleState>, base: Timebase) -> Rest {
-        Rest { quiet, board, base, on_steered: None }
+        Rest { quiet, board, base, followed: WAKE_UP, on_steered: None }
+    }
+
+    /// Of a thread with this reservation.
+    #[must_use]
+    pub fn reserved(self, reservation: &Reservation) -> Rest {
+        Rest { followed: reservation.taken_back_after(WAKE_UP).plus(WAKE_UP), ..self }
     }
 
     /// Has another thread told, at once, when this one finds the clock steered for the first time in
@@ -41,15 +54,19 @@ impl Rest {
         }
     }
 
-    /// The last instant up to `at` from which a wake-up is over before any quiet time; `None` if there is no
-    /// gap before it.
-    pub(crate) fn before(&self, at: Tsc) -> Option<Tsc> {
+    /// The last instants up to `at` from which a wake-up, with and without what follows it, is over before any
+    /// quiet time; the better one first. `None` if there is no gap before it.
+    pub(crate) fn before(&self, at: Tsc) -> [Option<Tsc>; 2] {
+        [self.followed, WAKE_UP].map(|room| self.with_room(at, room))
+    }
+
+    fn with_room(&self, at: Tsc, room: Nanos) -> Option<Tsc> {
         // Before the epoch there are no windows.
         if at < self.base.epoch {
             return Some(at);
         }
         let offset = self.base.offset(at);
-        let placed = self.quiet.before(offset, self.board.switch())?;
+        let placed = self.quiet.before(offset, room, self.board.switch())?;
         Some(if placed == offset { at } else { self.base.instant(placed) })
     }
 }

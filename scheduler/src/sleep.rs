@@ -13,7 +13,8 @@
 //!   pieces, and one of 10 ms is four. A clock that is found to be off by more than NTP's 500 ppm is
 //!   distrusted for the next [`DISTRUST`] sleeps, and last pieces are shorter then ([`SHORTER`]).
 //! * **Not in the way.** A wake-up between two pieces is an interrupt and some microseconds of processor.
-//!   With a [`Rest`] it comes outside of the windows of the CPU, which may make the last piece longer. Where
+//!   With a [`Rest`] it comes outside of the windows of the CPU, which may make the last piece longer. So does
+//!   the interrupt by which the kernel takes the thread's bandwidth back, if the sleep is a short one. Where
 //!   they leave no room in the last 224 us, a sleep of up to [`LAZY`] under a trusted clock is not
 //!   divided, and the first step of the rate is felt once, by a ninth of what is left of the sleep. A
 //!   longer sleep, or one by a clock that is not trusted, is rather divided within somebody's window.
@@ -175,7 +176,7 @@ pub struct Sleeper {
 }
 
 impl Sleeper {
-    /// Of a thread that has not slept yet. It trusts the clock from its second sleep on.
+    /// Of a thread that has not slept yet. It trusts a clock that may be steered from its second sleep on.
     #[must_use]
     pub fn new(frequency: TscFrequency) -> Sleeper {
         let steering = Steering::Possible;
@@ -202,10 +203,10 @@ impl Sleeper {
         Sleeper { lazy: true, ..self }
     }
 
-    /// One by a clock of which that is known.
+    /// One by a clock of which that is known. One that cannot be steered is trusted from the first sleep on.
     #[must_use]
     pub fn by_a_clock_whose_steering_is(self, steering: Steering) -> Sleeper {
-        Sleeper { steering, ..self }
+        Sleeper { steering, distrust: u32::from(steering == Steering::Possible), ..self }
     }
 
     /// Sleeps until the TSC reaches `instant`, never shorter, or until a signal comes.
@@ -259,8 +260,6 @@ impl Sleeper {
         let wanted = remaining.less(leave);
         let Some(rest) = &self.rest else { return Some(wanted) };
         let at = now.after(self.frequency.ticks(wanted));
-        let placed = rest.before(at).filter(|placed| *placed > now);
-        let placed = placed.map(|placed| self.frequency.nanos(placed.since(now)));
         // Where windows fill the time before the instant, a wake-up before them all would help little.
         let patient = trusted && remaining <= LAZY;
         let last = match (patient, self.lazy && remaining <= LAZY) {
@@ -269,7 +268,14 @@ impl Sleeper {
             (false, false) => remaining,
         };
         let helps = |piece: &Nanos| remaining.less(*piece) <= last;
-        match placed.filter(|piece| *piece >= PIECE_MIN && helps(piece)) {
+        let [clear, over] = rest.before(at);
+        // Only of a short sleep: a longer one would be divided into more pieces, which the budget has no room for. And what
+        // is short enough for a last piece is not divided at the price of what follows the wake-up.
+        let clear = clear.filter(|_| patient);
+        let over = over.filter(|_| !patient || remaining > last);
+        let placed = clear.into_iter().chain(over).filter(|placed| *placed > now);
+        let mut pieces = placed.map(|placed| self.frequency.nanos(placed.since(now)));
+        match pieces.find(|piece| *piece >= PIECE_MIN && helps(piece)) {
             Some(piece) => Some(piece),
             None if patient => None,
             None => Some(wanted),

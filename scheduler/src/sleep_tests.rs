@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::*;
+use crate::reservation::Reservation;
 use crate::schedules::Schedules;
 use crate::switch::ScheduleState;
 use crate::table::{Cpu, PartitionId, Placement, Role, Window};
@@ -154,7 +155,8 @@ fn where_the_clock_cannot_be_steered_a_sleep_is_one_piece_until_it_is_found_stee
     let unsteered = || Sleeper::new(FREQUENCY).by_a_clock_whose_steering_is(Steering::Impossible);
     let (own, wake_ups) = pieces(unsteered(), 0);
     assert!(own.iter().all(|pieces| *pieces == 1), "{own:?}");
-    assert_eq!((wake_ups.early(), wake_ups.divided() <= 2, wake_ups.steered()), (0, true, 0));
+    // Also the first, in which there is nothing to compare the clock with.
+    assert_eq!((wake_ups.early(), wake_ups.divided(), wake_ups.steered()), (0, 0, 0));
     // If that was a mistake, it is one once.
     let late = lateness(unsteered());
     let is_felt = |ns: &u64| *ns > SHORT.0 / 9 + 100;
@@ -319,6 +321,28 @@ fn a_wake_up_between_pieces_comes_outside_of_the_windows_of_others() {
     for at in &between {
         let quiet = (775_000..935_000).contains(at) || *at < 105_000;
         assert!(!quiet, "a wake-up at {at}");
+    }
+}
+
+#[test]
+fn what_follows_a_wake_up_between_pieces_comes_outside_of_the_windows_of_others() {
+    // Where it is wanted it would be over in time, but not the interrupt that comes up to 50 us after it.
+    let rest = rest_in(&[(0, 100), (900, 930)]);
+    let (runtime, period) = (Nanos::from_micros(100), Nanos::from_millis(1));
+    let rest = rest.reserved(&Reservation { runtime, period });
+    let mut machine = Watched(Steered::new(&[(0, 0)]), Vec::new());
+    let mut sleeper = Sleeper::new(FREQUENCY).resting(rest);
+    for cycle in 1..100 {
+        let instant = Tsc(cycle * 1_000_000 - 20_000);
+        sleeper.sleep(&mut machine, instant, &WakeUps::default());
+    }
+    // From the second sleep on, in which the clock is trusted.
+    let trusted = machine.1.iter().filter(|at| **at > 1_000_000);
+    let between = trusted.map(|at| at % 1_000_000).filter(|at| *at < 970_000);
+    let between: Vec<u64> = between.collect();
+    assert!(between.len() >= 97, "{}", between.len());
+    for at in &between {
+        assert!((105_000..825_000).contains(at), "a wake-up at {at}");
     }
 }
 

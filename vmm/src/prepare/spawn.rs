@@ -118,8 +118,12 @@ impl Preparation<'_> {
         let schedules = self.file.schedules();
         let says_done = guest.says_done();
         let enforcer = self.enforcer(cpu);
-        let plan = match (schedules.placements()[id.0].role, schedules.timetable_of(id)) {
-            (Role::Windowed { guard }, Some(timetable)) => Some(Plan {
+        let reservation =
+            CpuReservations::of(schedules, cpu).partitions.into_iter().find(|(p, _)| *p == id);
+        let reservation = reservation.map(|(_, r)| r);
+        let role = schedules.placements()[id.0].role;
+        let plan = match (role, schedules.timetable_of(id), reservation) {
+            (Role::Windowed { guard }, Some(timetable), Some(reservation)) => Some(Plan {
                 timetable,
                 board: self.board.clone(),
                 guard: if partition.has_auto_guard() {
@@ -128,6 +132,7 @@ impl Preparation<'_> {
                     ReleaseGuard::Fixed(guard)
                 },
                 quiet: schedules.quiet_on(cpu, None),
+                reservation,
                 steering: self.steering,
                 enforcer,
                 late_wake_up: self.hooks.late_wake_up(),
@@ -140,9 +145,6 @@ impl Preparation<'_> {
             }),
             _ => None,
         };
-        let reservation =
-            CpuReservations::of(schedules, cpu).partitions.into_iter().find(|(p, _)| *p == id);
-        let reservation = reservation.map(|(_, r)| r);
         let ports = guest.io_ranges();
         let domain = self.domains.entry(cpu);
         let group = self.groups.entry(partition);

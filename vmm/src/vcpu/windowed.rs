@@ -11,6 +11,7 @@ use kvm_ioctls::VcpuExit;
 use rtrb::Producer;
 use takt_scheduler::guard::ReleaseGuard;
 use takt_scheduler::quiet::QuietTimes;
+use takt_scheduler::reservation::Reservation;
 use takt_scheduler::rest::Rest;
 use takt_scheduler::sleep::{Sleeper, Steering, Woken};
 use takt_scheduler::switch::{ScheduleState, Switch};
@@ -38,6 +39,8 @@ pub struct Plan {
     pub guard: ReleaseGuard,
     /// The quiet times of its CPU, in which it does not wake between the pieces of a sleep.
     pub quiet: Option<QuietTimes>,
+    /// What its thread has reserved of the processor.
+    pub reservation: Reservation,
     /// Whether the clock of its sleeps may be steered.
     pub steering: Steering,
     /// Who ends the windows of its CPU, to be told of a steered clock.
@@ -107,7 +110,7 @@ impl Windowed {
         let acted = switch.frame;
         let enforcer = plan.enforcer.clone();
         let rest = plan.quiet.clone().map(|quiet| {
-            let rest = Rest::new(quiet, plan.board.clone(), base);
+            let rest = Rest::new(quiet, plan.board.clone(), base).reserved(&plan.reservation);
             // A wake-up that tells nothing new is taken from the budget for its next kick.
             rest.on_steered(Box::new(move || {
                 if !enforcer.wake_ups().distrusting() {
