@@ -192,7 +192,7 @@ fn check_one(
 }
 
 /// What may be watched where the file does not say.
-pub const WATCH_DEFAULT: Bytes = Bytes(1 << 10);
+const WATCH_DEFAULT: Bytes = Bytes(1 << 10);
 
 fn check_watch(watch: Option<&Spanned<Bytes>>) -> Result<Bytes, Diagnostic> {
     let Some(watch) = watch else { return Ok(WATCH_DEFAULT) };

@@ -244,10 +244,12 @@ fn a_good_file_says_what_of_its_programs_is_seen_and_forced_from_outside() {
     assert_eq!(outside, [(60 << 10, true), (0, false), (1 << 10, false)]);
     let report = check::report(&file);
     let told: Vec<&str> = report.lines().filter(|line| line.contains("from outside")).collect();
-    // What holds without the keys is not told.
-    assert_eq!(told.len(), 2, "{report}");
+    assert_eq!(told.len(), 4, "{report}");
     assert!(told[0].contains("60KiB in a cycle, may be written and forced"), "{}", told[0]);
     assert!(told[1].contains("0 bytes in a cycle, read only"), "{}", told[1]);
+    assert!(told[2].contains("1KiB in a cycle, read only"), "{}", told[2]);
+    // 62,464 bytes, 952 in a step.
+    assert!(told[3].contains("61KiB in a cycle, in at most 66 steps"), "{}", told[3]);
 }
 
 #[test]

@@ -25,7 +25,7 @@ pub use answer::{
 pub use change::{ChangePhase, ChangeReason, ChangeRecord};
 pub use order::{ChangeStep, Order, RANGES_EACH, Ranges, decode_order};
 pub use place::{Area, Point, Range};
-pub use sample::{PAYLOAD_BYTES, RANGES_EACH_PART, SampleHead};
+pub use sample::{PAYLOAD_BYTES, RANGES_EACH_PART, STEP_TICKS, SampleHead};
 
 /// Name of the port at which the guest receives orders. No port of a partition file has a space in its name.
 pub const ORDERS: &str = "takt orders";

@@ -10,8 +10,8 @@ use super::memory::Area;
 use super::program::Program;
 use takt_abi::live::{
     ANSWERS, Answer, Buffer, MESSAGE_BYTES, ORDERS, ORDERS_DEPTH, Order, PAYLOAD_BYTES, Point,
-    ProgramRecord, ProgramState, RANGES_EACH_PART, Range, Refusal, SampleHead, TASKS_EACH,
-    TaskRecord, TaskState, decode_order,
+    ProgramRecord, ProgramState, RANGES_EACH_PART, Range, Refusal, STEP_TICKS, SampleHead,
+    TASKS_EACH, TaskRecord, TaskState, decode_order,
 };
 use takt_abi::program::PROGRAMS_MAX;
 use takt_channel::Tsc;
@@ -23,8 +23,6 @@ use takt_kernel::watch::Watch;
 use takt_plc_guest::channel::{self, Receiver, Sender};
 use takt_plc_guest::cycle;
 
-/// Time that a step may take, in ticks: 20 us at 1 GHz, 4 us at 5 GHz.
-const STEP_TICKS: u64 = 20_000;
 /// Orders that are taken in one window.
 const ORDERS_EACH_WINDOW: u8 = 4;
 

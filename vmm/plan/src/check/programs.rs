@@ -2,6 +2,7 @@
 
 use takt_abi::can::{Controller, Object};
 use takt_abi::io::{INPUT, flag, kind};
+use takt_abi::live::{PAYLOAD_BYTES, RANGES_EACH_PART, STEP_TICKS};
 use takt_program::{Area, Flags, Image, TaskId, Variable};
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::time::Nanos;
@@ -9,7 +10,7 @@ use takt_scheduler::time::Nanos;
 use super::{line, tables, unconnected};
 use crate::points;
 use crate::program_tasks::{ProgramTask, Release};
-use crate::programs::{WATCH_DEFAULT, action_name, hex};
+use crate::programs::{action_name, hex};
 use crate::{Bus, Bytes, Connection, Partition, PartitionFile, Program, Trust, percent};
 
 /// Most points of a program that are shown.
@@ -81,6 +82,7 @@ pub fn list(out: &mut String, file: &PartitionFile) {
         for (number, program) in partition.programs().iter().enumerate() {
             describe(out, partition, number, program);
         }
+        line(out, &watched(partition.programs()));
         partition.can().buses.iter().enumerate().for_each(|(n, bus)| can(out, partition, n, bus));
     }
 }
@@ -128,18 +130,24 @@ fn describe(out: &mut String, partition: &Partition, number: usize, program: &Pr
         action_name(place.on_deadline)
     );
     line(out, &text);
-    if program.watch != WATCH_DEFAULT || program.allow_force {
-        let force = if program.allow_force { "may be written and forced" } else { "read only" };
-        let text = format!(
-            "    from outside: {} in a cycle, {force}; taken in time that no task needs",
-            program.watch
-        );
-        line(out, &text);
-    }
+    let force = if program.allow_force { "may be written and forced" } else { "read only" };
+    line(out, &format!("    from outside: {} in a cycle, {force}", program.watch));
     if let Some(text) = retained(program, &image) {
         line(out, &text);
     }
     points(out, partition, number, &image);
+}
+
+/// What a cycle with all that may be watched costs. A step ends when its part is full, or has as many pieces as it may; these
+/// count 8 bytes more each, so a step that is not the last is never less than a full part of the budget.
+fn watched(programs: &[Program]) -> String {
+    const { assert!(9 * RANGES_EACH_PART >= PAYLOAD_BYTES) };
+    let bytes = programs.iter().map(|program| program.watch.0).sum::<u64>();
+    let steps = bytes.div_ceil(PAYLOAD_BYTES as u64);
+    format!(
+        "  from outside: {} in a cycle, in at most {steps} steps of {STEP_TICKS} TSC ticks that no task needs",
+        Bytes(bytes)
+    )
 }
 
 /// What outlives a start, and where it is written.

@@ -22,7 +22,8 @@ fn programs_are_shown_with_tasks_points_and_writers() {
     let image = program.build().unwrap();
     let keys = format!("keys = [\"{}\"]\nname = \"signed\"", public(&PRIVATE));
     let case = Case::new("shown").file("tank.plc", &image).file("s.plc", &signed("s"));
-    let case = case.program("tank.plc", "on_fault = \"restart\"").program("s.plc", &keys);
+    let case = case.program("tank.plc", "on_fault = \"restart\"\nwatch = \"6KiB\"");
+    let case = case.program("s.plc", &format!("{keys}\nallow_force = true"));
     let file = case.good();
     let text = report(&file);
     for line in [
@@ -34,6 +35,9 @@ fn programs_are_shown_with_tasks_points_and_writers() {
         "  tank: tank 1.2.3",
         "    not signed",
         "    fault -> restart, overrun -> skip, deadline -> log",
+        "    from outside: 6KiB in a cycle, read only",
+        "    from outside: 1KiB in a cycle, may be written and forced",
+        "\n  from outside: 7KiB in a cycle, in at most 8 steps of 20000 TSC ticks that no task needs",
         "    point   name        type  writer  connected to",
         "    %IB4    Main.level  REAL  -       not connected",
         "    %QX0.2  Main.valve  BOOL  main    not connected",
