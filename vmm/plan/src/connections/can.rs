@@ -4,14 +4,14 @@
 //! controller and its identifier; then the objects are numbered as the guest has them.
 
 use takt_abi::can::{DATA_MAX, EXTENDED, OBJECTS_MAX, ON_CHANGE, Object};
-use takt_abi::io::{INPUT, Mapping, WHOLE, kind};
+use takt_abi::io::{INPUT, Mapping, kind};
 use takt_program::Elementary;
 use toml::Spanned;
 
 use super::super::diagnostic::{Diagnostic, Span, quote};
 use super::super::passthrough::check_hex;
 use super::super::raw;
-use super::place::{bit_words, check_bit, is_time};
+use super::place::{Bytes, bit_words, field, is_time};
 use super::point::Point;
 use super::{Around, Entry, Place};
 
@@ -55,7 +55,12 @@ pub fn check(
     let of = format!("CAN {}, object {id}", name.get_ref());
     match (&raw.byte, wanted(&raw.age), wanted(&raw.count)) {
         (Some(byte), None, None) => {
-            let (field, place_bit) = field(raw, byte, point)?;
+            let data = Bytes {
+                called: "the data of a frame",
+                count: DATA_MAX as u32,
+                of: (name.span(), "the controller"),
+            };
+            let (field, place_bit) = field(raw, byte, point, data)?;
             let words = format!("{of}, byte {field}{}", bit_words(place_bit));
             Ok(Place { mapping: Mapping { kind: kind::CAN, field, place_bit, ..mapping }, words })
         }
@@ -110,29 +115,6 @@ fn identifier(raw: &raw::Io, header: &Span) -> Result<(u32, String), Diagnostic>
                 ),
             };
             Err(Diagnostic::new(id.span(), found, allowed))
-        }
-    }
-}
-
-fn field(raw: &raw::Io, byte: &Spanned<i64>, point: &Point) -> Result<(u32, u8), Diagnostic> {
-    let place_bit = match &raw.bit {
-        None => WHOLE,
-        Some(bit) => check_bit(bit, point, 8)?,
-    };
-    let last = DATA_MAX as i64 - i64::from(point.bytes);
-    match u32::try_from(*byte.get_ref()) {
-        Ok(field) if i64::from(field) <= last => Ok((field, place_bit)),
-        _ => {
-            let found = format!(
-                "{} bytes at byte {} do not lie in the data of a frame",
-                point.bytes,
-                byte.get_ref()
-            );
-            let allowed = match last {
-                0.. => format!("0 to {last}: a frame has at most {DATA_MAX} bytes"),
-                _ => format!("a point of at most {DATA_MAX} bytes"),
-            };
-            Err(Diagnostic::new(byte.span(), found, allowed))
         }
     }
 }

@@ -122,7 +122,12 @@ fn channel(
     let port = name.get_ref();
     match part(raw, header)? {
         Part::Field(byte) => {
-            let (field, place_bit) = field(raw, byte, name, channel, point)?;
+            let message = Bytes {
+                called: "a message",
+                count: channel.message_bytes,
+                of: (name.span(), "the port"),
+            };
+            let (field, place_bit) = field(raw, byte, point, message)?;
             let bit = bit_words(place_bit);
             let words = format!("channel port {port}, byte {field}{bit}");
             Ok(Place { mapping: Mapping { kind: kind::FIELD, field, place_bit, ..mapping }, words })
@@ -221,32 +226,37 @@ fn find_channel<'a>(
     Ok((number, channel))
 }
 
-fn field(
+/// Bytes in which a point can lie, and the place in the file that says whose they are.
+pub struct Bytes {
+    pub called: &'static str,
+    pub count: u32,
+    pub of: (Span, &'static str),
+}
+
+/// The first byte of a point among those of a message or a frame, and the bit of a BOOL in it.
+pub fn field(
     raw: &raw::Io,
     byte: &Spanned<i64>,
-    name: &Spanned<String>,
-    channel: &Channel,
     point: &Point,
+    all: Bytes,
 ) -> Result<(u32, u8), Diagnostic> {
     let place_bit = match &raw.bit {
         None => WHOLE,
         Some(bit) => check_bit(bit, point, 8)?,
     };
-    let length = i64::from(channel.message_bytes);
-    let last = length - i64::from(point.bytes);
+    let Bytes { called, count, of: (whose, label) } = all;
+    let last = i64::from(count) - i64::from(point.bytes);
     match u32::try_from(*byte.get_ref()) {
         Ok(field) if i64::from(field) <= last => Ok((field, place_bit)),
         _ => {
-            let found = format!(
-                "{} bytes at byte {} do not lie in a message of {length} bytes",
-                point.bytes,
-                byte.get_ref()
-            );
+            let (bytes, first) = (point.bytes, byte.get_ref());
+            let found =
+                format!("{bytes} bytes at byte {first} do not lie in {called} of {count} bytes");
             let allowed = match last {
                 0.. => format!("0 to {last}"),
-                _ => format!("a point of at most {length} bytes, or longer messages"),
+                _ => format!("a point of at most {count} bytes"),
             };
-            Err(Diagnostic::new(byte.span(), found, allowed).and(name.span(), "the port"))
+            Err(Diagnostic::new(byte.span(), found, allowed).and(whose, label))
         }
     }
 }
