@@ -9,7 +9,6 @@ use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 use takt_plan::Program;
 use takt_points::Connected;
@@ -17,13 +16,11 @@ use takt_program::Image;
 use takt_protocol::ImageVersion;
 
 use super::live::print;
-use super::versions::{find, versions};
+use super::versions::{PATIENCE, find, outlast};
 use super::{hex, image, read};
 use crate::live::Which;
 use crate::{Failure, status};
 
-/// How long a trial is waited for.
-const PATIENCE: Duration = Duration::from_secs(10);
 /// The ends of the names of files beside an image: the next one while it is written, one that was loaded, and the last one.
 const NEXT: &str = "next";
 const LOADED: &str = "loaded";
@@ -132,25 +129,18 @@ fn shown(image: &Image<'_>) -> String {
 
 /// The version of a program that runs, when it is not on trial any more.
 fn proved(connected: &mut Connected<'_>, program: &str) -> Result<ImageVersion, Failure> {
-    let end = Instant::now() + PATIENCE;
-    loop {
-        let all = versions(connected)?;
-        let Some(version) = all.into_iter().find(|version| version.program == program) else {
-            return Err(Failure::input(format!("the Takt that answers runs no program {program}")));
-        };
-        match version.phase.as_str() {
-            "trial" | "committing" | "rolling-back" if Instant::now() < end => {}
-            phase @ ("trial" | "committing" | "rolling-back") => {
-                let message = format!(
-                    "{program} is still {phase} after {} s, so it is not certain which version stays; ask again when `takt plc \
-                     versions` shows it held",
-                    PATIENCE.as_secs()
-                );
-                return Err(Failure { status: status::REFUSED, message });
-            }
-            _ => return Ok(version.running),
-        }
+    let uncertain = ["trial", "committing", "rolling-back"];
+    let version = outlast(connected, program, &uncertain)?;
+    let phase = version.phase.as_str();
+    if !uncertain.contains(&phase) {
+        return Ok(version.running);
     }
+    let message = format!(
+        "{program} is still {phase}, and has had no job for {} s, so it is not certain which version stays; ask again when `takt plc \
+         versions` shows it held",
+        PATIENCE.as_secs()
+    );
+    Err(Failure { status: status::REFUSED, message })
 }
 
 /// Puts `bytes` in the place of a file, whose content stays beside it under the returned name. Each step leaves whole

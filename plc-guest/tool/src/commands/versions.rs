@@ -20,7 +20,7 @@ use crate::live::Which;
 use crate::status;
 
 /// How long a command waits for the PLC's kernel, or for one more job of a trial.
-const PATIENCE: Duration = Duration::from_secs(10);
+pub const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Arguments of `versions`.
 #[derive(clap::Args)]
@@ -152,6 +152,33 @@ fn follow(
     during: &str,
     good: &[&str],
 ) -> Result<VersionStatus, Failure> {
+    let version = outlast(connected, program, &[during])?;
+    print(shown(&version).trim_end())?;
+    if good.contains(&version.phase.as_str()) {
+        return Ok(version);
+    }
+    let waited = PATIENCE.as_secs();
+    let message = match during {
+        _ if version.phase != during => format!("{program} is now {}", version.phase),
+        "trial" => format!(
+            "{program} is still on trial, and has had no job for {waited} s: the next start begins with the version before. \
+             `takt plc keep` changes that when `takt plc versions` shows it held"
+        ),
+        _ => format!(
+            "{program} is still {during} after {waited} s: the PLC's kernel has no time between two jobs for it. `takt plc \
+             versions` tells how it stands, `takt plc rollback` takes the order back"
+        ),
+    };
+    Err(Failure { status: status::REFUSED, message })
+}
+
+/// How a program's change stands when it is in none of these phases any more, or has had no job for [`PATIENCE`] in one:
+/// a trial may take as long as it likes, if it goes on.
+pub fn outlast(
+    connected: &mut Connected<'_>,
+    program: &str,
+    phases: &[&str],
+) -> Result<VersionStatus, Failure> {
     let (mut end, mut jobs) = (Instant::now() + PATIENCE, None);
     loop {
         let all = versions(connected)?;
@@ -161,25 +188,8 @@ fn follow(
         if jobs.replace(version.jobs) != Some(version.jobs) {
             end = Instant::now() + PATIENCE;
         }
-        if version.phase == during && Instant::now() < end {
-            continue;
-        }
-        print(shown(&version).trim_end())?;
-        if good.contains(&version.phase.as_str()) {
+        if !phases.contains(&version.phase.as_str()) || Instant::now() >= end {
             return Ok(version);
         }
-        let waited = PATIENCE.as_secs();
-        let message = match during {
-            _ if version.phase != during => format!("{program} is now {}", version.phase),
-            "trial" => format!(
-                "{program} is still on trial, and has had no job for {waited} s: the next start begins with the version before. \
-                 `takt plc keep` changes that when `takt plc versions` shows it held"
-            ),
-            _ => format!(
-                "{program} is still {during} after {waited} s: the PLC's kernel has no time between two jobs for it. `takt plc \
-                 versions` tells how it stands, `takt plc rollback` takes the order back"
-            ),
-        };
-        return Err(Failure { status: status::REFUSED, message });
     }
 }
