@@ -174,14 +174,15 @@ impl CpuReservations {
 
 /// Budget for wake-ups between pieces beside the one that the runtime for a kick has room for. In its last [`LAZY`]
 /// a sleep of the kicker's is divided once. One piece of a longer sleep may end shortly before, and within a
-/// longer period another.
-fn pieces_within(period: Nanos, longest_sleep: Nanos) -> Nanos {
-    let further = match () {
-        () if longest_sleep <= LAZY => 0,
-        () if period < LAZY => 1,
-        () => 2,
+/// longer period others: one for each ninth that leads from the period to [`LAZY`], and as many as it takes more
+/// where the clock is fast, so that each piece, and the last, ends early.
+pub(crate) fn pieces_within(period: Nanos, longest_sleep: Nanos) -> Nanos {
+    let further = match (period.0 / LAZY.0).checked_ilog(9) {
+        _ if longest_sleep <= LAZY => 0,
+        None => 1,
+        Some(ninths) => 3 + ninths,
     };
-    Nanos(KICKER_PIECE.0 * further)
+    Nanos(KICKER_PIECE.0 * u64::from(further))
 }
 
 #[cfg(test)]
@@ -273,7 +274,8 @@ mod tests {
         assert_eq!(kicker(2000, &[(0, 180)]), reservation(20, 900));
         assert_eq!(kicker(2001, &[(0, 181)]), reservation(30, 900));
         assert_eq!(kicker(10_000, &[(0, 100), (500, 80)]), reservation(30, 190));
-        assert_eq!(kicker(4100, &[(0, 80)]), reservation(40, 2000));
+        assert_eq!(kicker(4100, &[(0, 80)]), reservation(50, 2000));
+        assert_eq!(kicker(100_000, &[(0, 20_000)]), reservation(60, 39_990));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::*;
-use crate::reservation::Reservation;
+use crate::reservation::{KICKER_RUNTIME, Reservation, pieces_within};
 use crate::schedules::Schedules;
 use crate::switch::ScheduleState;
 use crate::table::{Cpu, PartitionId, Placement, Role, Window};
@@ -415,6 +415,31 @@ fn a_sleep_by_the_kernel_does_not_end_early() {
             let until = Tsc::now().after(Ticks(1_000_000));
             assert_eq!(sleeper.until(until, &wake_ups), Woken::OnTime);
             assert!(Tsc::now() >= until);
+        }
+    }
+}
+
+/// The budget of the kicker is for this many wake-ups in a period, each of up to 7 us, and an end of 9 us.
+#[test]
+fn the_lazy_wake_no_oftener_than_their_budget_has_room_for() {
+    let (wake_up, end) = (7_000, 9_000);
+    for length in [2_100, 3_000, 5_000, 10_000, 40_000, 60_000, 100_000, 1_000_000, 4_000_000] {
+        let lengths = [2_000, 3_000, 5_000, 10_000, 20_000, 40_000, 100_000, 1_000_000, 4_000_000];
+        for period in lengths.into_iter().filter(|period| *period <= length) {
+            let [length, period] = [length, period].map(Nanos::from_micros);
+            let budget = KICKER_RUNTIME.plus(pieces_within(period, length)).0;
+            for ppm in STEERINGS {
+                let mut machine = Watched(Steered::new(&[(0, ppm)]), Vec::new());
+                let mut sleeper = Sleeper::new(FREQUENCY).lazy();
+                for cycle in 1..30 {
+                    machine.1.clear();
+                    let instant = cycle * length.0;
+                    sleeper.sleep(&mut machine, Tsc(instant), &WakeUps::default());
+                    let within = machine.1.iter().filter(|at| **at + period.0 > instant);
+                    let used = (within.count() as u64 - 1) * wake_up + end;
+                    assert!(used <= budget, "{ppm} ppm, {length}, {period}: {used} ns of {budget}");
+                }
+            }
         }
     }
 }

@@ -6,10 +6,10 @@
 //! takes nothing out of a static library for a weak name, so the function is at address 0.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use takt_tests::{root, target};
+use takt_tests::root;
 
 /// Weak names of the standard library (`std::sys::pal::unix::weak`), which it calls if they are there.
 const LOOKED_FOR: [&str; 9] = [
@@ -24,9 +24,14 @@ const LOOKED_FOR: [&str; 9] = [
     "statx",
 ];
 
+/// Takt, which is the same for each suite of Debian.
+fn takt(build: &str) -> PathBuf {
+    root().join("target/x86_64-unknown-linux-gnu").join(build).join("takt")
+}
+
 #[test]
 fn what_is_not_linked_is_only_what_is_looked_for_before_it_is_called() {
-    let program = target("x86_64-unknown-linux-gnu/release/takt");
+    let program = takt("release");
     let output = Command::new("nm").arg(&program).output().expect("nm (binutils) starts");
     assert!(output.status.success(), "{output:?}");
     let names = String::from_utf8(output.stdout).unwrap();
@@ -66,7 +71,7 @@ const HOOKS: [&str; 7] = [
 #[test]
 fn what_users_get_has_no_hook_of_tests() {
     let has = |build: &str, name: &str| {
-        let program = fs::read(target(&format!("x86_64-unknown-linux-gnu/{build}/takt"))).unwrap();
+        let program = fs::read(takt(build)).unwrap();
         program.windows(name.len()).any(|bytes| bytes == name.as_bytes())
     };
     let in_release: Vec<&str> = HOOKS.into_iter().filter(|name| has("release", name)).collect();

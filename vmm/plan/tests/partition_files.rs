@@ -377,8 +377,8 @@ fast       plc    0    1028KiB  20us   ignore  100us, 1.0 %    120us every 5ms
 slow       plc    1    4MiB     200us  ignore  2500us, 25.0 %  2750us every 10ms
 linux      linux  0    64MiB    -      -       9800us, 98.0 %  -
 
-CPU 0: 4.1 % reserved, of at most 90.0 %; 40us every 2465us to end windows
-CPU 1: 28.6 % reserved, of at most 90.0 %; 40us every 3650us to end windows
+CPU 0: 4.5 % reserved, of at most 90.0 %; 50us every 2465us to end windows
+CPU 1: 28.9 % reserved, of at most 90.0 %; 50us every 3650us to end windows
 fast: no tasks given: not analysed
 slow: no tasks given: not analysed
 "#;
