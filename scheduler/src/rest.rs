@@ -54,10 +54,15 @@ impl Rest {
         }
     }
 
-    /// The last instants up to `at` from which a wake-up, with and without what follows it, is over before any
-    /// quiet time; the better one first. `None` if there is no gap before it.
-    pub(crate) fn before(&self, at: Tsc) -> [Option<Tsc>; 2] {
-        [self.followed, WAKE_UP].map(|room| self.with_room(at, room))
+    /// The last instant up to `at` from which a wake-up is over before any quiet time; `None` if there is no
+    /// gap before it.
+    pub(crate) fn before(&self, at: Tsc) -> Option<Tsc> {
+        self.with_room(at, WAKE_UP)
+    }
+
+    /// The same for the wake-up and the interrupt that follows it.
+    pub(crate) fn before_with_follower(&self, at: Tsc) -> Option<Tsc> {
+        self.with_room(at, self.followed)
     }
 
     fn with_room(&self, at: Tsc, room: Nanos) -> Option<Tsc> {

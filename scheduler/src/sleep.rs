@@ -267,19 +267,17 @@ impl Sleeper {
             (false, true) => leave.max(SHORT),
             (false, false) => remaining,
         };
-        let helps = |piece: &Nanos| remaining.less(*piece) <= last;
-        let [clear, over] = rest.before(at);
-        // Only of a short sleep: a longer one would be divided into more pieces, which the budget has no room for. And what
-        // is short enough for a last piece is not divided at the price of what follows the wake-up.
-        let clear = clear.filter(|_| patient);
-        let over = over.filter(|_| !patient || remaining > last);
-        let placed = clear.into_iter().chain(over).filter(|placed| *placed > now);
-        let mut pieces = placed.map(|placed| self.frequency.nanos(placed.since(now)));
-        match pieces.find(|piece| *piece >= PIECE_MIN && helps(piece)) {
-            Some(piece) => Some(piece),
-            None if patient => None,
-            None => Some(wanted),
+        let useful = |place: Option<Tsc>| {
+            let piece = self.frequency.nanos(place.filter(|place| *place > now)?.since(now));
+            (piece >= PIECE_MIN && remaining.less(piece) <= last).then_some(piece)
+        };
+        if !patient {
+            return useful(rest.before(at)).or(Some(wanted));
         }
+        // Only here: a longer sleep would have more pieces by this, for which its budget has no room.
+        let clear = useful(rest.before_with_follower(at));
+        // A sleep that is short enough for a last piece is not divided at the price of a second interrupt.
+        clear.or_else(|| if remaining <= last { None } else { useful(rest.before(at)) })
     }
 
     /// Looks whether the clock has kept its rate since the last look.
