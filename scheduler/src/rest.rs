@@ -24,7 +24,7 @@ pub struct Rest {
     board: Arc<ScheduleState>,
     base: Timebase,
     /// From a wake-up until the interrupt that follows it is over.
-    followed: Nanos,
+    pub(crate) followed: Nanos,
     on_steered: Option<Listener>,
 }
 
@@ -54,18 +54,9 @@ impl Rest {
         }
     }
 
-    /// The last instant up to `at` from which a wake-up is over before any quiet time; `None` if there is no
-    /// gap before it.
-    pub(crate) fn before(&self, at: Tsc) -> Option<Tsc> {
-        self.with_room(at, WAKE_UP)
-    }
-
-    /// The same for the wake-up and the interrupt that follows it.
-    pub(crate) fn before_with_follower(&self, at: Tsc) -> Option<Tsc> {
-        self.with_room(at, self.followed)
-    }
-
-    fn with_room(&self, at: Tsc, room: Nanos) -> Option<Tsc> {
+    /// The last instant up to `at` from which `room` is over before any quiet time; `None` if there is no gap
+    /// before it.
+    pub(crate) fn before(&self, at: Tsc, room: Nanos) -> Option<Tsc> {
         // Before the epoch there are no windows.
         if at < self.base.epoch {
             return Some(at);

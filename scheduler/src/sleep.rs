@@ -35,6 +35,7 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crate::moment::Moment;
+use crate::quiet::WAKE_UP;
 use crate::rest::Rest;
 use crate::time::{Nanos, Ticks, Tsc, TscFrequency};
 
@@ -272,12 +273,12 @@ impl Sleeper {
             (piece >= PIECE_MIN && remaining.less(piece) <= last).then_some(piece)
         };
         if !patient {
-            return useful(rest.before(at)).or(Some(wanted));
+            return useful(rest.before(at, WAKE_UP)).or(Some(wanted));
         }
         // Only here: a longer sleep would have more pieces by this, for which its budget has no room.
-        let clear = useful(rest.before_with_follower(at));
+        let clear = useful(rest.before(at, rest.followed));
         // A sleep that is short enough for a last piece is not divided at the price of a second interrupt.
-        clear.or_else(|| if remaining <= last { None } else { useful(rest.before(at)) })
+        clear.or_else(|| if remaining <= last { None } else { useful(rest.before(at, WAKE_UP)) })
     }
 
     /// Looks whether the clock has kept its rate since the last look.
