@@ -106,17 +106,19 @@ pub fn erring_kernel(error: &str, count: u32) -> Option<PathBuf> {
     Some(write(&format!("{error}-kernel-{count}"), &code))
 }
 
-/// Writes a kernel that aims a timer of its local APIC at the releases of a PLC with a frame of 1 ms, and
-/// returns its path. It finds them by the time that is taken from it, and sweeps over the last 60 us
-/// before the same moment of the next frame in steps of 53 ns. Before that it tries to set its TSC forward,
-/// so that its instants would mean others, and a timer of the board's.
+/// Writes a kernel that aims at the releases of a PLC with a frame of 1 ms, and returns its path. It finds them by
+/// the time that is taken from it, and sweeps over the last 60 us before the same moment of the next frame in
+/// steps of 53 ns; with what is logged, over some us before the PLC's wake-up. Before that it tries to set its TSC
+/// forward, so that its instants would mean others, and a timer of the board's.
 #[must_use]
-pub fn aiming_kernel(timer: Aim) -> PathBuf {
-    let [lvt, register] = match timer {
+pub fn aiming_kernel(aim: Aim) -> PathBuf {
+    let [lvt, register, from] = match aim {
         // The vector is 32. Bits 17 and 18 are the timer's mode.
-        Aim::Deadline => [2 << 17 | 32, 0x6e0u32],
-        Aim::OneShot => [32, 0x838],
-        Aim::Periodic => [1 << 17 | 32, 0x838],
+        Aim::Deadline => [2 << 17 | 32, 0x6e0u32, 940_000],
+        Aim::OneShot => [32, 0x838, 940_000],
+        Aim::Periodic => [1 << 17 | 32, 0x838, 940_000],
+        // AMD's first performance counter.
+        Aim::Logged => [1 << 16, 0xc001_0004, 977_500],
     };
     let mut code = vec![
         0xb9, 0x1b, 0x00, 0x00, 0x00, // mov ecx, 0x1b
@@ -145,28 +147,38 @@ pub fn aiming_kernel(timer: Aim) -> PathBuf {
         0x0f, 0x30, // wrmsr: the timer's mode
         0x31, 0xdb, // xor ebx, ebx
         0x45, 0x31, 0xc0, // xor r8d, r8d
+    ]);
+    let again = code.len();
+    code.extend([
         0x0f, 0x31, // 1: rdtsc
         0x48, 0xc1, 0xe2, 0x20, // shl rdx, 32
         0x48, 0x09, 0xd0, // or rax, rdx
         0x49, 0x89, 0xc1, // mov r9, rax
         0x4c, 0x29, 0xc0, // sub rax, r8
         0x4d, 0x89, 0xc8, // mov r8, r9
-        0x48, 0x3d, 0x20, 0x4e, 0x00, 0x00, // cmp rax, 20000: as long as a window takes
+        0x48, 0x3d, 0xe0, 0x2e, 0x00,
+        0x00, // cmp rax, 12000: a guard takes as long, an interrupt does not
         0x72, 0xe6, // jb 1b
         0x83, 0xc3, 0x35, // add ebx, 53
         0x81, 0xfb, 0x60, 0xea, 0x00, 0x00, // cmp ebx, 60000
         0x72, 0x02, // jb 2f
         0x31, 0xdb, // xor ebx, ebx
-        0x48, 0x8d, 0x83, 0xe0, 0x57, 0x0e, 0x00, // 2: lea rax, [rbx + 940000]
+        0x48, 0x8d, 0x83, // 2: lea rax, [rbx + from]
     ]);
-    match timer {
-        Aim::Deadline => code.extend([
-            0x4c, 0x01, 0xc8, // add rax, r9
-        ]),
-        // Of the same length, so that the jumps are the same.
-        Aim::OneShot | Aim::Periodic => code.extend([
-            0x0f, 0x1f, 0x00, // nop
-        ]),
+    code.extend(from.to_le_bytes());
+    if matches!(aim, Aim::Deadline | Aim::Logged) {
+        code.extend([0x4c, 0x01, 0xc8]); // add rax, r9
+    }
+    if aim == Aim::Logged {
+        code.extend([
+            0x49, 0x89, 0xc2, // mov r10, rax
+            0x0f, 0x31, // 3: rdtsc
+            0x48, 0xc1, 0xe2, 0x20, // shl rdx, 32
+            0x48, 0x09, 0xd0, // or rax, rdx
+            0x49, 0x89, 0xc0, // mov r8, rax: no window, however long the write takes
+            0x4c, 0x39, 0xd0, // cmp rax, r10
+            0x72, 0xef, // jb 3b
+        ]);
     }
     code.extend([
         0x48, 0x89, 0xc2, // mov rdx, rax
@@ -176,12 +188,14 @@ pub fn aiming_kernel(timer: Aim) -> PathBuf {
     code.extend(register.to_le_bytes());
     code.extend([
         0x0f, 0x30, // wrmsr
-        0xeb, 0xbf, // jmp 1b
+        0xe9, // jmp 1b
     ]);
-    write(&format!("aiming-kernel-{timer:?}"), &code)
+    let back = again as i32 - (code.len() as i32 + 4);
+    code.extend(back.to_le_bytes());
+    write(&format!("aiming-kernel-{aim:?}"), &code)
 }
 
-/// By which mode of its timer [`aiming_kernel`] aims.
+/// With what [`aiming_kernel`] aims: a mode of its timer, or something else.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Aim {
     /// An instant.
@@ -190,6 +204,8 @@ pub enum Aim {
     OneShot,
     /// A count, again and again.
     Periodic,
+    /// A write to a register that KVM does not have and would log.
+    Logged,
 }
 
 fn write(name: &str, code: &[u8]) -> PathBuf {

@@ -38,6 +38,7 @@ pub mod pci;
 pub mod power_button;
 pub mod prepare;
 pub mod probe;
+pub mod registers;
 pub mod resctrl;
 pub mod restart;
 pub mod run;

@@ -7,14 +7,10 @@
 //! performance counters ([`cpuid`]).
 
 use kvm_bindings::{
-    CpuId, KVM_CAP_SPLIT_IRQCHIP, KVM_CAP_X86_USER_SPACE_MSR, KVM_MAX_CPUID_ENTRIES,
-    KVM_VCPU_TSC_CTRL, KVM_VCPU_TSC_OFFSET, Msrs, kvm_device_attr, kvm_enable_cap, kvm_lapic_state,
-    kvm_msr_entry,
+    CpuId, KVM_CAP_SPLIT_IRQCHIP, KVM_MAX_CPUID_ENTRIES, KVM_VCPU_TSC_CTRL, KVM_VCPU_TSC_OFFSET,
+    Msrs, kvm_device_attr, kvm_enable_cap, kvm_lapic_state, kvm_msr_entry,
 };
-use kvm_ioctls::{
-    Cap, Kvm, MsrExitReason, MsrFilterDefaultAction, MsrFilterRange, MsrFilterRangeFlags, VcpuFd,
-    VmFd,
-};
+use kvm_ioctls::{Cap, Kvm, VcpuFd, VmFd};
 use takt_plan::linux_map::TASK_STATE_SEGMENT;
 use takt_scheduler::time::TscFrequency;
 use thiserror::Error;
@@ -24,22 +20,11 @@ use crate::cpuid;
 use crate::event::EventError;
 use crate::health::bus_locks;
 use crate::memory::{GuestMemory, MemoryError};
+use crate::registers;
 use crate::topology;
 
 /// `KVM_CAP_HALT_POLL` of `include/uapi/linux/kvm.h`; kvm-ioctls has no name for it.
 const KVM_CAP_HALT_POLL: u32 = 182;
-
-/// Model-specific registers whose writes Takt answers in KVM's place, see [`vcpu::guest_timer`].
-///
-/// [`vcpu::guest_timer`]: crate::vcpu::guest_timer
-pub mod msr {
-    /// `IA32_TSC_DEADLINE`: when the local APIC's timer is to go off.
-    pub const TSC_DEADLINE: u32 = 0x6e0;
-    /// `IA32_TIME_STAMP_COUNTER`.
-    pub(super) const TSC: u32 = 0x10;
-    /// `IA32_TSC_ADJUST`.
-    pub(super) const TSC_ADJUST: u32 = 0x3b;
-}
 
 /// What kvm-ioctls has no call for: the first it offers for other architectures only.
 mod request {
@@ -128,7 +113,7 @@ pub struct Machine {
 /// See [`MachineError`].
 pub fn for_plc(kvm: &Kvm, memory: &GuestMemory, interrupts: bool) -> Result<Machine, MachineError> {
     let vm = create(kvm, memory)?;
-    keep_from_changing(&vm, &STUCK)?;
+    registers::refuse(&vm).map_err(cannot("keep a guest from changing registers"))?;
     if interrupts {
         // In this form KVM keeps the processor's controller, and the board's is left to Takt, which
         // makes none. The argument is the number of its pins.
@@ -140,22 +125,6 @@ pub fn for_plc(kvm: &Kvm, memory: &GuestMemory, interrupts: bool) -> Result<Mach
     vcpu.set_cpuid2(&supported(kvm)?).map_err(cannot("set the CPUID"))?;
     bound_machine_checks(&vcpu)?;
     finish(vm, vec![vcpu])
-}
-
-/// Registers that KVM does not let anybody put back once a guest has set a bit: AMD's hardware
-/// configuration (`MSR_K7_HWCR` in `kvm_set_msr_common`) and control of virtual machines
-/// (`svm_set_vm_cr`). A restart of a PLC could not undo it.
-const STUCK: [u32; 2] = [0xc001_0015, 0xc001_0114];
-
-/// Has KVM refuse a guest's writes to these registers, as a processor does that has none.
-fn keep_from_changing(vm: &VmFd, registers: &[u32]) -> Result<(), MachineError> {
-    // One bit for each register, none of which is set; KVM reads 64 at a time.
-    const REFUSED: [u8; 8] = [0; 8];
-    let flags = MsrFilterRangeFlags::WRITE;
-    let range = |&base| MsrFilterRange { flags, base, msr_count: 1, bitmap: &REFUSED };
-    let ranges: Vec<MsrFilterRange<'_>> = registers.iter().map(range).collect();
-    vm.set_msr_filter(MsrFilterDefaultAction::ALLOW, &ranges)
-        .map_err(cannot("keep a guest from changing registers"))
 }
 
 /// Leaves a processor one bank of machine checks instead of 32, which no PLC reads and a restart would
@@ -197,7 +166,7 @@ pub fn for_linux(
     let vm = create(kvm, memory)?;
     vm.create_irq_chip().map_err(cannot("create the interrupt controllers"))?;
     if timer == TimerOwner::Takt {
-        take_timer_over(&vm)?;
+        registers::take_over(&vm).map_err(cannot("hand registers over"))?;
     }
     switch_polling_off(&vm)?;
     let mut cpuid = supported(kvm)?;
@@ -212,22 +181,6 @@ pub fn for_linux(
         vcpus.push(vcpu);
     }
     finish(vm, vcpus)
-}
-
-/// Makes the guest's writes of deadlines exits, and those to its TSC.
-fn take_timer_over(vm: &VmFd) -> Result<(), MachineError> {
-    let mut exits = kvm_enable_cap { cap: KVM_CAP_X86_USER_SPACE_MSR, ..Default::default() };
-    exits.args[0] = u64::from(MsrExitReason::Filter.bits());
-    vm.enable_cap(&exits).map_err(cannot("hand registers over"))?;
-    let range = |base| MsrFilterRange {
-        flags: MsrFilterRangeFlags::WRITE,
-        base,
-        msr_count: 1,
-        bitmap: &[0],
-    };
-    let ranges = [msr::TSC_DEADLINE, msr::TSC, msr::TSC_ADJUST].map(range);
-    vm.set_msr_filter(MsrFilterDefaultAction::ALLOW, &ranges)
-        .map_err(cannot("filter writes to registers"))
 }
 
 /// A halted guest must give its CPU away at once, not poll on it for the next interrupt.

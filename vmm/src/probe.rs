@@ -14,8 +14,9 @@ use vm_memory::{Bytes, GuestAddress};
 
 use crate::boot::long_mode::{self, Entry, StartError};
 use crate::health::bus_locks;
-use crate::machine::{self, MachineError, TimerOwner, msr};
+use crate::machine::{self, MachineError, TimerOwner};
 use crate::memory::{GuestMemory, MemoryError, Pages};
+use crate::registers;
 
 /// Rounds of the loop. At two instructions a round, hardware takes well under a millisecond, an
 /// emulator of a million instructions a second a fifth of a second.
@@ -81,7 +82,7 @@ fn hands_deadlines_over(kvm: &Kvm) -> Result<bool, ProbeError> {
     let memory = GuestMemory::for_linux(MEMORY, Pages::Small, &[])?;
     let mut machine = machine::for_linux(kvm, &memory, TimerOwner::Takt, 1)?;
     // mov ecx, TSC_DEADLINE; xor eax, eax; xor edx, edx; wrmsr; out 0x80, al
-    let [a, b, c, d] = msr::TSC_DEADLINE.to_le_bytes();
+    let [a, b, c, d] = registers::TSC_DEADLINE.to_le_bytes();
     let code = [0xb9, a, b, c, d, 0x31, 0xc0, 0x31, 0xd2, 0x0f, 0x30, 0xe6, 0x80];
     memory.regions().write_slice(&code, GuestAddress(CODE)).map_err(StartError::from)?;
     let entry = Entry { rip: CODE, ..Entry::default() };

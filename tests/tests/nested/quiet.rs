@@ -104,10 +104,11 @@ fn stress_ng_moves_no_release_of_three_plcs() {
     }
 }
 
-/// A PLC beside a kernel that aims a timer at its releases.
+/// A PLC beside a kernel that aims a timer at its releases, and at its wake-ups. The guard is as narrow as the lab's
+/// wake-ups allow: an interrupt that delays one is felt.
 fn aimed_at(aim: Aim) -> Outcome {
     let kernel = aiming_kernel(aim);
-    let file = File::new("1ms").plc("plc", None, "").lines(&format!(
+    let file = File::new("1ms").plc("plc", None, "release_guard = \"10us\"").lines(&format!(
         "[[partition]]\nname = \"linux\"\nkind = \"linux\"\ncpu = 0\nbackground = true\n\
          memory = \"64MiB\"\nkernel = {kernel:?}"
     ));
@@ -128,6 +129,15 @@ fn a_kernel_that_aims_deadlines_at_releases_moves_none() {
     let put_back = outcome.number("linux", "deadlines.put_back");
     assert!(put_back * 10 >= moved * 9, "{put_back} of {moved}\n{}", outcome.output);
     assert_quiet(&outcome, "plc", 2_990);
+}
+
+/// The kernel's log is written with interrupts off, for longer than the guard has to spare.
+#[test]
+fn a_kernel_that_writes_what_kvm_would_log_delays_no_wake_up() {
+    let outcome = aimed_at(Aim::Logged);
+    assert_quiet(&outcome, "plc", 2_990);
+    let latest = outcome.number("plc", "wake_up_latency_ns.max");
+    assert!(latest < 6_000, "{latest}\n{}", outcome.output);
 }
 
 #[test]

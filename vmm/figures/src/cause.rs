@@ -15,7 +15,8 @@
 //! does: if it is higher than the number of exits that came to the thread, the host's kernel took
 //! the processor away at least once. That count is of the whole window, so this cause says that
 //! an interrupt can have done it, not when it came. Only if there was none is it the guest's own
-//! doing.
+//! doing, but for the way into the guest ([`ENTRY`]): it takes its time in each window, and what of it is left at
+//! the release belongs to the one who came late to it.
 //!
 //! A start has nothing to do but to happen, so all of its latency is explained. Of a scan only
 //! what is beyond the usual: the least time that any scan of this partition spent in the guest.
@@ -26,6 +27,7 @@ use std::fmt;
 
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use takt_scheduler::guard::ENTRY;
 use takt_scheduler::time::{Nanos, Ticks, Tsc, TscFrequency};
 
 use takt_record::{Detour, Scan, WindowRecord};
@@ -34,7 +36,8 @@ use takt_record::{Detour, Scan, WindowRecord};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "cause", rename_all = "snake_case")]
 pub enum Cause {
-    /// The thread slept longer than the guard allows.
+    /// The thread slept longer than the guard allows for: what was left of it is shorter than the way into the
+    /// guest.
     LateWakeUp {
         /// From when it was to wake up to when it did, the guard included.
         after_due_ns: u64,
@@ -192,13 +195,23 @@ pub fn of_start(
     let inside = record.entered.clamp(awake, start);
     let (exits, outside) = outside(detours, inside, start);
     let in_guest = Ticks(start.since(inside).0.saturating_sub(outside.0));
+    let cause = in_guest_cause(record, detours, start);
+    // An interrupt makes the way longer by an unknown time.
+    let interrupted = matches!(cause, Cause::HostInterrupt { .. });
+    let way = if interrupted { Ticks(0) } else { frequency.ticks(ENTRY) };
+    let left = detours.first().map_or(start, |detour| detour.left.min(start));
+    let way = in_guest.min(record.entered.after(way).min(left).since(inside));
+    let asleep = record.woken.since(record.due);
+    let (mut by_wake_up, mut by_host) = (awake.since(record.release), inside.since(awake));
+    let late =
+        if asleep >= record.entered.since(record.woken) { &mut by_wake_up } else { &mut by_host };
+    late.0 = late.0.saturating_add(way.0);
     let nanos = |ticks| frequency.nanos(ticks);
-    let after_due_ns = nanos(record.woken.since(record.due)).0;
     Some(Explanation::new(&[
-        (Cause::LateWakeUp { after_due_ns }, nanos(awake.since(record.release))),
-        (Cause::HostDelay, nanos(inside.since(awake))),
+        (Cause::LateWakeUp { after_due_ns: nanos(asleep).0 }, nanos(by_wake_up)),
+        (Cause::HostDelay, nanos(by_host)),
         (Cause::VmExits { exits }, nanos(outside)),
-        (in_guest_cause(record, detours, start), nanos(in_guest)),
+        (cause, nanos(Ticks(in_guest.0.saturating_sub(way.0)))),
     ]))
 }
 

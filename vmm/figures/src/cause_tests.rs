@@ -72,35 +72,53 @@ fn a_late_start_is_split_among_all_who_had_a_part_in_it() {
         ..claiming(120_000, 150_000)
     };
     let expected = [
-        (Cause::LateWakeUp { after_due_ns: 30_000 }, 10_000),
+        // The way into the guest took until its first exit.
+        (Cause::LateWakeUp { after_due_ns: 30_000 }, 11_000),
         (Cause::HostDelay, 3_000),
         (Cause::VmExits { exits: 1 }, 4_500),
-        (Cause::GuestComputation, 2_500),
+        (Cause::GuestComputation, 1_500),
     ];
     let explanation = of_start(&record, &[detour(114_000, 118_500)], frequency()).unwrap();
     assert_eq!(parts(&explanation), expected);
     assert_eq!(
         explanation.to_string(),
         "late wake-up: 30.0 us after due; host delay: 3.0 us from wake-up to entry; \
-         VM exits: 4.5 us in 1 exit; guest computation: 2.5 us"
+         VM exits: 4.5 us in 1 exit; guest computation: 1.5 us"
     );
 }
 
 #[test]
 fn what_the_guard_absorbs_explains_nothing() {
-    let late_but_in_time = WindowRecord {
-        woken: Tsc(99_000),
-        entered: Tsc(100_000),
+    let in_time = WindowRecord {
+        woken: Tsc(96_000),
+        entered: Tsc(97_000),
         exits: 2,
         kernel_exits: 2,
         ..claiming(101_000, 0)
     };
-    assert_eq!(start(&late_but_in_time, &[]), [(Cause::Unknown, 1_000)]);
+    assert_eq!(start(&in_time, &[]), [(Cause::Unknown, 1_000)]);
     // An exit before the release that lasts beyond it, and one after the start.
     let detours = [detour(90_000, 100_400), detour(102_000, 103_000)];
     let record = WindowRecord { exits: 3, kernel_exits: 3, ..claiming(101_000, 0) };
     let expected = [(Cause::VmExits { exits: 1 }, 400), (Cause::GuestComputation, 600)];
     assert_eq!(start(&record, &detours), expected);
+}
+
+#[test]
+fn the_way_into_the_guest_belongs_to_who_came_late_to_it() {
+    let with = |woken, entered, kernel_exits| WindowRecord {
+        woken: Tsc(woken),
+        entered: Tsc(entered),
+        kernel_exits,
+        ..claiming(101_500, 150_000)
+    };
+    let late = Cause::LateWakeUp { after_due_ns: 18_500 };
+    assert_eq!(start(&with(98_500, 98_750, 1), &[]), [(late, 1_500)]);
+    // Beyond the longest way, it is something else.
+    assert_eq!(start(&with(98_000, 98_000, 1), &[])[1..], [(Cause::GuestComputation, 500)]);
+    assert_eq!(start(&with(96_000, 97_000, 1), &[]), [(Cause::GuestComputation, 1_500)]);
+    assert_eq!(start(&with(85_000, 99_000, 1), &[]), [(Cause::HostDelay, 1_500)]);
+    assert_eq!(start(&with(98_500, 98_750, 2), &[]), [(Cause::HostInterrupt { exits: 1 }, 1_500)]);
 }
 
 #[test]

@@ -197,7 +197,7 @@ mod tests {
         let mut worst = worst(1);
         worst.add(&record(3, 7, 100), &[]);
         let start = serde_json::to_value(worst.starts().next().unwrap()).unwrap();
-        assert_eq!(start["cause"], "guest_computation");
+        assert_eq!(start["cause"], "late_wake_up");
         assert_eq!(start["parts"][0]["explains_ns"], 7);
         let scan = serde_json::to_value(worst.scans().next().unwrap()).unwrap();
         for key in ["release", "at_ns", "execution_ns", "finished", "usual_ns", "parts"] {

@@ -16,7 +16,7 @@
 //! system calls, memory types, auxiliary values, speculation control, the pages of KVM's own
 //! interface, and the adjustment of the time stamp counter. At a restart only what differs is written,
 //! since some writes have effects of their own. Two registers of AMD's KVM does not let anybody put
-//! back, so a PLC cannot change them ([`machine::for_plc`]). It is done by the partition's thread in a window of its
+//! back, so a PLC cannot change them ([`registers`](crate::registers)). It is done by the partition's thread in a window of its
 //! partition's, so it takes no time from others.
 
 use std::sync::Arc;

@@ -10,7 +10,8 @@
 //! thread. The same kick makes that thread look again when the schedule is about to change.
 //!
 //! Writes to the guest's TSC come here too and are dropped: it would otherwise have another clock than
-//! the schedule, and its deadlines another meaning.
+//! the schedule, and its deadlines another meaning. So are those to all other registers that are kept from KVM
+//! ([`registers`](crate::registers)).
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -23,7 +24,7 @@ use takt_scheduler::time::{Timebase, Tsc};
 
 use super::Control;
 use super::guest::{End, Guest, KvmFailure};
-use crate::machine::msr::TSC_DEADLINE;
+use crate::registers::TSC_DEADLINE;
 
 /// What the threads of one CPU know of the timer of a Linux's processor there.
 pub struct Deadlines {
