@@ -3,8 +3,8 @@
 //! A host's CPU is interrupted by its timers, whatever runs on it. Most of those can be placed:
 //! a Linux guest's deadlines, which KVM keeps as timers of the host, and Takt's own. An
 //! interrupt that falls onto a release moves it, one that falls into a window makes a scan longer.
-//! So each window has a *quiet time*, from its guard to its end, and what can be chosen is chosen
-//! outside of all of them: [`QuietTimes::defer`] for the deadlines of a guest,
+//! So each window has a *quiet time*, from shortly before its guard to its end, and what can be chosen
+//! is chosen outside of all of them: [`QuietTimes::defer`] for the deadlines of a guest,
 //! [`QuietTimes::roomy`] for timers of our own, [`tick_phase`] for the host's tick, which is where
 //! it is, so that the epoch has to be chosen.
 //!
@@ -12,12 +12,12 @@
 //! also across frames and a switch of schedules. Where there is none it stays where it is.
 
 use crate::switch::Switch;
-use crate::table::{Cpu, PartitionId, Table, WINDOW_MIN, guard_of};
+use crate::table::{Cpu, PartitionId, Table, guard_of};
 use crate::time::Nanos;
 
-/// Least quiet time before a release, whatever the guard: longer than an interrupt of a timer takes,
-/// so that one just before the quiet time is over at the release. 5.8 us have been seen.
-const LEAD_MIN: Nanos = WINDOW_MIN;
+/// Quiet time before a guard: longer than an interrupt of a timer takes, so that one which comes
+/// just before the quiet time does not delay the owner's wake-up at the start of its guard. 5.8 us have been seen.
+const LEAD: Nanos = Nanos::from_micros(10);
 /// How long before its instant KVM may let a guest's deadline expire
 /// (`LAPIC_TIMER_ADVANCE_NS_MAX`, arch/x86/kvm/lapic.c).
 const TAIL: Nanos = Nanos::from_micros(5);
@@ -196,10 +196,10 @@ fn quiet_in(table: &Table, cpu: Cpu, except: Option<PartitionId>) -> Box<[Quiet]
     let windows = table.windows_on(cpu).filter(|window| Some(window.partition) != except);
     let mut quiet: Vec<Quiet> = windows
         .map(|window| {
-            let lead = guard_of(table.placements(), window).max(LEAD_MIN);
+            let guard = guard_of(table.placements(), window);
             let (start, end) = (signed(window.offset), signed(window.end()));
-            let to = end + signed(TAIL);
-            Quiet { from: start - signed(lead), start, end, to, until: to }
+            let (from, to) = (start - signed(guard) - signed(LEAD), end + signed(TAIL));
+            Quiet { from, start, end, to, until: to }
         })
         .collect();
     for i in (1..quiet.len()).rev() {
