@@ -84,7 +84,7 @@ fn assert_machine(findings: &Findings) {
     assert_found(findings, "tick", "good", "one CPU");
     assert_found(findings, "c-states", "good", "");
     assert_found(findings, "smi", "good", "no counter");
-    for check in ["smt", "governor", "iommu", "memory", "memlock", "interrupts"] {
+    for check in ["smt", "governor", "iommu", "memory", "memlock", "interrupts", "console"] {
         assert_found(findings, check, "good", "");
     }
     // As late as in a run, see docs/timing.md; one thread alone wakes up well within its guard.

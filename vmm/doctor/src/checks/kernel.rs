@@ -12,8 +12,7 @@ use crate::host::{Capability, Host};
 /// then told by debugfs, by the command line, by the log of the boot, or by the configuration.
 pub fn preemption(host: &Host) -> Finding {
     const CHECK: &str = "preemption";
-    let version = host.text("proc/version").unwrap_or_default();
-    if host.number("sys/kernel/realtime") == Some(1) || version.contains("PREEMPT_RT") {
+    if is_realtime(host) {
         return Finding::good(CHECK, format!("PREEMPT_RT ({})", host.kernel()));
     }
     let model = model(host);
@@ -31,6 +30,12 @@ pub fn preemption(host: &Host) -> Finding {
         "a wake-up waits until the kernel is done with what it is doing, and that has no bound",
         format!("{remedy}; better than nothing: the kernel parameter preempt=full"),
     )
+}
+
+/// Whether the kernel is one with PREEMPT_RT.
+pub fn is_realtime(host: &Host) -> bool {
+    let version = host.text("proc/version").unwrap_or_default();
+    host.number("sys/kernel/realtime") == Some(1) || version.contains("PREEMPT_RT")
 }
 
 fn model(host: &Host) -> Option<String> {

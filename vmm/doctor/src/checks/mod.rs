@@ -1,6 +1,7 @@
 //! What is looked up: each check is a function of the host and of what is asked of it.
 
 mod clock;
+mod console;
 mod cpus;
 mod interrupts;
 mod kernel;
@@ -36,6 +37,7 @@ pub fn all(host: &Host, demand: &Demand) -> Vec<Finding> {
         cpus::timers(host, demand),
         kernel::preemption(host),
         kernel::budget(host),
+        console::messages(host),
         kvm::clock_updates(host),
         kvm::recovery(host),
         kvm::nested(host),

@@ -68,6 +68,7 @@ fn a_virtual_machine_is_known_as_one() {
         ("tick", Warning),
         ("preemption", Cannot),
         ("budget", Unseen),
+        ("console", Warning),
         ("interrupts", Warning),
         ("watchdogs", Warning),
         ("moved-pages", Warning),
@@ -179,6 +180,21 @@ fn a_clock_that_is_steered_further_than_ntp_does_is_told_with_the_remedy() {
 }
 
 #[test]
+fn a_console_that_is_written_to_with_interrupts_off_is_told() {
+    let host = Recorded::named("virtual-machine");
+    let console = finding(&host, "console");
+    assert_eq!(console.found, "the kernel writes messages of levels below 4 to ttyS0");
+    let of = |host: Recorded| finding(&host, "console").severity;
+    assert_eq!(of(host.clone().with("proc/sys/kernel/printk", "3 4 1 7")), Good);
+    assert_eq!(of(host.clone().with("sys/kernel/realtime", "1")), Good);
+    for consoles in ["ttynull -W- (EC p  )", "ttyS0 -W- ( C p  )   4:64", ""] {
+        assert_eq!(of(host.clone().with("proc/consoles", consoles)), Good, "{consoles}");
+    }
+    assert_eq!(of(host.clone().with("proc/sys/kernel/printk", "")), Unseen);
+    assert_eq!(of(host.without("proc/consoles")), Unseen);
+}
+
+#[test]
 fn timers_leave_only_a_cpu_without_a_tick() {
     let host = Recorded::named("workstation");
     assert_eq!(finding(&host, "timers").severity, Good);
@@ -269,12 +285,12 @@ fn a_host_that_talks_nonsense_is_survived() {
         for content in odd {
             let before = tree.change(&path, content);
             let found = all(&tree.host, &Demand::usual(&tree.host));
-            assert_eq!(found.len(), 25, "{path}: {content:?}");
+            assert_eq!(found.len(), 26, "{path}: {content:?}");
             tree.change(&path, &before);
         }
     }
     let nothing = Host::recorded(std::path::Path::new("/no/such/folder"), String::new());
-    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 25);
+    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 26);
 }
 
 #[test]
