@@ -291,10 +291,13 @@ mod tests {
     #[test]
     fn a_measurement_watches_windows_and_ends() {
         let frequency = super::super::rate::estimate();
-        let end = Instant::now() + std::time::Duration::from_millis(100);
+        let begun = Instant::now();
+        let end = begun + std::time::Duration::from_millis(100);
         let cpu = WindowedCpu { cpu: takt_scheduler::table::Cpu(0), ..usual() };
         let measured = measure(&cpu, frequency, end).unwrap();
         let windows = measured.wake_ups.len() + measured.lost;
-        assert!((50..=101).contains(&windows), "{windows}");
+        // One each millisecond; a machine that is busy with other things may give this thread more of them.
+        let most = begun.elapsed().as_millis() as u64 + 1;
+        assert!((50..=most).contains(&windows), "{windows} of {most}");
     }
 }
