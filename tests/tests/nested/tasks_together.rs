@@ -41,7 +41,10 @@ fn six_tasks_of_two_programs_span_windows_and_cost_the_most_urgent_nothing() {
         .task(limited(cyclic("long", us(10_000), 20, Entry::Work), 1_100), 500_000)
         .task(limited(cyclic("longest", us(100_000), 30, Entry::Work), 6_600), 3_000_000);
     let programs = [("fast", fast, ""), ("slow", slow, "")];
-    let (duration, jobs) = if long() { ("60s", 235_000) } else { ("5s", 16_000) };
+    // Debian 13's kernel 6.12 needs 3 s to start here, and its compiler is done with the first object in the sixth.
+    let other = std::env::var_os("TAKT_SUITE").is_some_and(|suite| !suite.is_empty());
+    let short = if other { "7s" } else { "5s" };
+    let (duration, jobs) = if long() { ("60s", 235_000) } else { (short, 16_000) };
     let channel = "[[channel]]\nname = \"order\"\nkind = \"sampling\"\nmessage_bytes = 8\n\
         refresh_period = \"1s\"\nsource = \"linux:order\"\ndestinations = [\"plc:order\"]";
     let file = plc("tasks-six", 250, 100, &programs).compiling_linux(ORDERS).lines(channel);
