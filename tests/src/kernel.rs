@@ -82,10 +82,7 @@ pub fn restarting_kernel() -> PathBuf {
 /// path.
 #[must_use]
 pub fn silent_kernel() -> PathBuf {
-    let mut code = vec![0x66, 0xba, 0xf8, 0x03]; // mov dx, 0x3f8
-    for letter in b"hello\n" {
-        code.extend([0xb0, *letter, 0xee]); // mov al, letter; out dx, al
-    }
+    let mut code = saying(b"hello\n");
     code.extend([0xf4]); // 1: hlt
     code.extend([0xeb, 0xfd]); // jmp 1b
     write("silent-kernel", &code)
@@ -109,7 +106,8 @@ pub fn erring_kernel(error: &str, count: u32) -> Option<PathBuf> {
 /// Writes a kernel that aims at the releases of a PLC with a frame of 1 ms, and returns its path. It finds them by
 /// the time that is taken from it, and sweeps over the last 60 us before the same moment of the next frame in
 /// steps of 53 ns; with what is logged, over some us before the PLC's wake-up. Before that it tries to set its TSC
-/// forward, so that its instants would mean others, and a timer of the board's.
+/// forward, so that its instants would mean others, and a timer of the board's. After a thousand writes of what is
+/// logged it says "aimed".
 #[must_use]
 pub fn aiming_kernel(aim: Aim) -> PathBuf {
     let [lvt, register, from] = match aim {
@@ -147,6 +145,7 @@ pub fn aiming_kernel(aim: Aim) -> PathBuf {
         0x0f, 0x30, // wrmsr: the timer's mode
         0x31, 0xdb, // xor ebx, ebx
         0x45, 0x31, 0xc0, // xor r8d, r8d
+        0x45, 0x31, 0xdb, // xor r11d, r11d
     ]);
     let again = code.len();
     code.extend([
@@ -185,12 +184,22 @@ pub fn aiming_kernel(aim: Aim) -> PathBuf {
         0xb9, // mov ecx, register
     ]);
     code.extend(register.to_le_bytes());
-    code.extend([
-        0x0f, 0x30, // wrmsr
-        0xe9, // jmp 1b
-    ]);
-    let back = again as i32 - (code.len() as i32 + 4);
-    code.extend(back.to_le_bytes());
+    code.extend([0x0f, 0x30]); // wrmsr
+    let back = |code: &mut Vec<u8>| {
+        let distance = again as i32 - (code.len() as i32 + 4);
+        code.extend(distance.to_le_bytes());
+    };
+    if aim == Aim::Logged {
+        code.extend([
+            0x41, 0xff, 0xc3, // inc r11d
+            0x41, 0x81, 0xfb, 0xe8, 0x03, 0x00, 0x00, // cmp r11d, 1000
+            0x0f, 0x85, // jne 1b
+        ]);
+        back(&mut code);
+        code.extend(saying(b"aimed\n"));
+    }
+    code.push(0xe9); // jmp 1b
+    back(&mut code);
     write(&format!("aiming-kernel-{aim:?}"), &code)
 }
 
@@ -205,6 +214,15 @@ pub enum Aim {
     Periodic,
     /// A write to a register that KVM does not have and would log.
     Logged,
+}
+
+/// Code that writes these letters to the serial port.
+fn saying(letters: &[u8]) -> Vec<u8> {
+    let mut code = vec![0x66, 0xba, 0xf8, 0x03]; // mov dx, 0x3f8
+    for letter in letters {
+        code.extend([0xb0, *letter, 0xee]); // mov al, letter; out dx, al
+    }
+    code
 }
 
 fn write(name: &str, code: &[u8]) -> PathBuf {

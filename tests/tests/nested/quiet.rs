@@ -135,6 +135,7 @@ fn a_kernel_that_aims_deadlines_at_releases_moves_none() {
 #[test]
 fn a_kernel_that_writes_what_kvm_would_log_delays_no_wake_up() {
     let outcome = aimed_at(Aim::Logged);
+    outcome.assert_shows("aimed");
     assert_quiet(&outcome, "plc", 2_990);
     let latest = outcome.number("plc", "wake_up_latency_ns.max");
     assert!(latest < 6_000, "{latest}\n{}", outcome.output);
