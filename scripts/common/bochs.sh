@@ -17,15 +17,16 @@ build_bochs() {
     echo "${0##*/}: $emulator" >&2
 }
 
-# bochs_machine: sets $machine to Bochs with the kernel words $words, its console on standard output, and
+# bochs_machine: sets $machine to Bochs with the command line of $kernel_words and $words, its console on standard output, and
 # $output.
 bochs_machine() {
     # Bochs knows no end at a restart, but one at a triple fault. It counts each repetition of an
     # instruction: without these two features kernels move eight bytes by one, as in the lab.
-    words="reboot=triple clearcpuid=erms,fsrm $words"
+    kernel_words+=" reboot=triple clearcpuid=erms,fsrm"
     # By the firmware's tables for ACPI, all functions of PCI but the bridge are unplugged, and Linux takes them away.
-    [[ -z ${control_line-} ]] || words="acpiphp.disable=1 $words"
-    printf '%s\0' "$words" >"$work/words"
+    [[ -z ${control_line-} ]] || kernel_words+=" acpiphp.disable=1"
+    printf '%s\0' "$(command_line)" >"$work/words"
+    make_initrd
     objcopy --output-target=binary "$appliance/vmlinux" "$work/kernel"
     make_disk
     open_console

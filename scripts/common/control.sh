@@ -26,10 +26,10 @@ open_control() {
     echo "run: control socket $control, as soon as Takt runs: takt ctl $file status" >&2
 }
 
-# control_words: prints the kernel words, each with a space behind it, that tell process 1 of the line.
+# control_words: adds the words that tell process 1 of the line.
 control_words() {
-    [[ -n ${control_line-} ]] || return 0
-    echo "TAKT_CONTROL_LINE=0000:00:${control_slot#0x}.0 $(kernel_word "TAKT_CONTROL_SOCKET=$control") "
+    [[ -z ${control_line-} ]] ||
+        words+=("TAKT_CONTROL_LINE=0000:00:${control_slot#0x}.0" "TAKT_CONTROL_SOCKET=$control")
 }
 
 # control_options: adds the line to QEMU's machine.

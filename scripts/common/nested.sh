@@ -1,5 +1,5 @@
 # Runs the appliance in an emulated machine, with a partition file and all that it names.
-# Sourced; expects packages.sh, images.sh and emulator.sh. The caller sets:
+# Sourced; expects packages.sh, images.sh and emulator.sh, and sources snapshot.sh. The caller sets:
 #   appliance  the folder of the appliance to run: see appliance_folder
 #   lane       nested, lab or emulated, which are QEMU's; vmx or svm, which are those of Bochs
 #   files      the partition file and the images it names, as absolute paths
@@ -15,6 +15,8 @@
 #   TAKT_MACHINE_TIMES  see note_time; in the environment, or unset
 #   devices    what else the machine is to have, as an array: see device_options
 # shellcheck shell=bash
+# shellcheck source=scripts/common/snapshot.sh
+source "$root/scripts/common/snapshot.sh"
 
 # What the appliance needs beside its guests and its files: the kernel, its tables and takt.
 overhead=$((160 << 20))
@@ -22,44 +24,37 @@ overhead=$((160 << 20))
 # run_appliance: runs it to its end, with the console on standard input and output, and leaves
 # in $status the exit status that takt had there.
 run_appliance() {
-    local words word machine output errors process outcome=0
-    append_files
+    local words=() kernel_words machine output errors process outcome=0 snapshot=
+    gather_files
     # loglevel=3 leaves the console to takt unless the kernel is dying. The kernel's tests of its
     # own cryptography would take longer than all the rest of its start, and two more of its parts
     # that are not needed here a tenth of it. In a ramfs, files are what they are in the page cache of a
     # disk; tmpfs takes twice as long for each page, for it keeps in mind which to swap out.
-    words="console=ttyS0 loglevel=3 panic=-1 nokaslr cryptomgr.notests"
-    words+=" rootfstype=ramfs initcall_blacklist=init_kprobe_trace,cubictcp_register"
+    kernel_words="console=ttyS0 loglevel=3 panic=-1 nokaslr cryptomgr.notests"
+    kernel_words+=" rootfstype=ramfs initcall_blacklist=init_kprobe_trace,cubictcp_register"
     # Nothing here reads how long tasks wait for what (PSI), of which the kernel takes note at each change of
     # threads; and the security modules that no policy is loaded for are asked at each KVM_RUN.
-    words+=" psi=0 lsm=landlock,lockdown,yama"
+    kernel_words+=" psi=0 lsm=landlock,lockdown,yama"
     # What the lab's clock is needs no measuring, which would be off by some millionths.
-    case $lane in lab | vmx | svm) words+=" tsc_early_khz=1000000" ;; esac
-    # Process 1 finds this in its environment.
-    [[ ${clock-} != steered ]] || words+=" TAKT_STEERED=1"
-    words+=" --"
-    for word in "${command[@]}"; do
-        words+=" $(kernel_word "$word")"
-    done
-    [[ -z ${control-} ]] || words="$(control_words)$words"
+    case $lane in lab | vmx | svm) kernel_words+=" tsc_early_khz=1000000" ;; esac
+    # Process 1 finds these in its environment.
+    [[ ${clock-} != steered ]] || words+=(TAKT_STEERED=1)
+    [[ -z ${control-} ]] || control_words
+    words+=(-- "${command[@]}")
+
+    remember_terminal
+    claim_cpus
     case $lane in
     vmx | svm) bochs_machine ;;
     *) qemu_machine ;;
     esac
 
-    remember_terminal
-    claim_cpus
     # In the background, with this script waiting, a signal to the script ends the machine at once;
     # and if the script is killed, the kernel ends the machine.
-    # Whatever competes with the lab slows it down. Only root may ask for more than its share.
-    setpriv --pdeathsig TERM \
-        nice -n -15 \
-        taskset --cpu-list "$cpu_list" \
-        timeout --foreground "${TAKT_TIMEOUT:-0}" \
-        setpriv --pdeathsig KILL \
-        "${machine[@]}" <&0 >&"$output" 2>&"$errors" &
+    emulate "${TAKT_TIMEOUT:-0}" "${machine[@]}" <&0 >&"$output" 2>&"$errors" &
     process=$!
     trap 'kill "$process" 2>/dev/null; exit 1' INT TERM HUP
+    [[ -z $snapshot ]] || go_on "$process"
     wait "$process" || outcome=$?
     trap - INT TERM HUP
     exec {output}>&- {errors}>&-
@@ -67,6 +62,17 @@ run_appliance() {
     [[ -z ${TAKT_MACHINE_TIMES-} ]] || note_time
     restore_terminal
     read_status "$outcome"
+}
+
+# emulate SECONDS COMMAND...: becomes an emulator, on $cpu_list, for at most that much real time.
+# Whatever competes with the lab slows it down. Only root may ask for more than its share.
+emulate() {
+    exec setpriv --pdeathsig TERM \
+        nice -n -15 \
+        taskset --cpu-list "$cpu_list" \
+        timeout --foreground "$1" \
+        setpriv --pdeathsig KILL \
+        "${@:2}"
 }
 
 # note_time: appends to the file $TAKT_MACHINE_TIMES how many seconds of a processor the machine took, and what ran in it.
@@ -85,14 +91,20 @@ lay_hooked_takt_over() {
     strip -o "$overlay/init" "${CARGO_TARGET_DIR:-$root/target}/x86_64-unknown-linux-gnu/hooks/takt"
 }
 
-# qemu_machine: sets $machine to QEMU with the kernel words $words, its console on standard input and
-# output, and $output.
+# qemu_machine: sets $machine to QEMU with its console on standard input and output, and $output. In the lab it goes on
+# from a $snapshot, unless it is to have other devices.
 qemu_machine() {
-    local options=() device
+    local options=() icount= device
     machine_options
-    options+=(-m "$(machine_memory)M" -nodefaults -no-user-config -display none -no-reboot
-        -kernel "$appliance/vmlinux" -initrd "$work/initrd"
-        # Without signal=off, Ctrl-C would end QEMU instead of reaching takt.
+    options+=(-nodefaults -no-user-config -display none -no-reboot)
+    if [[ $lane == lab ]] && ((${#devices[@]} == 0)); then
+        use_snapshot
+    fi
+    # So that two runs of the same are the same, QEMU records the run, for which its devices have to keep an order
+    # that does not depend on its threads. The record is of no use, and what is typed would not arrive.
+    [[ -z $icount || ! /dev/stdin -ef /dev/null ]] || icount+=,rr=record,rrfile=/dev/null
+    # Without signal=off, Ctrl-C would end QEMU instead of reaching takt.
+    options+=(${icount:+-icount "$icount"}
         -chardev "stdio,id=console,signal=off,logfile=$work/console.log" -serial chardev:console
         # Where takt leaves its results; its other end is vmm/src/appliance/result_port.rs.
         -chardev "file,id=results,path=$work/results"
@@ -101,7 +113,15 @@ qemu_machine() {
         device_options "$device"
     done
     [[ -z ${control-} ]] || control_options
-    machine=(env ${healer:+"LD_PRELOAD=$healer"} "${qemu[@]}" "${options[@]}" -append "$words")
+    if [[ -n $snapshot ]]; then
+        snapshot_options
+    else
+        make_initrd
+        options+=(-m "$(machine_memory)M" -kernel "$appliance/vmlinux" -initrd "$work/initrd"
+            -append "$(command_line)")
+    fi
+    machine=(env ${snapshot:+"TAKT_SNAPSHOT=$snapshot"} ${healer:+"LD_PRELOAD=$healer"}
+        "${qemu[@]}" "${options[@]}")
     exec {output}>&1 {errors}>&2
 }
 
@@ -171,13 +191,10 @@ machine_options() {
         options=(-accel kvm -machine q35 -cpu host -smp "$cpus")
         ;;
     lab)
-        # One guest instruction is one nanosecond, whatever else this machine does.
-        # So that two runs of the same are the same, its day (later than any file) and its random
-        # numbers are fixed as well, and QEMU records the run, for which its devices have to keep an order
-        # that does not depend on its threads. The record is of no use, and what is typed would not arrive.
-        local icount=shift=0,sleep=off
-        [[ ! /dev/stdin -ef /dev/null ]] || icount+=,rr=record,rrfile=/dev/null
-        options=(-accel "tcg,thread=single" -icount "$icount"
+        # One guest instruction is one nanosecond, whatever else this machine does. Its day (later than any file) and
+        # its random numbers are the same each time.
+        icount=shift=0,sleep=off
+        options=(-accel "tcg,thread=single"
             -rtc "base=2030-01-01,clock=vm" -seed "${TAKT_LAB_SEED:-1}" "${emulated[@]}" -smp 1)
         ;;
     emulated)
@@ -213,7 +230,7 @@ device_options() {
     iommu)
         # What looks like an AMD machine has Intel's: the kernel goes by the firmware's tables.
         options+=(-device "intel-iommu,intremap=on")
-        words="intel_iommu=on $words"
+        kernel_words+=" intel_iommu=on"
         ;;
     shared=?*)
         path=${1#*=}
@@ -224,10 +241,10 @@ device_options() {
     esac
 }
 
-# append_files: the appliance's initramfs with $files at the paths that they have here, so that
-# relative paths in the partition file mean the same. Links are followed, since their targets are not
+# gather_files: $files at the paths that they have here, so that relative paths in the partition file mean the same,
+# and over them $overlay: in $work/files. Links are followed, since their targets are not
 # there. A file of target/guest is that of the suite.
-append_files() {
+gather_files() {
     local file guest=$root/target/guest
     mkdir "$work/files"
     ((${#files[@]} == 0)) || cp --recursive --dereference --parents "${files[@]}" "$work/files"
@@ -238,12 +255,25 @@ append_files() {
     fi
     # Where Takt makes its control socket.
     [[ -z ${control-} ]] || mkdir -p "$work/files${control%/*}"
+    [[ -z ${overlay-} ]] || cp --recursive --no-dereference --preserve=mode "$overlay/." "$work/files"
+}
+
+# make_initrd: the appliance's initramfs with the files behind it.
+make_initrd() {
     {
         cat "$appliance/initrd.img"
         pack "$work/files"
-        [[ -z ${overlay-} ]] || pack "$overlay"
     } >"$work/initrd"
     rm -rf "$work/files"
+}
+
+# command_line: prints the kernel's command line. The kernel hands its first process the words that it does not know.
+command_line() {
+    local word
+    printf '%s' "$kernel_words"
+    for word in "${words[@]}"; do
+        printf ' %s' "$(kernel_word "$word")"
+    done
 }
 
 # kernel_word WORD: WORD as the kernel's command line must have it to reach takt whole.

@@ -1,4 +1,6 @@
-//! Carries the control socket out of an emulated machine.
+//! Carries the control socket out of an emulated machine, and the files of a run into it.
+//!
+//! Files go in where a machine goes on from a snapshot ([`start`]). The rest is about the control socket.
 //!
 //! `scripts/run` runs Takt in an appliance inside of QEMU where this machine has no KVM. Takt's control socket is
 //! then a file of the appliance, and the user's terminal is outside. Two ends of this crate make it look as if the
@@ -23,6 +25,7 @@ mod frame;
 pub mod inside;
 mod line;
 pub mod outside;
+pub mod start;
 
 pub use connection::WINDOW;
 pub use connections::{CONNECTIONS_MAX, Connections};
