@@ -53,6 +53,7 @@ pub mod terminal;
 pub mod topology;
 pub mod unix_socket;
 pub mod vcpu;
+pub mod vhost;
 pub mod virtio;
 
 pub use takt_figures::{load, report, samples, statistics, trace};

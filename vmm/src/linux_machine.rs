@@ -29,11 +29,11 @@ use crate::machine::{self, Machine, MachineError, TimerOwner};
 use takt_plan::linux_map::{HOLE_END, HOLE_START, PCI_WINDOW};
 
 use crate::memory::GuestMemory;
-use crate::net::Interface;
 use crate::pci::{PciError, PciPortDevice};
 use crate::vcpu::guest_timer::{Deadlines, GuestTimer};
 use crate::vcpu::kick;
 use crate::vcpu::linux::{Board, LinuxGuest};
+use crate::vhost::Carried;
 
 /// A Linux's machine could not be made.
 #[derive(Debug, Error)]
@@ -93,7 +93,7 @@ pub struct LinuxMachine {
     /// Its disks, by their numbers.
     pub drives: Vec<Drive>,
     /// Its network interfaces.
-    pub interfaces: Vec<Interface>,
+    pub carried: Vec<Carried>,
     /// The wire of its power button, if it has one.
     pub button: Option<Arc<EventFd>>,
     /// Speed of the TSC, from the first start on.
@@ -119,7 +119,7 @@ impl LinuxMachine {
         self.vm = None;
         let fittings = AcpiConfig {
             pci: self.card.as_ref().map(|_| PCI_WINDOW),
-            virtio: (self.drives.len() + self.interfaces.len()) as u32,
+            virtio: (self.drives.len() + self.carried.len()) as u32,
             watchdog: self.watchdog.as_ref().map(Timer::most),
             power_button: self.button.is_some(),
             processors: self.processors,
@@ -157,8 +157,8 @@ impl LinuxMachine {
             card.attach(&self.memory, tsc, &vm, &mut ports, &self.bell)?;
         }
         let disks = self.drives.iter().map(|drive| drive.attach(&vm));
-        let interfaces = self.interfaces.iter().map(|interface| interface.attach(&vm));
-        let virtio = disks.chain(interfaces).collect::<Result<_, _>>()?;
+        let carried = self.carried.iter().map(|carried| carried.attach(&vm));
+        let virtio = disks.chain(carried).collect::<Result<_, _>>()?;
         self.vm = Some(vm);
         if let Some(timer) = &self.watchdog {
             let registers = Watchdog::new(timer.clone(), clock);
@@ -185,7 +185,7 @@ impl LinuxMachine {
         self.console.reset();
         // What a disk still read, or a packet that came, would lie in the new guest's memory.
         self.drives.iter().for_each(Drive::reset);
-        self.interfaces.iter().for_each(Interface::reset);
+        self.carried.iter().for_each(Carried::reset);
         self.clear().map_err(StartError::from)?;
         let (mut first, further) = self.start()?;
         // Here, since the partition's own thread may be a deadline thread.

@@ -4,25 +4,12 @@ use std::io;
 
 use thiserror::Error;
 
-use crate::event::EventError;
 use crate::memory::MemoryError;
-use crate::vcpu::thread::ThreadError;
+use crate::vhost::VhostError;
 
 /// A network interface could not be made.
 #[derive(Debug, Error)]
 pub enum NetError {
-    /// A device of the kernel's that all interfaces need.
-    #[error(
-        "cannot open {path}: {source}; is the module {module} loaded (modprobe {module}), and is this root?"
-    )]
-    Device {
-        /// The device.
-        path: &'static str,
-        /// What makes it.
-        module: &'static str,
-        /// What the host said.
-        source: io::Error,
-    },
     /// The modules of the appliance.
     #[error("cannot load what network interfaces need: {0}")]
     Modules(io::Error),
@@ -74,43 +61,9 @@ pub enum NetError {
         /// What the host said.
         source: io::Error,
     },
-    /// vhost-net refuses a step.
-    #[error("vhost-net cannot {what}: {source}")]
-    Vhost {
-        /// What was attempted.
-        what: &'static str,
-        /// What it said.
-        source: vhost::Error,
-    },
-    /// It works by other rules than this device.
-    #[error("this kernel's vhost-net lacks virtio 1 (VIRTIO_F_VERSION_1)")]
-    Old,
-    /// The thread that moves packets is not to be seen.
-    #[error(
-        "cannot find the kernel's thread {worker} that moves the packets of {tap}; before Linux 6.4 it is seen from the first PID namespace only, not from a container"
-    )]
-    NoWorker {
-        /// The tap device.
-        tap: String,
-        /// The thread's name.
-        worker: String,
-    },
-    /// It stays where it is.
-    #[error("cannot pin the kernel's thread {worker} that moves the packets of {tap}: {source}")]
-    Pin {
-        /// The tap device.
-        tap: String,
-        /// The thread's name.
-        worker: String,
-        /// What the host said.
-        source: io::Error,
-    },
-    /// The thread from which it inherits its place.
+    /// A device of the kernel's that all interfaces need.
     #[error(transparent)]
-    Thread(#[from] ThreadError),
-    /// A descriptor that is rung.
-    #[error(transparent)]
-    Event(#[from] EventError),
+    Vhost(#[from] VhostError),
     /// The memory that the packets are in.
     #[error(transparent)]
     Memory(#[from] MemoryError),

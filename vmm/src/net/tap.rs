@@ -17,6 +17,7 @@ use takt_plan::{HostEnd, Net};
 use vmm_sys_util::ioctl::{ioctl_with_mut_ref, ioctl_with_ref, ioctl_with_val};
 
 use super::NetError;
+use crate::vhost::VhostError;
 
 const DEVICE: &str = "/dev/net/tun";
 /// Bytes before each packet: `struct virtio_net_hdr_v1` of virtio 1.
@@ -56,7 +57,7 @@ impl Tap {
             .write(true)
             .custom_flags(libc::O_NONBLOCK)
             .open(DEVICE)
-            .map_err(|source| NetError::Device { path: DEVICE, module: "tun", source })?;
+            .map_err(|source| VhostError::Device { path: DEVICE, module: "tun", source })?;
         attach(&file, &net.tap)
             .map_err(|source| NetError::Attach { tap: net.tap.clone(), source })?;
         if !is_there {
@@ -75,11 +76,6 @@ impl Tap {
         let flags = segments | if agreed.checksum { call::CHECKSUM } else { 0 };
         // SAFETY: the argument is a number.
         check(unsafe { ioctl_with_val(&self.0, call::TUNSETOFFLOAD(), flags as libc::c_ulong) })
-    }
-
-    /// For the kernel's side.
-    pub fn file(&self) -> &File {
-        &self.0
     }
 }
 

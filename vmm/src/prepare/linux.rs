@@ -1,5 +1,5 @@
-//! A Linux's partition: memory, a board with its devices, the threads of its disks, and the ends of its
-//! cables.
+//! A Linux's partition: memory, a board with its devices, the threads of its disks, and the host's
+//! ends of its cables.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -22,7 +22,7 @@ use crate::kernel_watch::KernelWatch;
 use crate::linux_machine::{self, LinuxMachine, LinuxMachineError};
 use crate::machine::{self, MachineError};
 use crate::memory::GuestMemory;
-use crate::net::{self, Interface};
+use crate::net;
 use crate::pci::Pci;
 use crate::power_button::PowerButton;
 use crate::restart::{LinuxLoader, Restart};
@@ -76,14 +76,14 @@ impl Preparation<'_> {
             drives.push(drive);
             disks.push(thread);
         }
-        let (mut interfaces, mut cables) = (Vec::new(), Vec::new());
+        let (mut carried, mut cables) = (Vec::new(), Vec::new());
         if !partition.nets().is_empty() {
             net::load_modules(self.role).map_err(unplugged)?;
         }
         for (number, net) in (drives.len() as u32..).zip(partition.nets()) {
             let (interface, cable) =
-                Interface::open(Slot(number), net, &memory, place.clone()).map_err(unplugged)?;
-            interfaces.push(interface);
+                net::open(Slot(number), net, &memory, place.clone()).map_err(unplugged)?;
+            carried.push(interface);
             cables.push(cable);
         }
         let patience = Some(partition.power_off()).filter(|time| *time != Nanos::ZERO);
@@ -100,7 +100,7 @@ impl Preparation<'_> {
             card: pci.map(Pci::into_card),
             bell,
             drives,
-            interfaces,
+            carried,
             button: button.clone(),
             frequency: self.frequency,
             watchdog: watchdog.clone(),

@@ -1,6 +1,6 @@
-//! The kernel's thread that moves an interface's packets: where it runs, and so who pays for it.
+//! The kernel's thread that moves a device's packets: where it runs, and so who pays for it.
 //!
-//! vhost-net starts it for the thread that becomes the owner of the device. Since Linux 6.4 it is a thread of
+//! vhost starts it for the thread that becomes the owner of the device. Since Linux 6.4 it is a thread of
 //! the owner's process and inherits affinity, cgroup and class. Before, it is a thread of the kernel's and
 //! inherits the cgroup. So a thread of Takt's becomes the owner when it is where the worker is to be: in
 //! the scheduling domain of the guest's CPU, pinned to it, of the class SCHED_OTHER. Then the worker is
@@ -12,38 +12,37 @@
 use std::fs;
 use std::io;
 
+use ::vhost::VhostBackend;
 use takt_scheduler::enforce::pin_thread;
-use vhost::VhostBackend;
 
-use super::NetError;
-use super::vhost::Vhost;
+use super::{Vhost, VhostError};
 use crate::vcpu::kick;
 use crate::vcpu::thread::{self, Place, ThreadError};
 
 /// Longest name of a thread, in bytes: `TASK_COMM_LEN` of the kernel, less the NUL.
 const NAME_MAX: usize = 15;
 
-/// Makes the process the owner of a vhost-net, and puts the worker where the guest is.
+/// Makes the process the owner of a device, and puts the worker where the guest is.
 ///
 /// # Errors
-/// See [`NetError`].
-pub(super) fn place(vhost: &Vhost, tap: &str, place: Place) -> Result<(), NetError> {
-    const OWNER: &str = "net-owner";
+/// See [`VhostError`].
+pub(super) fn place(vhost: &Vhost, whose: &str, place: Place) -> Result<(), VhostError> {
+    const OWNER: &str = "vhost-owner";
     let own = || {
         thread::pin(OWNER, &place)?;
-        vhost.set_owner().map_err(|source| NetError::Vhost { what: "start its thread", source })?;
+        vhost.set_owner().map_err(vhost.cannot("start its thread"))?;
         let mut worker = format!("vhost-{}", kick::this_thread());
         worker.truncate(NAME_MAX);
         let found = find(&worker);
         if found.is_empty() {
-            return Err(NetError::NoWorker { tap: tap.to_owned(), worker });
+            return Err(VhostError::NoWorker { whose: whose.to_owned(), worker });
         }
         found
             .into_iter()
             .try_for_each(|thread| pin_thread(thread, place.cpu))
-            .map_err(|source| NetError::Pin { tap: tap.to_owned(), worker, source })
+            .map_err(|source| VhostError::Pin { whose: whose.to_owned(), worker, source })
     };
-    let died = || NetError::Thread(ThreadError::Died { name: OWNER.to_owned() });
+    let died = || VhostError::Thread(ThreadError::Died { name: OWNER.to_owned() });
     std::thread::scope(|scope| {
         let owner = std::thread::Builder::new().name(OWNER.to_owned()).stack_size(1 << 16);
         let spawned = owner
