@@ -15,4 +15,5 @@ pub mod ports;
 pub mod power;
 pub mod serial;
 pub mod virtio;
+pub mod vsock;
 pub mod watchdog;

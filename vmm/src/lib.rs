@@ -55,6 +55,7 @@ pub mod unix_socket;
 pub mod vcpu;
 pub mod vhost;
 pub mod virtio;
+pub mod vsock;
 
 pub use takt_figures::{load, report, samples, statistics, trace};
 pub use takt_plan as config;

@@ -92,7 +92,7 @@ pub struct LinuxMachine {
     pub bell: EventFd,
     /// Its disks, by their numbers.
     pub drives: Vec<Drive>,
-    /// Its network interfaces.
+    /// Its network interfaces, and then its socket device.
     pub carried: Vec<Carried>,
     /// The wire of its power button, if it has one.
     pub button: Option<Arc<EventFd>>,

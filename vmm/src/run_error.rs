@@ -30,6 +30,7 @@ use crate::saver::SaverError;
 use crate::supervisor::error::SupervisorError;
 use crate::unix_socket::SocketError;
 use crate::vcpu::thread::ThreadError;
+use crate::vsock::VsockError;
 
 /// A run that did not take place, or could not tell of itself.
 #[derive(Debug, Error)]
@@ -63,6 +64,8 @@ pub enum RunError {
     Disk(#[from] DiskError),
     #[error("partition {partition}: {source}")]
     Net { partition: String, source: NetError },
+    #[error("partition {partition}: {source}")]
+    Vsock { partition: String, source: VsockError },
     #[error(transparent)]
     Interrupt(#[from] InterruptError),
     #[error(transparent)]

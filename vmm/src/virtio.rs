@@ -1,4 +1,5 @@
-//! Where the virtio devices of a Linux are in its machine: the disks, and behind them the network interfaces.
+//! Where the virtio devices of a Linux are in its machine: the disks, behind them the network
+//! interfaces, and last the socket device.
 
 use kvm_ioctls::{IoEventAddress, VmFd};
 use takt_devices::virtio::registers;

@@ -4,29 +4,32 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::net;
 use crate::virtio::driver::{HIGH, RAM, memory};
 use crate::virtio::registers::Registers;
+use crate::{net, vsock};
 
 /// The devices that are carried.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
     Net,
+    Vsock,
 }
 
 impl Kind {
-    const ALL: [Kind; 1] = [Kind::Net];
+    const ALL: [Kind; 2] = [Kind::Net, Kind::Vsock];
 
     fn device(self, memory: &GuestMemoryMmap, link: &Arc<Link>) -> Registers {
         let (memory, link) = (memory.clone(), link.clone());
         Registers::new(match self {
             Kind::Net => net::device([2, 0, 0, 0, 0, 7], memory, link),
+            Kind::Vsock => vsock::device(7, memory, link),
         })
     }
 }
 
-/// All features that the carrier knows. Among them is one that is not offered for it: a log of changed pages (26).
-pub const KNOWN: u64 = 1 << 32 | 1 << 29 | 1 << 28 | 1 << 27 | 1 << 26 | 1 << 15;
+/// All features that the carrier knows. Among them are some that are not offered for it: a log of changed pages (26) by
+/// either device, and by that of sockets sequences of packets (1) and merged buffers (15).
+pub const KNOWN: u64 = 1 << 32 | 1 << 29 | 1 << 28 | 1 << 27 | 1 << 26 | 1 << 15 | 1 << 1;
 /// Three parts of each queue.
 pub const QUEUE_PARTS: [[u64; 3]; 2] = [[0x1000, 0x2000, 0x3000], [0x5000, 0x6000, HIGH]];
 
@@ -239,7 +242,7 @@ fn write_to_running_queues(kind: Kind) {
 
 #[test]
 fn a_carrier_that_refuses_breaks_the_device_until_a_reset() {
-    let mut guest = Guest::with(Kind::Net, Notes { refuses: true, ..Notes::default() });
+    let mut guest = Guest::with(Kind::Vsock, Notes { refuses: true, ..Notes::default() });
     guest.start(1 << 32, [256; 2], QUEUE_PARTS);
     assert_eq!((guest.read(0x70), guest.read(0x60)), (0x4f, 2));
     guest.write(0x70, 0);
@@ -261,7 +264,7 @@ fn a_new_machine_finds_the_device_as_at_power_on() {
 /// At the end of a run the guest's memory is let go of by the end of the carrier itself.
 #[test]
 fn a_carrier_that_is_gone_is_told_nothing_and_gets_no_rings() {
-    let mut guest = Guest::new(Kind::Net);
+    let mut guest = Guest::new(Kind::Vsock);
     guest.start(1 << 32, [256; 2], QUEUE_PARTS);
     let _ = guest.calls();
     guest.link.end();

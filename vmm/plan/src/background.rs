@@ -2,7 +2,7 @@
 //!
 //! What windows leave goes to the host's ordinary scheduler, which gives each thread that wants to run the same, over
 //! some milliseconds. A Linux has a thread for each of its processors, on the CPU of that, and on its first CPU one for
-//! each disk and one for each network interface. So a processor that is busy, of a Linux that does nothing else, has at
+//! each disk, one for each network interface and one for its sockets. So a processor that is busy, of a Linux that does nothing else, has at
 //! least one part in as many as there are threads of all Linuxes on its CPU, less its own Linux's other ones.
 
 use takt_scheduler::table::{Cpu, PartitionId, Role, Table};
@@ -14,8 +14,8 @@ impl Partition {
     /// Threads of the ordinary class that it keeps busy at most on one of its CPUs.
     #[must_use]
     pub fn background_threads(&self, cpu: Cpu) -> u64 {
-        let others = if cpu == self.cpu { self.disks.len() + self.nets.len() } else { 0 };
-        1 + others as u64
+        let devices = self.disks.len() + self.nets.len() + usize::from(self.vsock.is_some());
+        1 + if cpu == self.cpu { devices as u64 } else { 0 }
     }
 }
 

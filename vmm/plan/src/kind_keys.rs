@@ -24,7 +24,7 @@ use Form::{Table, Value};
 use Owner::{Both, Linux, Plc};
 
 /// All keys of a partition, in the order in which messages name them. A test compares them with the raw form.
-const KEYS: [(&str, Owner, Form); 31] = [
+const KEYS: [(&str, Owner, Form); 32] = [
     ("name", Both, Value(|p| Some(p.name.span()))),
     ("kind", Both, Value(|p| Some(p.kind.span()))),
     ("cpu", Both, Value(|p| value(&p.cpu))),
@@ -46,6 +46,7 @@ const KEYS: [(&str, Owner, Form); 31] = [
     ("console_log", Both, Value(|p| value(&p.console_log))),
     ("watchdog", Linux, Value(|p| value(&p.watchdog))),
     ("power_off", Linux, Value(|p| value(&p.power_off))),
+    ("vsock", Linux, Value(|p| value(&p.vsock))),
     ("program", Plc, Table(|p| first(&p.program))),
     ("io", Plc, Table(|p| first(&p.io))),
     ("can", Plc, Table(|p| first(&p.can))),

@@ -9,7 +9,7 @@
 //! 2. the rules of each partition (`partition`, `hardware`, `tasks`), of the schedules (`schedules`, `periods`,
 //!    `explain`), of both together (`deadlines`), of the channels between partitions (`channels`, `ports`,
 //!    `host_ports`), of the health monitor's tables (`health`), of the host's devices (`passthrough`), and of the files
-//!    that are named (`images`, `programs`, `contents`, `placement`, `disks`, `nets`);
+//!    that are named (`images`, `programs`, `contents`, `placement`, `disks`, `nets`, `vsock`);
 //! 3. a [`PartitionFile`], which has private fields and no other way to be made. The rest of Takt
 //!    takes only that and does not check it again. Only a command line can add words to a guest's
 //!    (`append`).
@@ -58,6 +58,7 @@ mod syntax;
 mod tasks;
 mod units;
 mod values;
+mod vsock;
 
 use std::fmt;
 use std::io::{self, Read};
@@ -100,6 +101,7 @@ pub use retain::{PIECES_MAX, RetainFile};
 pub use schedules::percent;
 pub use tasks::NamedTask;
 pub use units::{Bytes, UnitError, parse_duration};
+pub use vsock::Cid;
 
 /// Largest partition file, in bytes. Far above any real one; it keeps a wrong path, such as that
 /// of a disk image, from being read into memory.
@@ -197,6 +199,7 @@ pub struct Partition {
     passthrough: Passthrough,
     disks: Vec<Disk>,
     nets: Vec<Net>,
+    vsock: Option<Cid>,
     programs: Vec<Program>,
     program_tasks: Vec<ProgramTask>,
     connections: Vec<Connection>,
@@ -315,6 +318,12 @@ impl Partition {
     #[must_use]
     pub fn nets(&self) -> &[Net] {
         &self.nets
+    }
+
+    /// The number by which programs of the host reach it without a network; `None` for a PLC.
+    #[must_use]
+    pub fn vsock(&self) -> Option<Cid> {
+        self.vsock
     }
 
     /// The programs that a PLC's guest is to run, in the order of the file.
@@ -503,6 +512,7 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
         p.partition.events = events;
     });
     nets::check_all(partitions.iter().flat_map(|p| &p.nets))?;
+    vsock::check_all(&partitions)?;
     consoles::check_all(&partitions, control.is_some())?;
     consoles::check_logs(&partitions, &channels)?;
     // Last, because it is the only thing that may be right on another machine.

@@ -11,7 +11,7 @@
 //! | `0x0010_0000` | RAM: the kernel here or where it prefers, the initial RAM disk at the end of low memory |
 //! | `0xc000_0000` | end of RAM below 4 GiB; devices |
 //! | `0xd000_0000` | memory of PCI functions |
-//! | `0xe000_0000` | registers of disks and network interfaces |
+//! | `0xe000_0000` | registers of disks, network interfaces and the socket device |
 //! | `0xfec0_0000` | I/O APIC, of KVM |
 //! | `0xfee0_0000` | local APIC, of KVM |
 //! | `0xfffb_d000` | three pages that KVM needs on Intel processors |
@@ -21,6 +21,8 @@
 //! it is.
 
 use std::ops::RangeInclusive;
+
+use crate::{DISKS_MAX, NETS_MAX};
 
 /// The command line of the kernel.
 pub const COMMAND_LINE: u64 = 0x2_0000;
@@ -41,8 +43,10 @@ pub const HOLE_START: u64 = 0xc000_0000;
 /// Memory of PCI functions.
 pub const PCI_WINDOW: RangeInclusive<u32> = 0xd000_0000..=0xdfff_ffff;
 /// Registers of the first virtio device; those of the others follow: first the disks, then the network
-/// interfaces.
+/// interfaces, then the socket device.
 pub const VIRTIO_REGISTERS: u32 = 0xe000_0000;
+/// Most virtio devices: disks, network interfaces and a socket device.
+pub const VIRTIO_MAX: usize = DISKS_MAX + NETS_MAX + 1;
 /// Where KVM's I/O APIC answers.
 pub const IO_APIC: u32 = 0xfec0_0000;
 /// Where KVM's local APIC answers.
@@ -61,7 +65,7 @@ mod tests {
 
     /// Whatever has a place, in the order of the table.
     fn areas() -> Vec<(u64, u64)> {
-        let virtio = (crate::DISKS_MAX + crate::NETS_MAX) as u64 * PAGE;
+        let virtio = VIRTIO_MAX as u64 * PAGE;
         let registers = u64::from(VIRTIO_REGISTERS);
         vec![
             (0, 0x1_0000),

@@ -26,6 +26,7 @@ use super::raw::{self, Keys};
 use super::tasks::{self, CheckedTasks};
 use super::units::{Duration, Guard};
 use super::values;
+use super::vsock;
 use super::{Kind, Partition};
 
 /// Most partitions of one file.
@@ -50,6 +51,7 @@ pub struct Checked {
     pub tasks: CheckedTasks,
     pub disks: Vec<CheckedDisk>,
     pub nets: Vec<CheckedNet>,
+    pub vsock: Option<Span>,
     pub programs: Vec<CheckedProgram>,
     pub memory: Span,
 }
@@ -141,6 +143,7 @@ fn check(
     };
     let disks = disks::check(&raw.disk.0, around.folder)?;
     let nets = nets::check(&raw.net.0)?;
+    let vsock = raw.vsock.as_ref().map(vsock::check).transpose()?;
     let power_off = values::power_off(raw.power_off.as_ref())?;
     let console = match kind {
         Kind::Plc { .. } => None,
@@ -167,6 +170,7 @@ fn check(
         passthrough: Passthrough::default(),
         disks: disks.iter().map(|disk| disk.disk.clone()).collect(),
         nets: nets.iter().map(|net| net.net.clone()).collect(),
+        vsock,
         programs: Vec::new(),
         program_tasks,
         connections: Vec::new(),
@@ -179,6 +183,7 @@ fn check(
         tasks,
         disks,
         nets,
+        vsock: raw.vsock.as_ref().map(Spanned::span),
         programs,
         memory: raw.memory.span(),
         role,
@@ -248,12 +253,14 @@ fn check_linux(
         // Linux waits for no release, so a guard would only be taken from it.
         _ => Role::Windowed { guard: Nanos::ZERO },
     };
-    if let (Role::Windowed { .. }, Some(net)) = (&role, raw.net.0.first()) {
-        let found = format!("{} has windows and a network interface", quote(name));
-        // A driver that resets the interface waits for the kernel's thread that moves the packets.
+    let net = raw.net.0.first().map(|net| (net.span(), "a network interface"));
+    let vsock = raw.vsock.as_ref().map(|vsock| (vsock.span(), "the key `vsock`"));
+    if let (Role::Windowed { .. }, Some((span, what))) = (&role, net.or(vsock)) {
+        let found = format!("{} has windows and {what}", quote(name));
+        // A driver that resets the device waits for the kernel's thread that moves the packets.
         let allowed = "`background = true`: what moves the packets runs when no window does, and \
                        a thread with windows must not wait for it";
-        return Err(Diagnostic::new(net.span(), found, allowed));
+        return Err(Diagnostic::new(span, found, allowed));
     }
     Ok((kind, role, [kernel].into_iter().chain(initrd).collect()))
 }

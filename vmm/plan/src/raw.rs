@@ -87,6 +87,7 @@ pub struct Partition {
     pub console_log: Option<Spanned<String>>,
     pub watchdog: Option<Spanned<Duration>>,
     pub power_off: Option<Spanned<Duration>>,
+    pub vsock: Option<Spanned<i64>>,
     #[serde(default)]
     pub disk: Tables<Disk>,
     #[serde(default)]

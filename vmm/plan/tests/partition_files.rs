@@ -271,6 +271,20 @@ fn the_report_fits_a_terminal_of_100_columns_and_is_ascii() {
 }
 
 #[test]
+fn the_report_shows_which_linuxes_are_reached_without_a_network() {
+    let path = Path::new(FOLDER).join("good/vsock.toml");
+    let file = config::load(&path, HOST_CPUS).unwrap();
+    let numbers: Vec<Option<u32>> =
+        file.partitions().iter().map(|p| p.vsock().map(|cid| cid.0)).collect();
+    assert_eq!(numbers, [None, Some(4_294_967_294), Some(3)]);
+    let report = check::report(&file);
+    let shown = "\nsockets to the host (vsock)\n  linux: CID 4294967294\n  other: CID 3\n";
+    assert!(report.contains(shown), "{report}");
+    let (_, without) = example("plc-and-linux.toml");
+    assert!(!check::report(&without).contains("vsock"));
+}
+
+#[test]
 fn the_report_draws_the_schedule_and_says_what_each_partition_gets() {
     let (_, file) = example("plc-and-linux.toml");
     let expected = r#"plc-and-linux: major frame 1ms

@@ -59,6 +59,8 @@ const INTERRUPT_MODULES: &str = "/modules/interrupts";
 const VFIO_MODULES: &str = "/modules/vfio";
 /// Those that network interfaces need.
 const NET_MODULES: &str = "/modules/net";
+/// Those that sockets need.
+const VSOCK_MODULES: &str = "/modules/vsock";
 /// Whatever a run leaves in this folder is carried out of the machine.
 const OUT: &str = "/out";
 /// What the kernel shows on the console.
@@ -273,6 +275,14 @@ pub fn load_for_vfio(role: Role) -> io::Result<()> {
 /// What is wrong with the list or a module.
 pub fn load_for_networks(role: Role) -> io::Result<()> {
     load_for(role, NET_MODULES)
+}
+
+/// Loads what sockets need, if this is the appliance.
+///
+/// # Errors
+/// What is wrong with the list or a module.
+pub fn load_for_sockets(role: Role) -> io::Result<()> {
+    load_for(role, VSOCK_MODULES)
 }
 
 fn load_for(role: Role, list: &str) -> io::Result<()> {

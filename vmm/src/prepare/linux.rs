@@ -1,5 +1,5 @@
 //! A Linux's partition: memory, a board with its devices, the threads of its disks, and the host's
-//! ends of its cables.
+//! ends of its cables and sockets.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -30,6 +30,7 @@ use crate::run_error::RunError;
 use crate::sandbox;
 use crate::vcpu::thread::Place;
 use crate::virtio::Slot;
+use crate::vsock;
 
 impl Preparation<'_> {
     pub(super) fn linux(
@@ -86,6 +87,16 @@ impl Preparation<'_> {
             carried.push(interface);
             cables.push(cable);
         }
+        let mut socket = None;
+        if let Some(cid) = partition.vsock() {
+            let slot = Slot((drives.len() + carried.len()) as u32);
+            let unreachable =
+                |source| RunError::Vsock { partition: partition.name().to_owned(), source };
+            let (device, end) =
+                vsock::open(slot, cid, &memory, place, self.role).map_err(unreachable)?;
+            carried.push(device);
+            socket = Some(end);
+        }
         let patience = Some(partition.power_off()).filter(|time| *time != Nanos::ZERO);
         let button = patience.map(|_| event::eventfd().map(Arc::new)).transpose()?;
         let mut board = LinuxMachine {
@@ -132,7 +143,7 @@ impl Preparation<'_> {
             button.zip(patience).map(|(wire, patience)| PowerButton::new(wire, patience));
         prepared.account.kernel = Some(KernelWatch::new(panic));
         prepared.disks = disks;
-        prepared.linux = Some(LinuxParts { init, cables });
+        prepared.linux = Some(LinuxParts { init, cables, vsock: socket });
         Ok(prepared)
     }
     /// The serial port's way out. A Linux with windows is not made to wait: its thread would wake again

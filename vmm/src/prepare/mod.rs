@@ -43,6 +43,7 @@ use crate::saver::Files;
 use crate::vcpu::guest_timer::Deadlines;
 use crate::vcpu::thread::{self, Place, Ready, Spawn};
 use crate::vcpu::{Control, window_enforcer};
+use crate::vsock::Vsock;
 
 /// A partition that is ready to run.
 pub struct Prepared {
@@ -64,6 +65,8 @@ pub struct LinuxParts {
     pub init: InitSeen,
     /// The host's side of its network interfaces.
     pub cables: Vec<Cable>,
+    /// That of its sockets.
+    pub vsock: Option<Vsock>,
 }
 
 /// A thread that ends windows, ready to run.

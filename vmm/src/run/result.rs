@@ -20,6 +20,7 @@ use crate::report::{self, Report};
 use crate::supervisor::Supervisor;
 use crate::vcpu::Control;
 use crate::vcpu::guest_timer::Told;
+use crate::vsock::Vsock;
 
 impl Facts<'_> {
     pub(super) fn report(
@@ -130,6 +131,7 @@ impl Facts<'_> {
                 .as_ref()
                 .and_then(|button| button.report(finished.map(|f| (f.end, base.offset(f.at))))),
             nets: linux.map_or_else(Vec::new, |l| l.cables.iter().map(Cable::report).collect()),
+            vsock: linux.and_then(|l| l.vsock.as_ref()).map(Vsock::report),
             boot_to_init_ns: linux.map(|l| l.init.instant().map(|at| base.offset(at).0)),
         }
     }

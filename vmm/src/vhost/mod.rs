@@ -1,7 +1,7 @@
-//! Devices of a Linux whose queues the host's kernel works on (vhost): network interfaces.
+//! Devices of a Linux whose queues the host's kernel works on (vhost): network interfaces and sockets.
 //!
 //! ```text
-//! write to the register --> KVM: ioeventfd --> vhost's worker --> tap device
+//! write to the register --> KVM: ioeventfd --> vhost's worker --> tap device, or the host's sockets
 //!                          KVM: irqfd     <--/
 //! ```
 //!

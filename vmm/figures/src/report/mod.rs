@@ -13,7 +13,7 @@ mod wake_ups;
 
 use serde::{Deserialize, Serialize};
 
-pub use net::{Net, Traffic};
+pub use net::{Net, Traffic, Vsock};
 pub use operator::{Forced, Operator};
 pub use partition::{Deadlines, Donation, Event, Events, How, Partition, Releases, Stuck};
 pub use power_off::PowerOff;

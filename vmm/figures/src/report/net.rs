@@ -1,4 +1,4 @@
-//! What a report tells of a network interface of a Linux.
+//! What a report tells of a network interface of a Linux, and of its sockets.
 
 use std::fmt;
 
@@ -29,14 +29,34 @@ pub struct Traffic {
     pub dropped: u64,
 }
 
+/// The way to a Linux that needs no network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Vsock {
+    /// The number by which the host reaches it.
+    pub cid: u32,
+    /// How often the guest's driver handed over queues that could not be used.
+    pub refused_queues: u64,
+}
+
 impl fmt::Display for Net {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { tap, to_guest, from_guest, refused_queues } = self;
         write!(f, "{tap}: to it {to_guest}; from it {from_guest}")?;
-        match refused_queues {
-            0 => Ok(()),
-            count => write!(f, "; {count} times its driver's queues could not be used"),
-        }
+        refused(f, *refused_queues)
+    }
+}
+
+impl fmt::Display for Vsock {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "CID {}", self.cid)?;
+        refused(f, self.refused_queues)
+    }
+}
+
+fn refused(f: &mut fmt::Formatter<'_>, queues: u64) -> fmt::Result {
+    match queues {
+        0 => Ok(()),
+        count => write!(f, "; {count} times its driver's queues could not be used"),
     }
 }
 

@@ -6,7 +6,7 @@ use std::fmt;
 
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::{Net, Operator, PowerOff, Summary, WakeUps};
+use super::{Net, Operator, PowerOff, Summary, Vsock, WakeUps};
 use crate::worst::{LateStart, LongScan};
 
 /// One partition.
@@ -54,6 +54,9 @@ pub struct Partition {
     /// The network interfaces of a Linux.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub nets: Vec<Net>,
+    /// The socket device of a Linux.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vsock: Option<Vsock>,
     /// Only for Linux: from the start of its vCPU to its first process; `null` if it did not get
     /// there, or if its console does not show the kernel's messages.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "null_or")]

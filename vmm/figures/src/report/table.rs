@@ -129,6 +129,9 @@ impl Partition {
         for net in &self.nets {
             let _ = writeln!(text, "  network        {net}");
         }
+        if let Some(vsock) = &self.vsock {
+            let _ = writeln!(text, "  vsock          {vsock}");
+        }
         if !self.events.totals.is_empty() {
             let totals = self.events.totals.iter();
             let totals: Vec<String> = totals.map(|(error, n)| format!("{error} {n}")).collect();

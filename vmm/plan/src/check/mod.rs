@@ -17,13 +17,14 @@ mod programs;
 mod tables;
 mod timeline;
 mod unconnected;
+mod vsock;
 
 use takt_scheduler::schedules::ScheduleId;
 
 use crate::{Kind, Partition, PartitionFile};
 
 /// Each schedule drawn per CPU, what each partition gets in it and how its tasks fare; then what holds under all of
-/// them, the programs, the channels, the host's devices, shared hardware, and the health monitor's own rows. Ends with
+/// them, the programs, the channels, the sockets, the host's devices, shared hardware, and the health monitor's own rows. Ends with
 /// a newline.
 #[must_use]
 pub fn report(file: &PartitionFile) -> String {
@@ -47,6 +48,7 @@ pub fn report(file: &PartitionFile) -> String {
     tables::not_analysed(&mut out, file);
     programs::list(&mut out, file);
     channels::list(&mut out, file);
+    vsock::list(&mut out, file);
     passthrough::list(&mut out, file);
     hardware::list(&mut out, file);
     health::list(&mut out, file);

@@ -137,7 +137,7 @@ impl Aml for PowerButton {
 
 #[cfg(test)]
 mod tests {
-    use takt_plan::linux_map::{PCI_WINDOW, VIRTIO_REGISTERS};
+    use takt_plan::linux_map::{PCI_WINDOW, VIRTIO_MAX, VIRTIO_REGISTERS};
 
     use super::*;
 
@@ -183,13 +183,16 @@ mod tests {
             assert!(contains(&bytes, &memory));
         }
         assert!(!contains(&bytes, b"VIO2"));
+        // The last of as many as there can be has the last pin.
+        let last = dsdt_bytes(None, VIRTIO_MAX as u32);
+        assert!(contains(&last, &[0x89, 6, 0, 0b0011, 1, 23, 0, 0, 0]));
     }
 
     #[test]
     fn the_power_button_is_notified_by_an_interrupt_of_its_own() {
         let mut bytes = Vec::new();
         table(AcpiConfig { power_button: true, ..AcpiConfig::default() }).to_aml_bytes(&mut bytes);
-        for name in [&b"PWRB"[..], b"ACPI0013", b"_EVT", &[0x89, 6, 0, 0b0011, 1, 23, 0, 0, 0]] {
+        for name in [&b"PWRB"[..], b"ACPI0013", b"_EVT", &[0x89, 6, 0, 0b0011, 1, 5, 0, 0, 0]] {
             assert!(contains(&bytes, name), "{name:?}");
             assert!(!contains(&dsdt_bytes(None, 4), name), "{name:?}");
         }

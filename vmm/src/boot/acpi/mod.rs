@@ -20,8 +20,7 @@ use acpi_tables::madt::{
 use acpi_tables::rsdp::Rsdp;
 use acpi_tables::xsdt::XSDT;
 use takt_devices::power::AcpiPower;
-use takt_plan::linux_map::{ACPI_TABLES, IO_APIC, LOCAL_APIC};
-use takt_plan::{DISKS_MAX, NETS_MAX};
+use takt_plan::linux_map::{ACPI_TABLES, IO_APIC, LOCAL_APIC, VIRTIO_MAX};
 use vm_memory::{Bytes, GuestAddress, GuestMemoryError, GuestMemoryMmap};
 
 use crate::virtio::Slot;
@@ -36,9 +35,11 @@ pub const SERIAL_PORT: u16 = 0x3f8;
 pub const SERIAL_IRQ: u32 = 4;
 /// The interrupt of the PCI function: the first pin of the I/O APIC beyond those of the ISA bus.
 pub const PCI_GSI: u32 = 16;
-/// That of the power button, the last pin: those between belong to virtio devices.
-pub const POWER_BUTTON_GSI: u32 = 23;
-const _: () = assert!(Slot((DISKS_MAX + NETS_MAX) as u32 - 1).gsi() < POWER_BUTTON_GSI);
+/// The last pin: those behind that of the PCI function belong to virtio devices.
+const LAST_GSI: u32 = 23;
+const _: () = assert!(Slot(VIRTIO_MAX as u32 - 1).gsi() <= LAST_GSI);
+/// That of the power button, of the ISA bus.
+pub const POWER_BUTTON_GSI: u32 = 5;
 
 const OEM: [u8; 6] = *b"TAKT  ";
 const MACHINE: [u8; 8] = *b"TAKTLINX";
