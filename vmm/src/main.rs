@@ -38,6 +38,8 @@ Programs of their own, in the folder of takt:
   ctl     Ask a running takt how it stands, and tell it what to do
   doctor  Say whether this host can keep the promises of a partition file
   top     Show what a running takt does
+  shell   Log into a Linux partition without a network
+  copy    Copy files to and from a Linux partition without a network
   plc     Make, inspect, sign and test control programs
   jitter  Measure how punctual the partitions of a file are, under a load";
 

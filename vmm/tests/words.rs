@@ -135,7 +135,8 @@ fn help_is_in_plain_english() {
         help(takt, command);
     }
     // These are packages of their own, and there if all of the workspace is built.
-    for client in ["takt-ctl", "takt-top", "takt-doctor", "takt-jitter"] {
+    for client in ["takt-ctl", "takt-top", "takt-doctor", "takt-jitter", "takt-shell", "takt-copy"]
+    {
         let program = takt.with_file_name(client);
         if program.exists() {
             help(&program, &[]);

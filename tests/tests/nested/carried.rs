@@ -88,7 +88,8 @@ pub(super) fn build_clients() {
     BUILT.get_or_init(|| {
         let mut cargo = Command::new("cargo");
         cargo.args(["build", "--quiet"]);
-        cargo.args(["takt-plc", "takt-ctl", "takt-console"].map(|name| ["--bin", name]).concat());
+        let clients = ["takt-plc", "takt-ctl", "takt-console", "takt-shell"];
+        cargo.args(clients.map(|name| ["--bin", name]).concat());
         assert!(cargo.current_dir(root()).status().expect("cargo starts").success());
     });
 }

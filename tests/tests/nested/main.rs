@@ -45,3 +45,4 @@ mod tasks_together;
 mod timing;
 mod vfio;
 mod vmx;
+mod vsock;

@@ -13,12 +13,12 @@ const LAYERS: [&[&str]; 6] = [
     &["takt-figures", "takt-port-c"],
     &["takt-protocol"],
     &["takt", "takt-client"],
-    &["takt-ctl", "takt-doctor", "takt-jitter"],
+    &["takt-ctl", "takt-doctor", "takt-jitter", "takt-shell"],
 ];
 
 /// Programs that ask and show, and the types that they share with `takt`. A fault in a screen or a
 /// plot must not be a fault of what can reach a guest, so they link nothing that could.
-const WITHOUT_HYPERVISOR: [&str; 14] = [
+const WITHOUT_HYPERVISOR: [&str; 15] = [
     "takt-client",
     "takt-ctl",
     "takt-doctor",
@@ -33,6 +33,7 @@ const WITHOUT_HYPERVISOR: [&str; 14] = [
     "takt-protocol",
     "takt-record",
     "takt-retain",
+    "takt-shell",
 ];
 
 /// What a hypervisor is made of.

@@ -1,0 +1,7 @@
+//! `takt-shell`: logs into a Linux partition. All of it is in the library.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    takt_shell::takt_shell()
+}
