@@ -209,7 +209,7 @@ install_debian() {
         --dpkgopt="$root/scripts/guest/debian/etc/dpkg/dpkg.cfg.d/no-manuals" \
         --dpkgopt=force-unsafe-io \
         --essential-hook="cp -r --no-preserve=ownership '$root/scripts/guest/debian/.' \"\$1/\"" \
-        --customize-hook='chroot "$1" systemctl --quiet enable systemd-networkd' \
+        --customize-hook='chroot "$1" systemctl --quiet enable systemd-networkd sshd-vsock.socket' \
         --customize-hook='chroot "$1" systemctl --quiet disable getty@tty1' \
         --include="$names${debian_more:+,$debian_more}" \
         "$debian_release" "$1" - <<<"$sources" >"$log" 2>&1 || {
