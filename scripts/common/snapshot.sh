@@ -24,7 +24,8 @@ use_snapshot() {
     flock "$lock"
     snapshot=$folder/$(snapshot_name)
     if [[ ! -e $snapshot ]] && ! make_snapshot; then
-        tail -n 3 "$work/snapshot.log" >&2
+        # Behind the words of the first process there are those of the kernel, at length.
+        grep -a '^takt-carry: ' "$work/snapshot.log" >&2 || tail -n 3 "$work/snapshot.log" >&2
         echo "${0##*/}: this QEMU keeps no snapshot of the appliance; its kernel starts each time" >&2
         snapshot=
         options=("${before[@]}")
@@ -52,7 +53,7 @@ make_snapshot() {
         "${qemu[@]}" "${options[@]}" -icount "$icount" \
         -kernel "$appliance/vmlinux" -initrd "$appliance/initrd.img" \
         -append "$kernel_words rdinit=/carry -- start 0000:00:${files_slot#0x}.0" \
-        -chardev "null,id=console" -serial chardev:console \
+        -chardev "stdio,id=console,signal=off" -serial chardev:console \
         -chardev "null,id=results" -device "isa-debugcon,iobase=0x402,chardev=results" \
         "${monitor_options[@]}" </dev/null >"$work/snapshot.log" 2>&1 &
     process=$!
