@@ -33,23 +33,23 @@ use_snapshot() {
     exec {lock}>&-
 }
 
-# snapshot_name: another one for each machine. scripts/appliance removes those of another kernel or takt.
+# snapshot_name: another one for each machine, kernel and initramfs. scripts/appliance removes old ones.
 snapshot_name() {
     {
         "${qemu[@]}" --version
+        stat --format '%n %i %s %Y' "$appliance/vmlinux" "$appliance/initrd.img"
         printf '%s\n' "$healer" "$icount" "${options[@]}" "$kernel_words"
     } | checksum - | head -c 16
 }
 
-# make_snapshot: starts the machine and saves it when it stops itself.
+# make_snapshot: starts the machine and saves it when it stops itself. There is a file only if it is whole.
 make_snapshot() {
     local process
     echo "${0##*/}: starting the appliance's kernel; later runs go on from there" >&2
     open_monitor
-    rm -f "$snapshot.new"
     # Not recorded, as QEMU saves nothing then. Nothing is asked of it before it stops, and it stops at the same
     # instruction each time.
-    emulate 300 env "TAKT_SNAPSHOT=$snapshot.new" ${healer:+"LD_PRELOAD=$healer"} \
+    emulate 300 env "TAKT_SNAPSHOT=$snapshot" ${healer:+"LD_PRELOAD=$healer"} \
         "${qemu[@]}" "${options[@]}" -icount "$icount" \
         -kernel "$appliance/vmlinux" -initrd "$appliance/initrd.img" \
         -append "$kernel_words rdinit=/carry -- start 0000:00:${files_slot#0x}.0" \
@@ -59,14 +59,14 @@ make_snapshot() {
     process=$!
     # shellcheck disable=SC2016
     expect "$process" '"event": "STOP"' &&
-        say migrate '{"uri": "exec:cat >\"$TAKT_SNAPSHOT\""}' &&
-        expect "$process" '"status": "completed"' query-migrate &&
-        mv "$snapshot.new" "$snapshot"
-    local made=$?
-    kill "$process" 2>/dev/null || true
-    wait "$process" 2>/dev/null || true
+        say migrate '{"uri": "exec:cat >\"$TAKT_SNAPSHOT.new\" && mv \"$TAKT_SNAPSHOT.new\" \"$TAKT_SNAPSHOT\""}' &&
+        expect "$process" '"status": "@(completed|failed)"' query-migrate &&
+        say quit
+    # It waits for what it has started.
+    wait "$process" || true
     close_monitor
-    return "$made"
+    rm -f "$snapshot.new"
+    [[ -e $snapshot ]]
 }
 
 # snapshot_options: what a machine that goes on has beside.
@@ -87,7 +87,12 @@ snapshot_options() {
 
 # go_on PROCESS: lets the machine go on that is loaded as PROCESS.
 go_on() {
-    ! expect "$1" guest-panicked query-status || say cont
+    if expect "$1" guest-panicked query-status; then
+        say cont
+    else
+        rm -f "$snapshot"
+        echo "${0##*/}: the machine did not go on from its snapshot, which is removed now; try again" >&2
+    fi
     close_monitor
 }
 
@@ -109,14 +114,15 @@ say() {
     echo "{\"execute\": \"$1\"${2:+, \"arguments\": $2}}" >&"$monitor_in"
 }
 
-# expect PROCESS WORDS [COMMAND]: waits until the monitor of PROCESS says a line with WORDS, and asks for it by COMMAND
-# until then. Fails if the process ends before.
+# expect PROCESS PATTERN [COMMAND]: waits until the monitor of PROCESS says a line with what fits PATTERN, and asks for it by
+# COMMAND until then. Fails if the process ends before.
 expect() {
     local line
     while kill -0 "$1" 2>/dev/null; do
         [[ -z ${3-} ]] || say "$3"
         while read -r -t 0.1 line <&"$monitor_out"; do
-            [[ $line != *"$2"* ]] || return 0
+            # shellcheck disable=SC2053
+            [[ $line != *$2* ]] || return 0
         done
     done
     return 1
