@@ -20,12 +20,14 @@ build_bochs() {
 # bochs_machine: sets $machine to Bochs with the command line of $kernel_words and $words, its console on standard output, and
 # $output.
 bochs_machine() {
+    local line
     # Bochs knows no end at a restart, but one at a triple fault. It counts each repetition of an
     # instruction: without these two features kernels move eight bytes by one, as in the lab.
     kernel_words+=" reboot=triple clearcpuid=erms,fsrm"
     # By the firmware's tables for ACPI, all functions of PCI but the bridge are unplugged, and Linux takes them away.
     [[ -z ${control_line-} ]] || kernel_words+=" acpiphp.disable=1"
-    printf '%s\0' "$(command_line)" >"$work/words"
+    line=$(command_line)
+    printf '%s\0' "$line" >"$work/words"
     make_initrd
     objcopy --output-target=binary "$appliance/vmlinux" "$work/kernel"
     make_disk

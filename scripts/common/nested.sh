@@ -94,7 +94,7 @@ lay_hooked_takt_over() {
 # qemu_machine: sets $machine to QEMU with its console on standard input and output, and $output. In the lab it goes on
 # from a $snapshot, unless it is to have other devices.
 qemu_machine() {
-    local options=() icount= device
+    local options=() icount= device line
     machine_options
     options+=(-nodefaults -no-user-config -display none -no-reboot)
     if [[ $lane == lab ]] && ((${#devices[@]} == 0)); then
@@ -117,8 +117,8 @@ qemu_machine() {
         snapshot_options
     else
         make_initrd
-        options+=(-m "$(machine_memory)M" -kernel "$appliance/vmlinux" -initrd "$work/initrd"
-            -append "$(command_line)")
+        line=$(command_line)
+        options+=(-m "$(machine_memory)M" -kernel "$appliance/vmlinux" -initrd "$work/initrd" -append "$line")
     fi
     machine=(env ${snapshot:+"TAKT_SNAPSHOT=$snapshot"} ${healer:+"LD_PRELOAD=$healer"}
         "${qemu[@]}" "${options[@]}")
@@ -269,11 +269,12 @@ make_initrd() {
 
 # command_line: prints the kernel's command line. The kernel hands its first process the words that it does not know.
 command_line() {
-    local word
-    printf '%s' "$kernel_words"
+    local word line=$kernel_words
     for word in "${words[@]}"; do
-        printf ' %s' "$(kernel_word "$word")"
+        word=$(kernel_word "$word") || exit
+        line+=" $word"
     done
+    echo "$line"
 }
 
 # kernel_word WORD: WORD as the kernel's command line must have it to reach takt whole.

@@ -20,7 +20,7 @@ use_snapshot() {
     while ((size << 20 < bytes)); do size=$((2 * size)); done
     options+=(-m "${size}M" -device pvpanic -action "panic=pause")
     mkdir -p "$folder"
-    exec {lock}>"$folder/lock"
+    exec {lock}>"$folder.lock"
     flock "$lock"
     snapshot=$folder/$(snapshot_name)
     if [[ ! -e $snapshot ]] && ! make_snapshot; then
@@ -42,11 +42,13 @@ snapshot_name() {
     } | checksum - | head -c 16
 }
 
-# make_snapshot: starts the machine and saves it when it stops itself. There is a file only if it is whole.
+# make_snapshot: starts the machine and saves it when it stops itself. There is a $snapshot only if it is whole: QEMU says that all
+# is written, and so does what writes it, which does not know an end from a QEMU that was killed.
 make_snapshot() {
-    local process
+    local process saved=
     echo "${0##*/}: starting the appliance's kernel; later runs go on from there" >&2
     open_monitor
+    rm -f "$snapshot".{new,whole}
     # Not recorded, as QEMU saves nothing then. Nothing is asked of it before it stops, and it stops at the same
     # instruction each time.
     emulate 300 env "TAKT_SNAPSHOT=$snapshot" ${healer:+"LD_PRELOAD=$healer"} \
@@ -58,14 +60,21 @@ make_snapshot() {
         "${monitor_options[@]}" </dev/null >"$work/snapshot.log" 2>&1 &
     process=$!
     # shellcheck disable=SC2016
-    expect "$process" '"event": "STOP"' &&
-        say migrate '{"uri": "exec:cat >\"$TAKT_SNAPSHOT.new\" && mv \"$TAKT_SNAPSHOT.new\" \"$TAKT_SNAPSHOT\""}' &&
-        expect "$process" '"status": "@(completed|failed)"' query-migrate &&
+    if expect "$process" '"event": "STOP"' &&
+        say migrate '{"uri": "exec:cat >\"$TAKT_SNAPSHOT.new\" && : >\"$TAKT_SNAPSHOT.whole\""}' &&
+        expect "$process" '"status": "completed"' query-migrate; then
+        saved=yes
+        # It waits for what it has started.
         say quit
-    # It waits for what it has started.
+    else
+        kill "$process" 2>/dev/null || true
+    fi
     wait "$process" || true
     close_monitor
-    rm -f "$snapshot.new"
+    if [[ -n $saved && -e $snapshot.whole ]]; then
+        sync "$snapshot.new" && mv "$snapshot.new" "$snapshot"
+    fi
+    rm -f "$snapshot".{new,whole}
     [[ -e $snapshot ]]
 }
 
@@ -90,8 +99,8 @@ go_on() {
     if expect "$1" guest-panicked query-status; then
         say cont
     else
-        rm -f "$snapshot"
-        echo "${0##*/}: the machine did not go on from its snapshot, which is removed now; try again" >&2
+        echo "${0##*/}: the machine did not go on from $snapshot; remove that if it happens again" >&2
+        kill "$1" 2>/dev/null || true
     fi
     close_monitor
 }
@@ -114,16 +123,23 @@ say() {
     echo "{\"execute\": \"$1\"${2:+, \"arguments\": $2}}" >&"$monitor_in"
 }
 
-# expect PROCESS PATTERN [COMMAND]: waits until the monitor of PROCESS says a line with what fits PATTERN, and asks for it by
-# COMMAND until then. Fails if the process ends before.
+# expect PROCESS WORDS [COMMAND]: waits until the monitor of PROCESS says a line with WORDS, and asks for it by COMMAND until
+# then, fewer times than the way to the monitor has room for. Fails if the process ends, says that something went wrong, or has
+# nothing to say for minutes.
 expect() {
-    local line
-    while kill -0 "$1" 2>/dev/null; do
+    local asked line begun=
+    for ((asked = 0; asked < 2000; asked++)); do
+        kill -0 "$1" 2>/dev/null || return 1
         [[ -z ${3-} ]] || say "$3"
         while read -r -t 0.1 line <&"$monitor_out"; do
-            # shellcheck disable=SC2053
-            [[ $line != *$2* ]] || return 0
+            line=$begun$line begun=
+            case $line in
+            *"$2"*) return 0 ;;
+            *'"error"'* | *'"status": "failed"'*) return 1 ;;
+            esac
         done
+        # Of a line that has not come whole yet.
+        begun+=$line
     done
     return 1
 }
