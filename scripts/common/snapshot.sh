@@ -13,12 +13,10 @@ files_slot=0x1d
 # use_snapshot: for a machine of QEMU with $options and $icount: sets $snapshot to the file to go on from, and adds the
 # memory to $options. If this QEMU makes none, both stay as they are, and the machine starts from nothing.
 use_snapshot() {
-    local folder=$appliance/snapshots size bytes lock before=("${options[@]}")
+    local folder=$appliance/snapshots bytes lock before=("${options[@]}")
     bytes=$((memory + overhead + 2 * $(stat -c %s "$appliance/initrd.img") + $(du -sb "$work/files" | cut -f 1)))
     # Few sizes, so that few snapshots serve all.
-    size=512
-    while ((size << 20 < bytes)); do size=$((2 * size)); done
-    options+=(-m "${size}M" -device pvpanic -action "panic=pause")
+    options+=(-m "$(doubled $((512 << 20)) "$bytes")B" -device pvpanic -action "panic=pause")
     mkdir -p "$folder"
     exec {lock}>"$folder.lock"
     flock "$lock"
@@ -80,18 +78,24 @@ make_snapshot() {
 
 # snapshot_options: what a machine that goes on has beside.
 snapshot_options() {
-    local size=$((1 << 20)) bytes
+    local size
     printf '%s\0' "${words[@]}" >"$work/files/words"
     pack "$work/files" >"$work/memory"
     rm -rf "$work/files"
-    bytes=$(stat -c %s "$work/memory")
-    while ((size < bytes)); do size=$((2 * size)); done
+    size=$(doubled $((1 << 20)) "$(stat -c %s "$work/memory")")
     truncate --size="$size" "$work/memory"
     open_monitor
     # shellcheck disable=SC2016
     options+=(-incoming 'exec:cat "$TAKT_SNAPSHOT"'
         -object "memory-backend-file,id=files,share=on,size=$size,mem-path=${work//,/,,}/memory"
         -device "ivshmem-plain,memdev=files,addr=$files_slot" "${monitor_options[@]}")
+}
+
+# doubled SIZE BYTES: prints SIZE, doubled as often as BYTES need.
+doubled() {
+    local size=$1
+    while ((size < $2)); do size=$((2 * size)); done
+    echo "$size"
 }
 
 # go_on PROCESS: lets the machine go on that is loaded as PROCESS.

@@ -119,7 +119,7 @@ mod tests {
                 Err(UnpackError::Archive(_) | UnpackError::Make { .. })
             ));
         }
-        for name in ["/etc/passwd", "../file", "a/../../b"] {
+        for name in ["/no-such-folder/file", "../file", "a/../../b"] {
             let archive = entry(Vec::new(), name, FILE | 0o644, b"");
             assert!(matches!(unpacked(&archive).1, Err(UnpackError::Outside(_))), "{name}");
         }
