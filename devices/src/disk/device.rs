@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use virtio_bindings::virtio_blk::{
-    VIRTIO_BLK_F_FLUSH, VIRTIO_BLK_F_RO, VIRTIO_BLK_F_SEG_MAX, VIRTIO_BLK_F_SIZE_MAX,
+    VIRTIO_BLK_F_DISCARD, VIRTIO_BLK_F_FLUSH, VIRTIO_BLK_F_RO, VIRTIO_BLK_F_SEG_MAX,
+    VIRTIO_BLK_F_SIZE_MAX,
 };
 use virtio_bindings::virtio_config::VIRTIO_F_VERSION_1;
 use virtio_bindings::virtio_ids::VIRTIO_ID_BLOCK;
@@ -11,8 +12,13 @@ use virtio_bindings::virtio_ring::VIRTIO_RING_F_INDIRECT_DESC;
 use virtio_queue::Queue;
 
 use super::handover::Handover;
-use super::{QUEUE_SIZE, SEGMENT_BYTES_MAX, SEGMENTS_MAX, Shape};
+use super::{
+    DISCARD_ALIGNMENT, DISCARD_SECTORS_MAX, QUEUE_SIZE, SEGMENT_BYTES_MAX, SEGMENTS_MAX, Shape,
+};
 use crate::virtio::{Description, Device, bits};
+
+/// Where the configuration says what may be discarded: most sectors, most pieces, alignment (virtio 1.2, section 5.2.4).
+const DISCARD_AT: usize = 36;
 
 /// The side of a disk that is the guest's.
 pub struct DiskDevice {
@@ -27,11 +33,19 @@ impl DiskDevice {
         let mut config = shape.sectors.to_le_bytes().to_vec();
         config.extend(SEGMENT_BYTES_MAX.to_le_bytes());
         config.extend((SEGMENTS_MAX as u32).to_le_bytes());
+        // Between them are fields that belong to features which are not offered.
+        config.resize(DISCARD_AT, 0);
+        config.extend(
+            [DISCARD_SECTORS_MAX, 1, DISCARD_ALIGNMENT].map(u32::to_le_bytes).as_flattened(),
+        );
         let kind = if shape.read_only { VIRTIO_BLK_F_RO } else { VIRTIO_BLK_F_FLUSH };
         // A driver that would do less might take what it has written for safe before it is.
         let required = bits(&[VIRTIO_F_VERSION_1, kind]);
-        let optional =
+        let mut optional =
             bits(&[VIRTIO_BLK_F_SIZE_MAX, VIRTIO_BLK_F_SEG_MAX, VIRTIO_RING_F_INDIRECT_DESC]);
+        if !shape.read_only {
+            optional |= bits(&[VIRTIO_BLK_F_DISCARD]);
+        }
         let description = Description {
             id: VIRTIO_ID_BLOCK,
             offered: required | optional,

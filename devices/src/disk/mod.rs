@@ -45,6 +45,11 @@ pub const SEGMENTS_MAX: usize = QUEUE_SIZE as usize - 2;
 /// Longest piece, in bytes.
 pub const SEGMENT_BYTES_MAX: u32 = 1 << 16;
 
+/// Most sectors that one request discards: 1 GiB.
+pub const DISCARD_SECTORS_MAX: u32 = 1 << 21;
+/// In what units a file gives space back, in sectors: blocks of 4 KiB. Less than one is only cleared.
+pub const DISCARD_ALIGNMENT: u32 = 8;
+
 /// Most bytes that are moved at once between the guest's memory and the medium.
 pub const PIECE_BYTES: usize = 128 << 10;
 
@@ -57,8 +62,8 @@ pub struct Shape {
     pub read_only: bool,
 }
 
-/// Where a disk's bytes are. Positions and lengths are whole sectors within its [`Shape`], and no
-/// transfer is longer than [`PIECE_BYTES`]. Each call may take as long as it takes.
+/// Where a disk's bytes are. Positions and lengths are whole sectors within its [`Shape`], no
+/// transfer is longer than [`PIECE_BYTES`], and none is empty. Each call may take as long as it takes.
 pub trait Medium: Send {
     /// Fills `into` from `at`, in bytes.
     ///
@@ -71,6 +76,12 @@ pub trait Medium: Send {
     /// # Errors
     /// If not all of it can be written.
     fn write(&mut self, at: u64, from: &[u8]) -> io::Result<()>;
+
+    /// Gives back the space behind these bytes; what is read there afterwards is zeros.
+    ///
+    /// # Errors
+    /// [`Unsupported`](io::ErrorKind::Unsupported) if the medium keeps all space, or why else not.
+    fn discard(&mut self, at: u64, bytes: u64) -> io::Result<()>;
 
     /// Returns when all that was written survives a loss of power.
     ///

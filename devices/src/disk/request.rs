@@ -18,8 +18,9 @@ use vm_memory::{
 
 use super::{SEGMENT_BYTES_MAX, SEGMENTS_MAX};
 
-/// Bytes of the header: type, reserved, sector.
-const HEADER: usize = 16;
+/// Bytes of the header: type, reserved, sector; and of what a request to discard names: sector, number of sectors,
+/// flags.
+const RECORD: usize = 16;
 
 /// The guest has left no place for an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -97,7 +98,7 @@ impl<'a> Body<'a> {
     fn parse(readable: &[Piece], writable: &[Piece], memory: &'a GuestMemoryMmap) -> Option<Self> {
         let mut from = slices(readable, memory)?;
         let into = slices(writable, memory)?;
-        let header = take_header(&mut from)?;
+        let header = take_record(&mut from)?;
         let (kind, sector) = (header.get(..4)?, header.get(8..)?);
         Some(Self {
             kind: u32::from_le_bytes(kind.try_into().ok()?),
@@ -105,6 +106,19 @@ impl<'a> Body<'a> {
             from,
             into,
         })
+    }
+
+    /// What a request to discard names: the first sector, how many, and flags.
+    pub fn discarded(&self) -> Option<(u64, u32, u32)> {
+        let mut from = self.from.clone();
+        let record = take_record(&mut from)?;
+        let (sector, count, flags) = (record.get(..8)?, record.get(8..12)?, record.get(12..)?);
+        let named = (
+            u64::from_le_bytes(sector.try_into().ok()?),
+            u32::from_le_bytes(count.try_into().ok()?),
+            u32::from_le_bytes(flags.try_into().ok()?),
+        );
+        from.is_empty().then_some(named)
     }
 }
 
@@ -135,14 +149,14 @@ fn slices<'a>(pieces: &[Piece], memory: &'a GuestMemoryMmap) -> Option<Vec<Volat
     Some(slices)
 }
 
-/// Cuts the header off.
-fn take_header(from: &mut Vec<VolatileSlice<'_>>) -> Option<[u8; HEADER]> {
-    let mut header = [0; HEADER];
+/// Cuts a record off the front.
+fn take_record(from: &mut Vec<VolatileSlice<'_>>) -> Option<[u8; RECORD]> {
+    let mut record = [0; RECORD];
     let mut have = 0;
-    while have < HEADER {
+    while have < RECORD {
         let first = from.first_mut()?;
-        let bytes = first.len().min(HEADER - have);
-        first.read_slice(header.get_mut(have..have + bytes)?, 0).ok()?;
+        let bytes = first.len().min(RECORD - have);
+        first.read_slice(record.get_mut(have..have + bytes)?, 0).ok()?;
         have += bytes;
         if bytes == first.len() {
             from.remove(0);
@@ -150,7 +164,7 @@ fn take_header(from: &mut Vec<VolatileSlice<'_>>) -> Option<[u8; HEADER]> {
             *first = first.offset(bytes).ok()?;
         }
     }
-    Some(header)
+    Some(record)
 }
 
 /// Bytes of all pieces together. They are bounded far below an overflow.

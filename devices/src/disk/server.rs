@@ -1,11 +1,13 @@
 //! Serving requests, on the disk's own thread.
 
+use std::io::{self, ErrorKind};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use virtio_bindings::virtio_blk::{
     VIRTIO_BLK_ID_BYTES, VIRTIO_BLK_S_IOERR, VIRTIO_BLK_S_OK, VIRTIO_BLK_S_UNSUPP,
-    VIRTIO_BLK_T_FLUSH, VIRTIO_BLK_T_GET_ID, VIRTIO_BLK_T_IN, VIRTIO_BLK_T_OUT,
+    VIRTIO_BLK_T_DISCARD, VIRTIO_BLK_T_FLUSH, VIRTIO_BLK_T_GET_ID, VIRTIO_BLK_T_IN,
+    VIRTIO_BLK_T_OUT,
 };
 use virtio_queue::{Queue, QueueT};
 use vm_memory::{Bytes, GuestMemoryMmap};
@@ -13,7 +15,7 @@ use vm_memory::{Bytes, GuestMemoryMmap};
 use super::handover::{Handover, Lease, Recalled};
 use super::request::{Body, Request, total};
 use super::transfer::{Guest, Transfer};
-use super::{Medium, PIECE_BYTES, SECTOR, Shape};
+use super::{DISCARD_SECTORS_MAX, Medium, PIECE_BYTES, SECTOR, Shape};
 
 /// What a guest learns as the disk's serial number; zeros behind it.
 pub type DiskId = [u8; VIRTIO_BLK_ID_BYTES as usize];
@@ -52,9 +54,12 @@ impl Answer {
         Self { status, bytes: 0 }
     }
 
-    const fn of<E>(result: &Result<(), E>, bytes: u64) -> Self {
+    fn of(result: &io::Result<()>, bytes: u64) -> Self {
         match result {
             Ok(()) => Self { status: VIRTIO_BLK_S_OK, bytes },
+            Err(error) if error.kind() == ErrorKind::Unsupported => {
+                Self::error(VIRTIO_BLK_S_UNSUPP)
+            }
             Err(_) => Self::error(VIRTIO_BLK_S_IOERR),
         }
     }
@@ -159,10 +164,10 @@ impl<M: Medium> Disk<M> {
                 }
             }
             VIRTIO_BLK_T_FLUSH if from == 0 && into == 0 => Answer::of(&self.medium.flush(), 0),
+            VIRTIO_BLK_T_DISCARD if into == 0 && !self.shape.read_only => self.discard(body),
             VIRTIO_BLK_T_GET_ID if from == 0 => guest.touch(|| self.tell_id(body))?,
-            VIRTIO_BLK_T_IN | VIRTIO_BLK_T_OUT | VIRTIO_BLK_T_FLUSH | VIRTIO_BLK_T_GET_ID => {
-                Answer::error(VIRTIO_BLK_S_IOERR)
-            }
+            VIRTIO_BLK_T_IN | VIRTIO_BLK_T_OUT | VIRTIO_BLK_T_FLUSH | VIRTIO_BLK_T_DISCARD
+            | VIRTIO_BLK_T_GET_ID => Answer::error(VIRTIO_BLK_S_IOERR),
             _ => Answer::error(VIRTIO_BLK_S_UNSUPP),
         })
     }
@@ -172,6 +177,23 @@ impl<M: Medium> Disk<M> {
         let end = sector.checked_add(bytes / SECTOR)?;
         let is_good = bytes > 0 && bytes.is_multiple_of(SECTOR) && end <= self.shape.sectors;
         is_good.then(|| sector.checked_mul(SECTOR)).flatten()
+    }
+
+    /// One piece, as the driver was told. All flags are reserved here (virtio 1.2, section 5.2.6.2).
+    fn discard(&mut self, body: &Body<'_>) -> Answer {
+        let Some((sector, sectors, flags)) = body.discarded() else {
+            return Answer::error(VIRTIO_BLK_S_IOERR);
+        };
+        if flags != 0 {
+            return Answer::error(VIRTIO_BLK_S_UNSUPP);
+        }
+        let bytes = u64::from(sectors) * SECTOR;
+        match self.place(sector, bytes) {
+            Some(at) if sectors <= DISCARD_SECTORS_MAX => {
+                Answer::of(&self.medium.discard(at, bytes), 0)
+            }
+            _ => Answer::error(VIRTIO_BLK_S_IOERR),
+        }
     }
 
     fn tell_id(&self, body: &Body<'_>) -> Answer {

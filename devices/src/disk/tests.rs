@@ -39,6 +39,7 @@ const IN: u32 = 0;
 const OUT: u32 = 1;
 const FLUSH: u32 = 4;
 const GET_ID: u32 = 8;
+const DISCARD: u32 = 11;
 
 /// Flags of descriptors.
 const NEXT: u16 = 1;
@@ -49,13 +50,13 @@ const INDIRECT: u16 = 4;
 struct Platter {
     bytes: Vec<u8>,
     transfers: Arc<AtomicUsize>,
-    fails: bool,
+    fails: Option<io::ErrorKind>,
 }
 
 impl Platter {
     fn begin(&self) -> io::Result<()> {
         self.transfers.fetch_add(1, Ordering::SeqCst);
-        if self.fails { Err(io::ErrorKind::Other.into()) } else { Ok(()) }
+        self.fails.map_or(Ok(()), |kind| Err(kind.into()))
     }
 }
 
@@ -69,6 +70,12 @@ impl Medium for Platter {
     fn write(&mut self, at: u64, from: &[u8]) -> io::Result<()> {
         self.begin()?;
         self.bytes[at as usize..][..from.len()].copy_from_slice(from);
+        Ok(())
+    }
+
+    fn discard(&mut self, at: u64, bytes: u64) -> io::Result<()> {
+        self.begin()?;
+        self.bytes[at as usize..][..bytes as usize].fill(0);
         Ok(())
     }
 
@@ -107,10 +114,10 @@ struct Guest {
 impl Guest {
     /// Switched on, and no driver yet. Sector n of the disk is full of n.
     fn new(read_only: bool) -> Self {
-        Self::with(read_only, false)
+        Self::with(read_only, None)
     }
 
-    fn with(read_only: bool, fails: bool) -> Self {
+    fn with(read_only: bool, fails: Option<io::ErrorKind>) -> Self {
         let memory = memory();
         let transfers = Arc::new(AtomicUsize::new(0));
         let bytes = (0..SECTORS * SECTOR).map(|n| (n / SECTOR) as u8).collect();
@@ -208,6 +215,12 @@ impl Guest {
         self.memory.write_obj([kind, 0], GuestAddress(HEADER)).unwrap();
         self.memory.write_obj(sector, GuestAddress(HEADER + 8)).unwrap();
         self.memory.write_obj(UNTOUCHED, GuestAddress(STATUS)).unwrap();
+    }
+
+    /// What a request to discard names, to lie at `DATA`.
+    fn write_discarded(&self, sector: u64, sectors: u32, flags: u32) {
+        self.memory.write_obj(sector, GuestAddress(DATA)).unwrap();
+        self.memory.write_obj([sectors, flags], GuestAddress(DATA + 8)).unwrap();
     }
 
     /// One request with these pieces between header and status. Returns its status.

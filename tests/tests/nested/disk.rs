@@ -66,13 +66,19 @@ fn a_linux_reads_one_disk_and_writes_the_other_and_the_plc_keeps_its_time() {
                 cat /sys/block/vdb/serial; echo; \
                 echo virtio1 > /sys/bus/virtio/drivers/virtio_blk/unbind; \
                 echo virtio1 > /sys/bus/virtio/drivers/virtio_blk/bind; \
-                head -c 524288 /dev/vdb | sha256sum; echo all done";
+                head -c 524288 /dev/vdb | sha256sum; \
+                blkdiscard -o 4096 -l 516096 /dev/vdb; echo 3 > /proc/sys/vm/drop_caches; \
+                cmp -n 516096 /dev/vdb /dev/zero 4096 0 && echo cleared; \
+                cmp -n 4096 /dev/vdb /mnt/noise && cmp -n 4096 /dev/vdb /mnt/noise 520192 520192 && \
+                echo kept; echo all done";
     let outcome = run("disk", [&first, &second], exec, "", "\nall done");
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_shows("\nall done");
     assert_eq!(outcome.output.matches(&format!("\n{noise}")).count(), 3, "{}", outcome.output);
     outcome.assert_shows("\nrefused");
     outcome.assert_shows("\ntakt-1\r\n");
+    outcome.assert_shows("\ncleared");
+    outcome.assert_shows("\nkept");
     outcome.assert_kept_its_time("plc", outcome.cycles(1_000) - 10);
     outcome.assert_punctual("plc");
 }

@@ -223,7 +223,7 @@ fn nothing_is_in_a_list_without_being_called_or_a_reason() {
         )
         .linux(
             "dd if=/dev/vda of=/dev/null count=8; \
-             dd if=/dev/zero of=/dev/vda count=8 conv=fsync; reboot -f",
+             dd if=/dev/zero of=/dev/vda count=8 conv=fsync; blkdiscard -l 4096 /dev/vda; reboot -f",
         )
         .lines("restarts = { at_most = 1, within = \"60s\" }")
         .lines(&format!("[[partition.disk]]\npath = {disk:?}\nread_only = false"))

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use takt_devices::disk::{Medium, SECTOR, Shape};
 use thiserror::Error;
+use vmm_sys_util::fallocate::{FallocateMode, fallocate};
 
 use crate::config::{self, Unreadable};
 
@@ -97,6 +98,12 @@ impl Medium for DiskFile {
         self.0.write_all_at(from, at)
     }
 
+    fn discard(&mut self, at: u64, bytes: u64) -> io::Result<()> {
+        let keep_size = true;
+        fallocate(&self.0, FallocateMode::PunchHole, keep_size, at, bytes)
+            .map_err(|error| io::Error::from_raw_os_error(error.errno()))
+    }
+
     fn flush(&mut self) -> io::Result<()> {
         self.0.sync_data()
     }
@@ -105,6 +112,7 @@ impl Medium for DiskFile {
 #[cfg(test)]
 mod tests {
     use std::fs;
+    use std::os::unix::fs::MetadataExt;
 
     use vmm_sys_util::tempdir::TempDir;
 
@@ -134,6 +142,21 @@ mod tests {
         let mut read = [0; 1024];
         file.read(1024, &mut read).unwrap();
         assert_eq!((read[511], read[512]), (2, 3));
+    }
+
+    #[test]
+    fn what_is_discarded_is_no_longer_in_use_and_the_length_stays() {
+        let (_folder, disk) = disk(false);
+        fs::write(&disk.path, vec![7; 1 << 20]).unwrap();
+        let (mut file, _) = DiskFile::open(&disk).unwrap();
+        file.flush().unwrap();
+        let used = || fs::metadata(&disk.path).unwrap().blocks();
+        let before = used();
+        file.discard(1 << 18, 1 << 19).unwrap();
+        assert_eq!(before - used(), (1 << 19) / 512);
+        let bytes = fs::read(&disk.path).unwrap();
+        let kept = bytes.iter().filter(|byte| **byte == 7).count();
+        assert_eq!((bytes.len(), kept), (1 << 20, 1 << 19));
     }
 
     #[test]

@@ -16,13 +16,15 @@ fn linux_finds_a_disk_and_its_size() {
     let mut byte = [0];
     guest.registers.read(0x10a, &mut byte);
     assert_eq!(byte, [1]);
+    // What may be discarded at once: 1 GiB, in one piece, in blocks of 4 KiB.
+    assert_eq!([0x124, 0x128, 0x12c].map(|at| guest.read(at)), [1 << 21, 1, 8]);
     // Only the first queue is there.
     assert_eq!(guest.read(0x34), u32::from(QUEUE_SIZE));
 }
 
 #[test]
 fn what_is_offered_depends_on_whether_the_disk_may_be_written() {
-    for (read_only, low) in [(false, 1 << 9), (true, 1 << 5)] {
+    for (read_only, low) in [(false, 1 << 9 | 1 << 13), (true, 1 << 5)] {
         let mut guest = Guest::new(read_only);
         assert_eq!(guest.read(0x10), low | 1 << 1 | 1 << 2 | 1 << 28);
         guest.write(0x14, 1);
@@ -34,7 +36,7 @@ fn what_is_offered_depends_on_whether_the_disk_may_be_written() {
 
 #[test]
 fn a_driver_that_accepts_too_much_or_too_little_is_refused() {
-    for (low, high) in [(1 << 9, 0), (1 << 9 | 1 << 13, 1), (0, 1), (1 << 9, 3)] {
+    for (low, high) in [(1 << 9, 0), (1 << 9 | 1 << 14, 1), (0, 1), (1 << 9, 3)] {
         let mut guest = Guest::new(false);
         guest.write(0x70, 3);
         guest.write(0x20, low);

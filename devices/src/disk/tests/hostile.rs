@@ -163,9 +163,42 @@ fn transfers_of_nothing_and_of_parts_of_a_sector_are_an_error() {
 }
 
 #[test]
+fn what_cannot_be_discarded_is_an_error() {
+    let mut guest = Guest::driven(false);
+    let beyond = [
+        (0, 0),
+        (0, 1 << 21),
+        (0, (1 << 21) + 1),
+        (0, u32::MAX),
+        (SECTORS, 1),
+        (SECTORS - 1, 2),
+        (u64::MAX, 1),
+        (u64::MAX / 512, 1),
+        (1 << 55, 8),
+    ];
+    for (sector, sectors) in beyond {
+        guest.write_discarded(sector, sectors, 0);
+        assert_eq!(guest.ask(DISCARD, 0, &[readable(DATA, 16)]), IOERR, "{sector:#x} {sectors}");
+    }
+    guest.write_discarded(0, 8, 0);
+    for bytes in [0, 8, 15, 17, 32] {
+        assert_eq!(guest.ask(DISCARD, 0, &[readable(DATA, bytes)]), IOERR, "{bytes}");
+    }
+    assert_eq!(guest.ask(DISCARD, 0, &[readable(RAM - 8, 16)]), IOERR);
+    assert_eq!(guest.ask(DISCARD, 0, &[readable(DATA, 16), writable(HIGH, 512)]), IOERR);
+    for flags in [1, 2, u32::MAX] {
+        guest.write_discarded(0, 8, flags);
+        assert_eq!(guest.ask(DISCARD, 0, &[readable(DATA, 16)]), UNSUPP);
+    }
+    assert_eq!(guest.transfers(), 0);
+}
+
+#[test]
 fn a_disk_that_is_only_read_is_never_written() {
     let mut guest = Guest::driven(true);
     assert_eq!(guest.ask(OUT, 0, &[readable(DATA, 512)]), IOERR);
+    guest.write_discarded(0, 8, 0);
+    assert_eq!(guest.ask(DISCARD, 0, &[readable(DATA, 16)]), IOERR);
     assert_eq!(guest.transfers(), 0);
     assert_eq!(guest.ask(IN, 0, &[writable(DATA, 512)]), OK);
 }
@@ -186,7 +219,7 @@ fn data_in_the_wrong_direction_and_second_status_bytes_are_an_error() {
 #[test]
 fn everything_else_is_unsupported() {
     let mut guest = Guest::driven(false);
-    for kind in [2, 3, 5, 7, 9, 11, 13, 14, 24, 1 << 31, u32::MAX] {
+    for kind in [2, 3, 5, 7, 9, 10, 12, 13, 14, 24, 1 << 31, u32::MAX] {
         assert_eq!(guest.ask(kind, 0, &[writable(DATA, 512)]), UNSUPP, "{kind}");
         assert_eq!(guest.ask(kind, 0, &[readable(DATA, 512)]), UNSUPP, "{kind}");
     }
@@ -286,6 +319,9 @@ impl Medium for Slow {
         self.wait()
     }
     fn write(&mut self, _: u64, _: &[u8]) -> io::Result<()> {
+        self.wait()
+    }
+    fn discard(&mut self, _: u64, _: u64) -> io::Result<()> {
         self.wait()
     }
     fn flush(&mut self) -> io::Result<()> {

@@ -91,8 +91,27 @@ fn the_name_is_told() {
 }
 
 #[test]
+fn what_is_discarded_is_zeros_and_nothing_beside_it() {
+    let mut guest = Guest::driven(false);
+    guest.write_discarded(5, 2, 0);
+    // The record in two pieces.
+    assert_eq!(guest.ask(DISCARD, 0, &[readable(DATA, 9), readable(DATA + 9, 7)]), OK);
+    assert_eq!(guest.used(), (1, 0, 1));
+    assert_eq!(guest.ask(IN, 4, &[writable(HIGH, 2048)]), OK);
+    let mut read = [0; 2048];
+    guest.memory.read_slice(&mut read, GuestAddress(HIGH)).unwrap();
+    assert_eq!([4, 0, 0, 7].map(|n| [n; 512]).concat(), read);
+}
+
+#[test]
 fn an_error_of_the_file_is_an_answer() {
-    let mut guest = Guest::with(false, true).drive();
+    let mut guest = Guest::with(false, Some(io::ErrorKind::Unsupported)).drive();
+    guest.write_discarded(0, 8, 0);
+    assert_eq!(guest.ask(DISCARD, 0, &[readable(DATA, 16)]), UNSUPP);
+    let mut guest = Guest::with(false, Some(io::ErrorKind::Other)).drive();
+    guest.write_discarded(0, 8, 0);
+    assert_eq!(guest.ask(DISCARD, 0, &[readable(DATA, 16)]), IOERR);
+    let mut guest = Guest::with(false, Some(io::ErrorKind::Other)).drive();
     assert_eq!(guest.ask(IN, 0, &[writable(DATA, 512)]), IOERR);
     assert_eq!(guest.used(), (1, 0, 1));
     assert_eq!(guest.ask(OUT, 0, &[readable(DATA, 512)]), IOERR);

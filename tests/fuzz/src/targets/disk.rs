@@ -21,20 +21,25 @@ const QUEUE: [u32; 3] = [0x1000, 0x2000, 0x3000];
 struct Void;
 
 impl Void {
-    fn check(at: u64, bytes: usize) {
-        let end = at.checked_add(bytes as u64);
+    fn check(at: u64, bytes: u64) {
+        let end = at.checked_add(bytes);
         assert!(end.is_some_and(|end| end <= SECTORS * SECTOR), "{bytes} bytes at {at}");
     }
 }
 
 impl Medium for Void {
     fn read(&mut self, at: u64, into: &mut [u8]) -> io::Result<()> {
-        Self::check(at, into.len());
+        Self::check(at, into.len() as u64);
         Ok(())
     }
 
     fn write(&mut self, at: u64, from: &[u8]) -> io::Result<()> {
-        Self::check(at, from.len());
+        Self::check(at, from.len() as u64);
+        Ok(())
+    }
+
+    fn discard(&mut self, at: u64, bytes: u64) -> io::Result<()> {
+        Self::check(at, bytes);
         Ok(())
     }
 
@@ -47,10 +52,19 @@ impl Medium for Void {
 fn honest() -> impl Iterator<Item = (u64, u32)> {
     let [table, available, used] = QUEUE;
     let addresses = [(0x80, table), (0x90, available), (0xa0, used)];
-    [(0x70, 0), (0x70, 3), (0x24, 0), (0x20, 1 << 9), (0x24, 1), (0x20, 1), (0x70, 0xb), (0x38, 16)]
-        .into_iter()
-        .chain(addresses)
-        .chain([(0x44, 1), (0x70, 0xf)])
+    [
+        (0x70, 0),
+        (0x70, 3),
+        (0x24, 0),
+        (0x20, 1 << 9 | 1 << 13),
+        (0x24, 1),
+        (0x20, 1),
+        (0x70, 0xb),
+        (0x38, 16),
+    ]
+    .into_iter()
+    .chain(addresses)
+    .chain([(0x44, 1), (0x70, 0xf)])
 }
 
 /// Begins as an honest driver would and goes on as the bytes say: a byte for the kind of step, two
