@@ -52,6 +52,8 @@ pub const DISCARD_ALIGNMENT: u32 = 8;
 
 /// Most bytes that are moved at once between the guest's memory and the medium.
 pub const PIECE_BYTES: usize = 128 << 10;
+/// What the medium's part of a transfer is aligned to in memory, in bytes, so that a file can take it past its page cache.
+pub const BUFFER_ALIGNMENT: usize = 4096;
 
 /// What a disk is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,7 +64,7 @@ pub struct Shape {
     pub read_only: bool,
 }
 
-/// Where a disk's bytes are. Positions and lengths are whole sectors within its [`Shape`], no
+/// Where a disk's bytes are. Buffers are aligned to [`BUFFER_ALIGNMENT`]. Positions and lengths are whole sectors within its [`Shape`], no
 /// transfer is longer than [`PIECE_BYTES`], and none is empty. Each call may take as long as it takes.
 pub trait Medium: Send {
     /// Fills `into` from `at`, in bytes.

@@ -15,7 +15,7 @@ use vm_memory::{Bytes, GuestMemoryMmap};
 use super::handover::{Handover, Lease, Recalled};
 use super::request::{Body, Request, total};
 use super::transfer::{Guest, Transfer};
-use super::{DISCARD_SECTORS_MAX, Medium, PIECE_BYTES, SECTOR, Shape};
+use super::{BUFFER_ALIGNMENT, DISCARD_SECTORS_MAX, Medium, PIECE_BYTES, SECTOR, Shape};
 
 /// What a guest learns as the disk's serial number; zeros behind it.
 pub type DiskId = [u8; VIRTIO_BLK_ID_BYTES as usize];
@@ -40,6 +40,8 @@ pub struct Server<M> {
     disk: Disk<M>,
     /// Where bytes are between the guest's memory and the medium.
     buffer: Box<[u8]>,
+    /// Where in the buffer they begin, so that they are aligned.
+    start: usize,
 }
 
 /// How a request ended.
@@ -83,8 +85,9 @@ impl<M: Medium> Server<M> {
     /// A server of this disk.
     #[must_use]
     pub fn new(shared: Arc<Handover>, memory: GuestMemoryMmap, disk: Disk<M>) -> Self {
-        let buffer = vec![0; PIECE_BYTES].into_boxed_slice();
-        Self { shared, memory, disk, buffer }
+        let buffer = vec![0; PIECE_BYTES + BUFFER_ALIGNMENT].into_boxed_slice();
+        let start = buffer.as_ptr().align_offset(BUFFER_ALIGNMENT);
+        Self { shared, memory, disk, buffer, start }
     }
 
     /// Serves the requests that wait now, which are a queue full at most. Those that come meanwhile
@@ -117,8 +120,9 @@ impl<M: Medium> Server<M> {
     }
 
     fn serve_one(&mut self, queue: &mut Queue, lease: &Lease) -> Result<(), Stop> {
-        let Self { shared, memory, disk, buffer } = self;
+        let Self { shared, memory, disk, buffer, start } = self;
         let (memory, shared) = (&*memory, &**shared);
+        let buffer = buffer.get_mut(*start..).unwrap_or_default();
         if !shared.holds(lease) {
             return Err(Stop::Recalled);
         }

@@ -10,7 +10,10 @@ use vm_memory::{Bytes, GuestAddress, GuestMemoryMmap};
 use super::device::DiskDevice;
 use super::handover::Handover;
 use super::server::{Disk, Server};
-use super::{Medium, PIECE_BYTES, QUEUE_SIZE, SECTOR, SEGMENT_BYTES_MAX, SEGMENTS_MAX, Shape};
+use super::{
+    BUFFER_ALIGNMENT, Medium, PIECE_BYTES, QUEUE_SIZE, SECTOR, SEGMENT_BYTES_MAX, SEGMENTS_MAX,
+    Shape,
+};
 use crate::virtio::driver::{HIGH, RAM, memory};
 use crate::virtio::registers::Registers;
 
@@ -63,12 +66,14 @@ impl Platter {
 impl Medium for Platter {
     fn read(&mut self, at: u64, into: &mut [u8]) -> io::Result<()> {
         self.begin()?;
+        assert!(into.as_ptr().addr().is_multiple_of(BUFFER_ALIGNMENT));
         into.copy_from_slice(&self.bytes[at as usize..][..into.len()]);
         Ok(())
     }
 
     fn write(&mut self, at: u64, from: &[u8]) -> io::Result<()> {
         self.begin()?;
+        assert!(from.as_ptr().addr().is_multiple_of(BUFFER_ALIGNMENT));
         self.bytes[at as usize..][..from.len()].copy_from_slice(from);
         Ok(())
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use takt_tests::random::Random;
-use takt_tests::{File, Outcome, long, target};
+use takt_tests::{File, Host, Outcome, long, target};
 
 /// Bytes of the file on the first disk.
 const BYTES: usize = 512 << 10;
@@ -79,6 +79,51 @@ fn a_linux_reads_one_disk_and_writes_the_other_and_the_plc_keeps_its_time() {
     outcome.assert_shows("\ntakt-1\r\n");
     outcome.assert_shows("\ncleared");
     outcome.assert_shows("\nkept");
+    outcome.assert_kept_its_time("plc", outcome.cycles(1_000) - 10);
+    outcome.assert_punctual("plc");
+}
+
+#[test]
+fn a_disk_goes_past_the_page_cache_where_the_hosts_file_system_allows_it() {
+    let (_, _, noise) = disks();
+    let folder = target("tests/disk");
+    let (tree, volume) = (folder.join("volume"), folder.join("volume.img"));
+    fs::create_dir_all(&tree).unwrap();
+    fs::copy(folder.join("tree/noise"), tree.join("disk.img")).unwrap();
+    fs::File::create(&volume).unwrap().set_len(8 << 20).unwrap();
+    let mut mke2fs = Command::new("mke2fs");
+    mke2fs.args(["-q", "-t", "ext4", "-d"]).arg(&tree).arg(&volume);
+    assert!(mke2fs.status().expect("mke2fs starts").success());
+
+    // Reads and writes of a sector too, which lies in the middle of a block of the host's file system.
+    let exec = "sha256sum /dev/vda; dd if=/dev/vda of=/sector bs=512 skip=3 count=1; \
+                dd if=/sector of=/dev/vda bs=512 seek=1000 count=1 oflag=direct; \
+                dd if=/dev/vda of=/again bs=512 skip=1000 count=1 iflag=direct; \
+                cmp /sector /again && echo the same; \
+                dd if=/dev/zero of=/dev/vda bs=64k conv=fsync; echo all done";
+    let file = File::new("1ms")
+        .plc("plc", None, "")
+        .linux(exec)
+        .lines("[[partition.disk]]\npath = \"/volume/disk.img\"\nread_only = false\ndirect = true")
+        .schedule("normal")
+        .window("plc", 0, 200)
+        .save("disk-direct");
+    let volume = volume.canonicalize().unwrap();
+    let host = Host::new().with("--module", "loop").with("--module", "ext4");
+    let host = host.with_file(&file).with_file(&volume);
+    let host = ["guest/vmlinuz", "guest/initrd.img"]
+        .iter()
+        .fold(host, |host, image| host.with_file(&target(image)));
+    let arguments = [&*file.to_string_lossy(), &*volume.to_string_lossy(), "/volume"];
+    let outcome = host.run_as("disk-direct", "direct-disk", &arguments);
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("/volume/disk.img cannot be used with direct = true: Invalid argument");
+    outcome.assert_shows("[host] in memory: 1");
+    outcome.assert_shows(&format!("\n{noise}"));
+    outcome.assert_shows("\nthe same");
+    let flags = outcome.output.split_once("[host] disk flags:\t").expect("flags").1;
+    let flags = i32::from_str_radix(flags.lines().next().unwrap().trim(), 8).unwrap();
+    assert!(flags & libc::O_DIRECT != 0, "{flags:o}");
     outcome.assert_kept_its_time("plc", outcome.cycles(1_000) - 10);
     outcome.assert_punctual("plc");
 }

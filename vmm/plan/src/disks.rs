@@ -26,6 +26,8 @@ pub struct Disk {
     pub path: PathBuf,
     /// Whether the guest can only read it.
     pub read_only: bool,
+    /// Whether its bytes go past the host's page cache.
+    pub direct: bool,
 }
 
 /// A disk that obeys the rules, with the place that later rules point at.
@@ -55,7 +57,8 @@ pub fn check(
                 .and(other.path.clone(), "the other one"));
         }
         let read_only = raw.read_only.as_ref().is_none_or(|read_only| *read_only.get_ref());
-        checked.push(CheckedDisk { disk: Disk { path, read_only }, path: span });
+        let direct = raw.direct.as_ref().is_some_and(|direct| *direct.get_ref());
+        checked.push(CheckedDisk { disk: Disk { path, read_only, direct }, path: span });
     }
     Ok(checked)
 }

@@ -108,6 +108,7 @@ pub struct Net {
 pub struct Disk {
     pub path: Spanned<String>,
     pub read_only: Option<Spanned<bool>>,
+    pub direct: Option<Spanned<bool>>,
 }
 
 #[derive(Debug, serde::Deserialize)]

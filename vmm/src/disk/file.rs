@@ -1,14 +1,15 @@
 //! A disk's bytes in a file of the host.
 //!
-//! They go through the host's page cache; what was written is on the host's disk after a flush. The file is locked, so
+//! They go through the host's page cache unless the partition file says otherwise; either way what was written is on the
+//! host's disk after a flush. The file is locked, so
 //! that no second Takt writes what this one has cached in its guest, nor reads what changes under it.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io;
-use std::os::unix::fs::FileExt;
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
-use takt_devices::disk::{Medium, SECTOR, Shape};
+use takt_devices::disk::{BUFFER_ALIGNMENT, Medium, SECTOR, Shape};
 use thiserror::Error;
 use vmm_sys_util::fallocate::{FallocateMode, fallocate};
 
@@ -26,6 +27,14 @@ pub enum DiskFileError {
         read_only: bool,
         /// What is in the way.
         reason: Unreadable,
+    },
+    /// Its bytes cannot go past the host's page cache.
+    #[error("the disk {} cannot be used with direct = true: {source}; its file system has to allow it (tmpfs does not), in pieces of {SECTOR} bytes; leave direct out to use the host's page cache", path.display())]
+    Direct {
+        /// Of the file.
+        path: PathBuf,
+        /// What the host said.
+        source: io::Error,
     },
     /// Another program has it.
     #[error("the disk {} is in use by another program, most likely another takt; end that, or let each have a copy of its own", path.display())]
@@ -58,12 +67,18 @@ impl DiskFile {
     /// Opens a disk's file: for itself alone if the guest may write, else together with others that
     /// only read.
     pub(super) fn open(disk: &config::Disk) -> Result<(Self, Shape), DiskFileError> {
-        let config::Disk { path, read_only } = disk;
+        let config::Disk { path, read_only, direct } = disk;
         let (path, read_only) = (path.clone(), *read_only);
-        let file = match open(&path, read_only) {
+        let mut file = match open(&path, read_only) {
             Ok(file) => file,
             Err(reason) => return Err(DiskFileError::Open { path, read_only, reason }),
         };
+        if *direct {
+            file = match open_direct(&path, read_only) {
+                Ok(file) => file,
+                Err(source) => return Err(DiskFileError::Direct { path, source }),
+            };
+        }
         let locked = if read_only { file.try_lock_shared() } else { file.try_lock() };
         match locked {
             Ok(()) => {}
@@ -87,6 +102,19 @@ fn open(path: &Path, read_only: bool) -> Result<File, Unreadable> {
         return Ok(file);
     }
     Ok(OpenOptions::new().read(true).write(true).open(path)?)
+}
+
+/// Opens it so that transfers go past the page cache, and tries the smallest that a guest may ask for: a file system that
+/// has larger blocks refuses it.
+fn open_direct(path: &Path, read_only: bool) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    let file = options.read(true).write(!read_only).custom_flags(libc::O_DIRECT).open(path)?;
+    let mut memory = [0; SECTOR as usize + BUFFER_ALIGNMENT];
+    let start = memory.as_ptr().align_offset(BUFFER_ALIGNMENT);
+    let sector = memory.get_mut(start..).and_then(|aligned| aligned.get_mut(..SECTOR as usize));
+    // The second, since the first lies at the start of a block of any size. A file of one sector has none.
+    file.read_at(sector.unwrap_or_default(), SECTOR)?;
+    Ok(file)
 }
 
 impl Medium for DiskFile {
@@ -124,7 +152,7 @@ mod tests {
         let path = folder.as_path().join("disk");
         let bytes: Vec<u8> = (0..4 * SECTOR).map(|n| (n / SECTOR) as u8).collect();
         fs::write(&path, bytes).unwrap();
-        (folder, config::Disk { path, read_only })
+        (folder, config::Disk { path, read_only, direct: false })
     }
 
     fn refusal(disk: &config::Disk) -> String {
