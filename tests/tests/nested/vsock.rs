@@ -101,8 +101,8 @@ fn end_while_held_up(name: &str, exec: &str, threads: &[&str]) -> Outcome {
     outcome
 }
 
-/// Connections to port 7 end when somebody connects to port 8.
-const CLOSES: &str = "vsock serve 7 & vsock await 8; kill $!";
+/// Connections to port 7 have ended when the next command comes, which is when somebody has connected to port 8.
+const CLOSES: &str = "vsock serve 7 & vsock await 8; kill $!; wait $!";
 
 #[test]
 fn a_program_that_holds_up_the_worker_does_not_hold_up_the_end_of_the_run() {
