@@ -16,7 +16,7 @@ use seccompiler::{BpfProgram, TargetArch, compile_from_json, sock_filter};
 use serde_json::{Value, json};
 
 /// The kinds of threads; `sandbox/filter.rs` embeds these programs.
-const KINDS: [&str; 11] = [
+const KINDS: [&str; 12] = [
     "plc",
     "linux",
     "kicker",
@@ -26,6 +26,7 @@ const KINDS: [&str; 11] = [
     "writer",
     "saver",
     "reader",
+    "closer",
     "main",
     "guardian",
 ];

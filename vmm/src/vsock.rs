@@ -54,7 +54,8 @@ fn remedy(error: &io::Error) -> &'static str {
     }
 }
 
-/// What the supervisor keeps of the device. When it is dropped the kernel's thread ends, and the number is free.
+/// What the supervisor keeps of the device. The kernel's thread ends, and the number is free, when the device is closed
+/// ([`Closer`](crate::vhost::Closer)).
 pub struct Vsock {
     cid: Cid,
     link: Arc<Link>,
@@ -91,12 +92,6 @@ impl Vsock {
     #[must_use]
     pub fn report(&self) -> report::Vsock {
         report::Vsock { cid: self.cid.0, refused_queues: self.link.refusals() }
-    }
-}
-
-impl Drop for Vsock {
-    fn drop(&mut self) {
-        self.link.end();
     }
 }
 

@@ -265,6 +265,7 @@ fn nothing_is_in_a_list_without_being_called_or_a_reason() {
         ("plc-loader", &["plc-loader"]),
         ("writer", &["console"]),
         ("reader", &[]),
+        ("closer", &[]),
         ("saver", &[]),
         ("kicker", &["kicker-0"]),
         ("disk", &["disk-0"]),

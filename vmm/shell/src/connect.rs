@@ -108,7 +108,12 @@ fn copy(mut from: impl Read, mut to: impl Write) -> io::Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
+
+    /// An end that does not come is a failure after this time.
+    const PATIENCE: Duration = Duration::from_secs(20);
 
     struct Ends {
         input: UnixStream,
@@ -118,7 +123,14 @@ mod tests {
     }
 
     fn ends() -> Ends {
-        let pair = || UnixStream::pair().unwrap();
+        let patient = |stream: UnixStream| {
+            stream.set_read_timeout(Some(PATIENCE)).unwrap();
+            stream
+        };
+        let pair = || {
+            let (one, other) = UnixStream::pair().unwrap();
+            (patient(one), patient(other))
+        };
         let ((input, stdin), (output, stdout), (guest, socket)) = (pair(), pair(), pair());
         let relay = thread::spawn(move || relay(stdin, stdout, socket));
         Ends { input, output, guest, relay }

@@ -32,8 +32,8 @@ pub fn load_modules(role: Role) -> Result<(), NetError> {
     appliance::load_for_networks(role).map_err(NetError::Modules)
 }
 
-/// What the supervisor keeps of an interface. When it is dropped the kernel's thread ends and the tap device is
-/// let go of.
+/// What the supervisor keeps of an interface. The kernel's thread ends, and the tap device is let go of, when the interface
+/// is closed ([`Closer`](crate::vhost::Closer)).
 pub struct Cable {
     tap: String,
     link: Arc<Link>,
@@ -73,11 +73,5 @@ impl Cable {
             from_guest,
             refused_queues: self.link.refusals(),
         }
-    }
-}
-
-impl Drop for Cable {
-    fn drop(&mut self) {
-        self.link.end();
     }
 }

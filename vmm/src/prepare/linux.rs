@@ -29,6 +29,7 @@ use crate::restart::{LinuxLoader, Restart};
 use crate::run_error::RunError;
 use crate::sandbox;
 use crate::vcpu::thread::Place;
+use crate::vhost::{Carried, Closer};
 use crate::virtio::Slot;
 use crate::vsock;
 
@@ -97,6 +98,9 @@ impl Preparation<'_> {
             carried.push(device);
             socket = Some(end);
         }
+        let closer = (!carried.is_empty())
+            .then(|| Closer::start(carried.iter().map(Carried::link).collect(), self.spawner))
+            .transpose()?;
         let patience = Some(partition.power_off()).filter(|time| *time != Nanos::ZERO);
         let button = patience.map(|_| event::eventfd().map(Arc::new)).transpose()?;
         let mut board = LinuxMachine {
@@ -143,7 +147,7 @@ impl Preparation<'_> {
             button.zip(patience).map(|(wire, patience)| PowerButton::new(wire, patience));
         prepared.account.kernel = Some(KernelWatch::new(panic));
         prepared.disks = disks;
-        prepared.linux = Some(LinuxParts { init, cables, vsock: socket });
+        prepared.linux = Some(LinuxParts { init, cables, vsock: socket, closer });
         Ok(prepared)
     }
     /// The serial port's way out. A Linux with windows is not made to wait: its thread would wake again

@@ -43,6 +43,7 @@ use crate::saver::Files;
 use crate::vcpu::guest_timer::Deadlines;
 use crate::vcpu::thread::{self, Place, Ready, Spawn};
 use crate::vcpu::{Control, window_enforcer};
+use crate::vhost::Closer;
 use crate::vsock::Vsock;
 
 /// A partition that is ready to run.
@@ -67,6 +68,16 @@ pub struct LinuxParts {
     pub cables: Vec<Cable>,
     /// That of its sockets.
     pub vsock: Option<Vsock>,
+    /// What closes both, if there are any.
+    pub closer: Option<Closer>,
+}
+
+impl LinuxParts {
+    /// Whether a device that the host's kernel works on was still open when the end of the run went on.
+    #[must_use]
+    pub fn is_held_up(&self) -> bool {
+        self.closer.as_ref().is_some_and(Closer::is_held_up)
+    }
 }
 
 /// A thread that ends windows, ready to run.

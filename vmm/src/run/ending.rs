@@ -1,16 +1,17 @@
 //! The last stages: looking after a run until it is over, letting everything go, and telling how it was.
 
 use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use takt_scheduler::time::{Nanos, Tsc};
 
 use super::nanos;
 use super::output::{Outputs, Patience};
-use super::start::Running;
+use super::start::{Facts, Running};
 use crate::account::Account;
 use crate::footprint;
 use crate::host_ports::{self, HostPorts};
+use crate::prepare::LinuxParts;
 use crate::report::{self, Report};
 use crate::run_error::RunError;
 use crate::samples::{self, Samples};
@@ -19,6 +20,7 @@ use crate::supervisor::Supervisor;
 use crate::terminal;
 use crate::vcpu::Control;
 use crate::vcpu::thread;
+use crate::vhost;
 
 /// How long the end of a run waits until what programs retain is written; who has sent a signal may wait less.
 const SAVING: Duration = Duration::from_secs(5);
@@ -35,8 +37,8 @@ pub(super) struct Ended {
 impl Running<'_> {
     /// Looks after the run until it is over.
     pub(super) fn watch(self) -> Result<Ended, RunError> {
-        let Running { facts, supervisor, threads, disks, controls, bells, closing, .. } = self;
-        let Running { mut outputs, guard, .. } = self;
+        let Running { mut facts, supervisor, threads, waiting, disks, controls, .. } = self;
+        let Running { bells, closing, mut outputs, guard, .. } = self;
         let base = facts.epoch.base;
         let start = footprint::now();
         // The time that was asked for is that of the schedule.
@@ -52,10 +54,15 @@ impl Running<'_> {
         }
         // A thread whose guest has ended waits for the word to start it anew, which the
         // supervisor can give no more.
-        let supervised = supervised.map(Supervisor::without_restarts);
+        let mut supervised = supervised.map(Supervisor::without_restarts);
         for thread in threads {
             thread.join();
         }
+        if let Ok(supervisor) = &mut supervised {
+            // No guest with windows is left: from here on the watchdog is not fed.
+            supervisor.watchdog = None;
+        }
+        facts.close_devices(waiting);
         let report = supervised.map_err(RunError::from).and_then(|mut supervisor| {
             if supervisor.ended_by_signal {
                 outputs.patience = Patience::SHORT;
@@ -71,6 +78,14 @@ impl Running<'_> {
         });
         drop(guard);
         terminal::restore();
+        for name in facts.held_up() {
+            let text = format!(
+                "\n[takt] {name}: a program of the host holds up its network or socket device, and takt does not come to its end before \
+                 that program does; `ss --vsock --processes` shows those with sockets\n"
+            );
+            // Finds room, if what came before it is read.
+            let _ = outputs.console.push(screen::OWN, text.as_bytes());
+        }
         match report {
             Ok(report) => Ok(Ended { report, outputs }),
             Err(error) => {
@@ -78,6 +93,28 @@ impl Running<'_> {
                 Err(error)
             }
         }
+    }
+}
+
+impl Facts<'_> {
+    /// Takes the devices that the host's kernel works on away from all guests. A guest may wait in a reset of one, and leaves
+    /// its thread only then.
+    fn close_devices(&mut self, waiting: Vec<thread::Running<()>>) {
+        let until = Instant::now() + vhost::PATIENCE;
+        for thread in waiting {
+            // One that still waits is left to it: it has been told to stop, and its guest does not run any more.
+            let _ = thread.join_within(until.saturating_duration_since(Instant::now()));
+        }
+        for closer in self.linux.iter_mut().flatten().filter_map(|linux| linux.closer.as_mut()) {
+            closer.close();
+        }
+    }
+
+    /// The Linuxes whose devices are still open.
+    fn held_up(&self) -> impl Iterator<Item = &str> {
+        let all = self.file.partitions().iter().zip(&self.linux);
+        all.filter(|(_, linux)| linux.as_ref().is_some_and(LinuxParts::is_held_up))
+            .map(|(partition, _)| partition.name())
     }
 }
 
@@ -89,8 +126,6 @@ fn finish(
     disks: Vec<thread::Running<()>>,
     duration: Nanos,
 ) -> Result<(Vec<host_ports::Account>, u64), RunError> {
-    // All guests have left: from here on the watchdog is not fed.
-    supervisor.watchdog = None;
     supervisor.note_endings();
     supervisor.drain();
     let busy =

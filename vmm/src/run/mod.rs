@@ -17,7 +17,8 @@
 //!  Ended         all guests have left; the report       ending.rs
 //! ```
 //!
-//! `Held` outlives the others: devices, CPUs and files go back when no thread can use them any more.
+//! `Held` outlives the others: devices, CPUs and files go back when no thread can use them any more. A Linux's thread that a program of
+//! the host holds up in the kernel ([`vhost`](crate::vhost)) has been told to stop, and uses none of them.
 
 mod ending;
 mod epoch;

@@ -80,6 +80,7 @@ impl Facts<'_> {
         base: Timebase,
     ) -> report::Partition {
         let finished = account.life.finished();
+        let held_up = linux.is_some_and(LinuxParts::is_held_up);
         let unrecorded = finished.map_or(0, |f| f.unrecorded);
         let schedules = self.file.schedules();
         let cpu_time = finished.map_or(Nanos::ZERO, |f| f.cpu_time);
@@ -106,7 +107,7 @@ impl Facts<'_> {
                 Kind::Plc { .. } => "plc".into(),
                 Kind::Linux { .. } => "linux".into(),
             },
-            end: account.end().unwrap_or("its thread died".to_owned()),
+            end: account.end().unwrap_or_else(|| no_end(held_up).to_owned()),
             memory_page_bytes: match self.pages.get(partition.id().0) {
                 Some(Pages::Huge(size)) => size.bytes(),
                 _ => PAGE,
@@ -131,8 +132,14 @@ impl Facts<'_> {
                 .as_ref()
                 .and_then(|button| button.report(finished.map(|f| (f.end, base.offset(f.at))))),
             nets: linux.map_or_else(Vec::new, |l| l.cables.iter().map(Cable::report).collect()),
+            held_up,
             vsock: linux.and_then(|l| l.vsock.as_ref()).map(Vsock::report),
             boot_to_init_ns: linux.map(|l| l.init.instant().map(|at| base.offset(at).0)),
         }
     }
+}
+
+/// What is said of a thread that has not told of its end.
+const fn no_end(held_up: bool) -> &'static str {
+    if held_up { "its thread waits for the kernel" } else { "its thread died" }
 }

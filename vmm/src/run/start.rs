@@ -52,6 +52,8 @@ pub(super) struct Running<'a> {
     pub facts: Facts<'a>,
     pub supervisor: Supervisor,
     pub threads: Vec<thread::Running<()>>,
+    /// Those of guests that may wait in the kernel for a program of the host.
+    pub waiting: Vec<thread::Running<()>>,
     /// Those that may be busy with a file for as long as it likes.
     pub disks: Vec<thread::Running<()>>,
     /// Of all that run.
@@ -103,11 +105,12 @@ impl<'a> Waiting<'a> {
         options.hooks.start_panicking(options.seccomp)?;
         drop(self.expedited);
         let (mut accounts, mut linux, mut disks) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut windowed, mut others) = (Vec::new(), Vec::new());
+        let (mut windowed, mut others, mut waiting) = (Vec::new(), Vec::new(), Vec::new());
         for Prepared { account, thread, further, linux: parts, disks: own } in partitions {
-            let kin = if account.records.is_some() { &mut windowed } else { &mut others };
-            kin.push(thread);
+            let waits = parts.as_ref().is_some_and(|parts| parts.closer.is_some());
+            let others = if waits { &mut waiting } else { &mut others };
             others.extend(further);
+            if account.records.is_some() { &mut windowed } else { others }.push(thread);
             accounts.push(account);
             linux.push(parts);
             disks.extend(own);
@@ -150,6 +153,7 @@ impl<'a> Waiting<'a> {
         // may take the processor from this one as soon as it is started.
         let threads = enforcers.into_iter().chain(windowed).chain(others);
         let threads: Vec<_> = threads.map(|thread| Ready::start(thread, base)).collect();
+        let waiting = waiting.into_iter().map(|thread| Ready::start(thread, base)).collect();
         let disks = disk_threads.into_iter().map(|thread| Ready::start(thread, base)).collect();
 
         for account in &mut accounts {
@@ -167,7 +171,18 @@ impl<'a> Waiting<'a> {
         let enforcers = of_cpus;
         let facts = Facts { file, options, board, pages, host, enforcers, linux, epoch, starting };
         facts.tell(&mut supervisor.screen);
-        Ok(Running { facts, supervisor, threads, disks, controls, bells, closing, outputs, guard })
+        Ok(Running {
+            facts,
+            supervisor,
+            threads,
+            waiting,
+            disks,
+            controls,
+            bells,
+            closing,
+            outputs,
+            guard,
+        })
     }
 }
 

@@ -26,6 +26,8 @@ pub enum Kind {
     Saver,
     /// Reads a file to send from.
     Reader,
+    /// Closes the kernel's devices at the end.
+    Closer,
     /// The supervisor thread.
     Main,
     /// The process that writes safe values when there is no other.
@@ -53,6 +55,7 @@ impl Kind {
             Kind::Writer => include_bytes!(concat!(env!("OUT_DIR"), "/writer.bpf")),
             Kind::Saver => include_bytes!(concat!(env!("OUT_DIR"), "/saver.bpf")),
             Kind::Reader => include_bytes!(concat!(env!("OUT_DIR"), "/reader.bpf")),
+            Kind::Closer => include_bytes!(concat!(env!("OUT_DIR"), "/closer.bpf")),
             Kind::Disk => include_bytes!(concat!(env!("OUT_DIR"), "/disk.bpf")),
             Kind::Main => include_bytes!(concat!(env!("OUT_DIR"), "/main.bpf")),
             Kind::Guardian => include_bytes!(concat!(env!("OUT_DIR"), "/guardian.bpf")),

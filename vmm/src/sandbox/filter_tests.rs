@@ -6,7 +6,7 @@ use std::thread;
 use super::*;
 use crate::sandbox::privileges;
 
-const KINDS: [Kind; 11] = [
+const KINDS: [Kind; 12] = [
     Kind::Plc,
     Kind::Linux,
     Kind::WindowEnforcer,
@@ -16,6 +16,7 @@ const KINDS: [Kind; 11] = [
     Kind::Writer,
     Kind::Saver,
     Kind::Reader,
+    Kind::Closer,
     Kind::Main,
     Kind::Guardian,
 ];

@@ -11,6 +11,7 @@
 //! a run the guest's own thread makes some calls when its driver starts or resets the device, and no thread
 //! of Takt's does anything for a packet.
 
+mod closer;
 mod error;
 mod worker;
 
@@ -32,6 +33,7 @@ use crate::machine::MachineError;
 use crate::vcpu::thread::Place;
 use crate::virtio::Slot;
 
+pub use closer::{Closer, PATIENCE};
 pub use error::VhostError;
 
 /// `VIRTIO_F_VERSION_1`.
@@ -64,7 +66,8 @@ impl Wires {
     }
 }
 
-/// An open device. All calls to it are thread-safe. When it is dropped its worker ends.
+/// An open device. All calls to it are thread-safe. When it is dropped its worker ends, and only then the memory
+/// may go.
 pub struct Vhost {
     model: Model,
     file: File,
@@ -208,5 +211,11 @@ impl Carried {
     /// its memory.
     pub fn reset(&self) {
         self.link.reset();
+    }
+
+    /// What is to be ended at the end of the run.
+    #[must_use]
+    pub fn link(&self) -> Arc<Link> {
+        self.link.clone()
     }
 }

@@ -23,8 +23,6 @@ const START: &str = "start";
 const USAGE_STATUS: u8 = 2;
 
 fn main() -> ExitCode {
-    // SAFETY: takes an integer only. Who may open the socket may tell Takt what to do.
-    unsafe { libc::umask(0o077) };
     let words = words();
     let done = match &words[..] {
         [what, line, socket] => carry(what.to_str(), Path::new(line), Path::new(socket)),
@@ -51,6 +49,9 @@ fn words() -> Vec<OsString> {
 
 /// One of the three that have to do with the control socket; `None` if it is none of them.
 fn carry(what: Option<&str>, line: &Path, socket: &Path) -> Option<Result<(), String>> {
+    // SAFETY: takes an integer only. Who may open the socket may tell Takt what to do. What becomes the first process
+    // must not have this: Takt's files would get other modes than in a machine that starts from nothing.
+    unsafe { libc::umask(0o077) };
     Some(match what? {
         "make" => outside::prepare(line, socket).map_err(|error| error.to_string()),
         "outside" => {

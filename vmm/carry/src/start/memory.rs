@@ -59,12 +59,18 @@ mod tests {
     #[test]
     fn all_of_the_memory_is_read_and_nothing_behind_it() {
         let file = TempFile::new().unwrap();
-        let bytes: Vec<u8> = (0..10_000_u32).map(|at| (at % 251) as u8).collect();
+        let bytes: Vec<u8> = (0..10_001_u32).map(|at| (at % 251) as u8).collect();
         file.as_file().write_all(&bytes).unwrap();
         let mut memory = ReadMemory::open(file.as_path()).unwrap();
         let mut read = Vec::new();
+        // An archive is read in pieces of any length, from any place on.
+        for length in [1, 3, 8, 512, 7, 4_095] {
+            let mut piece = vec![0; length];
+            assert_eq!(memory.read(&mut piece).unwrap(), length);
+            read.extend(piece);
+        }
         memory.read_to_end(&mut read).unwrap();
-        assert_eq!(read, bytes);
+        assert!(read == bytes);
         assert_eq!(memory.read(&mut [0; 16]).unwrap(), 0);
     }
 

@@ -57,6 +57,9 @@ pub struct Partition {
     /// The socket device of a Linux.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vsock: Option<Vsock>,
+    /// That a program of the host kept interfaces or sockets of a Linux from being closed at the end; left out if none did.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub held_up: bool,
     /// Only for Linux: from the start of its vCPU to its first process; `null` if it did not get
     /// there, or if its console does not show the kernel's messages.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "null_or")]

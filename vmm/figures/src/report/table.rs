@@ -132,6 +132,9 @@ impl Partition {
         if let Some(vsock) = &self.vsock {
             let _ = writeln!(text, "  vsock          {vsock}");
         }
+        if self.held_up {
+            text.push_str("  devices        held up by a program of the host, and still open\n");
+        }
         if !self.events.totals.is_empty() {
             let totals = self.events.totals.iter();
             let totals: Vec<String> = totals.map(|(error, n)| format!("{error} {n}")).collect();

@@ -90,6 +90,7 @@ fn report() -> Report {
                 }),
                 nets: Vec::new(),
                 vsock: None,
+                held_up: false,
                 boot_to_init_ns: None,
                 stuck: None,
             },
@@ -121,6 +122,7 @@ fn report() -> Report {
                     refused_queues: 2,
                 }],
                 vsock: Some(Vsock { cid: 3, refused_queues: 1 }),
+                held_up: true,
                 boot_to_init_ns: Some(None),
                 stuck: Some(Some(Stuck { how: How::Spinning, since_ns: 5_120_000_000 })),
             },
@@ -165,6 +167,7 @@ fn the_json_has_the_keys_that_its_readers_rely_on() {
     assert!(linux["boot_to_init_ns"].is_null());
     assert_eq!(linux["stuck"]["how"], "spinning");
     assert!(!linux.contains_key("releases"));
+    assert_eq!((plc.get("held_up"), &linux["held_up"]), (None, &true.into()));
 }
 
 #[test]
@@ -201,5 +204,6 @@ fn the_table_shows_every_partition_and_what_went_wrong() {
     assert!(table.contains("\n  clock steered  7 early wake-ups corrected, "), "{table}");
     assert!(!table.contains("window enforcer"), "{table}");
     assert!(table.contains("host:levels (state): 12 messages, 3 clients dropped"), "{table}");
+    assert!(table.contains("  devices        held up by a program of the host,"), "{table}");
     assert!(table.contains("  errors         numeric-error 2\n"), "{table}");
 }
