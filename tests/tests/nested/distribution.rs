@@ -9,6 +9,7 @@ use std::sync::{Mutex, PoisonError};
 use takt_tests::{Host, Outcome, Value, long, parse, root, save_bytes, target};
 
 use crate::carried::build_clients;
+use crate::linux_guest::{MILLISECOND, ahead};
 
 const ADDRESS: &str = "192.168.50.2";
 
@@ -19,48 +20,49 @@ const LOCAL_APT: &str =
 /// The folder for what a run leaves has one name for all of them.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
+/// The disk of the tests, and what visits it.
 fn folder() -> PathBuf {
     let folder = target("debian-tests").canonicalize();
     folder.expect("scripts/guest-image --debian-tests has run")
 }
 
-/// `configs/debian.toml` with the disk of the tests, and without all that Linux says, and what it tests of its
+/// `configs/debian.toml` with the disk in this folder, and without all that Linux says, and what it tests of its
 /// own cryptography, while it starts.
-fn file() -> PathBuf {
+fn file(folder: &Path) -> PathBuf {
     let shipped = fs::read_to_string(root().join("configs/debian.toml")).unwrap();
     let text = shipped
-        .replace("../target/debian/", &format!("{}/", folder().display()))
+        .replace("../target/debian/", &format!("{}/", folder.display()))
         .replace("root=/dev/vda ", "root=/dev/vda quiet cryptomgr.notests ");
     assert!(text.contains(" quiet ") && !text.contains("../target"), "{text}");
     save_bytes("distribution.toml", text.as_bytes())
 }
 
-/// What all the lives of a Debian left, in their order. A command is executed by ssh in the life whose number is
-/// before it.
-fn live(lives: usize, commands: &[&str]) -> Vec<Outcome> {
+/// What all the lives of the Debian in a folder left, in their order, in a machine with these options too.
+/// `tests/host/distribution` says where a command is executed.
+fn live(lives: usize, commands: &[&str], folder: &Path, options: &[[&str; 2]]) -> Vec<Outcome> {
     let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
-    let folder = folder();
-    let file = file();
-    let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
-    let (disk, visitors, number) = (path("disk.img"), path("visitors"), lives.to_string());
+    let file = file(folder);
+    let (disk, visitors) = (folder.join("disk.img"), self::folder().join("visitors"));
+    let path = |path: &Path| path.to_string_lossy().into_owned();
+    let (disk_path, visitors_path, number) = (path(&disk), path(&visitors), lives.to_string());
     let partition_file = file.to_string_lossy().into_owned();
-    let arguments: Vec<&str> = [&*partition_file, &*disk, &*visitors, ADDRESS, &*number]
+    let arguments: Vec<&str> = [&*partition_file, &*disk_path, &*visitors_path, ADDRESS, &*number]
         .into_iter()
         .chain(commands.iter().copied())
         .collect();
     build_clients();
     let shell = root().join("target/x86_64-unknown-linux-gnu/debug/takt-shell");
     let host = Host::new()
-        .given_up_after(&(600 + 300 * lives).to_string())
+        .given_up_after(&(3_000 + 300 * lives).to_string())
         .with("--module", "tun")
         .with("--module", "vhost_net")
         .with("--module", "vhost_vsock")
         .with("--program", &shell.to_string_lossy())
         .with("--memory", "640")
         .with_file(&file);
-    let host = ["vmlinuz", "initrd.img", "disk.img", "visitors"]
-        .iter()
-        .fold(host, |host, name| host.with_file(&folder.join(name)));
+    let files = [folder.join("vmlinuz"), folder.join("initrd.img"), disk, visitors];
+    let host = files.iter().fold(host, |host, file| host.with_file(file));
+    let host = options.iter().fold(host, |host, [option, value]| host.with(option, value));
     let left = target("tests/distribution.out");
     let _ = fs::remove_dir_all(&left);
     let machine = host.run("distribution", &arguments);
@@ -91,7 +93,7 @@ fn assert_lived_well(lives: &[Outcome]) {
 #[test]
 fn a_debian_starts_serves_ssh_and_switches_itself_off_with_its_file_system_clean() {
     let commands = ["1:cat /etc/os-release", "1:ip -brief address show eth0"];
-    let lives = live(1, &commands);
+    let lives = live(1, &commands, &folder(), &[]);
     assert_lived_well(&lives);
     lives[0].assert_shows("[debian] ID=debian");
     // No name server answers here. Looking for the name of who logs in by vsock, sshd would take 20 s and more.
@@ -110,10 +112,65 @@ fn a_debian_that_starts_a_hundred_times_keeps_what_apt_installed_and_a_clean_fil
     let update = format!("1:{LOCAL_APT} update");
     let install = format!("1:{LOCAL_APT} -y install hello");
     let last = format!("{LIVES}:hello");
-    let lives = live(LIVES, &[source, &update, &install, "1:hello", "2:hello", &last]);
+    let commands = [source, &*update, &*install, "1:hello", "2:hello", &*last];
+    let lives = live(LIVES, &commands, &folder(), &[]);
     assert_lived_well(&lives);
     let greetings = lives[0].output.matches("[debian] Hello, world!").count();
     assert_eq!(greetings, 3, "{}", lives[0].output);
+}
+
+/// A Debian with these packages too, as a user makes it. Takes minutes the first time.
+fn debian_with(name: &str, packages: &str, size: &str) -> PathBuf {
+    let folder = target(name);
+    let mut script = Command::new(root().join("scripts/guest-image"));
+    script.args(["--debian", "--no-password", "--include", packages, "--size", size]);
+    if let Ok(suite) = std::env::var("TAKT_SUITE") {
+        script.arg(suite);
+    }
+    script.arg("--ssh-key").arg(self::folder().join("visitors/key.pub"));
+    let made = script.arg("--out").arg(&folder).status().expect("the script starts");
+    assert!(made.success(), "{made}");
+    folder.canonicalize().expect("it is made")
+}
+
+/// A number behind this text.
+fn number_after(outcome: &Outcome, before: &str) -> f64 {
+    let rest = outcome.output.split_once(before).map(|(_, rest)| rest.trim_start());
+    let number = rest.and_then(|rest| rest.split_whitespace().next()?.parse().ok());
+    number.unwrap_or_else(|| panic!("no number after {before:?}\n{}", outcome.output))
+}
+
+/// The database's clients come over the network, stress-ng opens and floods sockets of all kinds in the guest, and chrony
+/// follows a clock of the host's that NTP steers as hard as it may.
+#[test]
+fn a_debian_serves_a_database_beside_a_loaded_network_and_a_steered_clock_and_no_release_is_late() {
+    // Its disk takes minutes, and so does the minute of load.
+    if !long() {
+        return;
+    }
+    let folder = debian_with("debian-database", "postgresql,stress-ng,chrony", "900M");
+    let bench = format!("chroot /bench /program --host {ADDRESS} --username postgres");
+    let commands = [
+        "0@take bench '/usr/lib/postgresql/*/bin/pgbench'",
+        "1:cd /etc/postgresql/*/main && echo \"listen_addresses = '*'\" > conf.d/takt.conf && \
+         echo 'host all all 192.168.50.1/32 trust' >> pg_hba.conf && \
+         systemctl restart postgresql && su postgres -c 'createdb bench'",
+        "1:echo 'refclock PHC /dev/ptp0 poll 2' > /etc/chrony/conf.d/takt.conf && systemctl restart chrony",
+        "1@on_debian 'cat > /root/stamp && chmod 700 /root/stamp' </bin/stamp",
+        &format!("1@{bench} --initialize --quiet bench"),
+        "1@adjtimex -q -t 10005",
+        "1:systemd-run --quiet --unit=load stress-ng --class network --all 1 --timeout 60 \
+         --metrics-brief --log-file /root/load",
+        &format!("1@{bench} --client 4 --time 60 --progress 10 bench"),
+        "1:while systemctl is-active --quiet load; do sleep 1; done; cat /root/load",
+        "1:chronyc tracking; chronyc sources; /root/stamp guest",
+        "1@stamp host",
+    ];
+    let stamp = env!("CARGO_BIN_EXE_stamp");
+    let options =
+        [["--module", "loop"], ["--module", "ext4"], ["--program", stamp], ["--clock", "steered"]];
+    let lives = live(1, &commands, &folder, &options);
+    assert_lived_well(&lives);
 }
 
 /// `scripts/guest-image --debian-kernel` with the disk in this folder.
