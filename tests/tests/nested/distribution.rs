@@ -1,6 +1,8 @@
 //! A whole Debian with systemd and ssh beside a PLC that keeps its time: the shipped partition file, with a disk
 //! that `scripts/guest-image --debian-tests` makes.
 
+mod page;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -26,22 +28,33 @@ fn folder() -> PathBuf {
     folder.expect("scripts/guest-image --debian-tests has run")
 }
 
-/// `configs/debian.toml` with the disk in this folder, and without all that Linux says, and what it tests of its
-/// own cryptography, while it starts.
-fn file(folder: &Path) -> PathBuf {
-    let shipped = fs::read_to_string(root().join("configs/debian.toml")).unwrap();
-    let text = shipped
-        .replace("../target/debian/", &format!("{}/", folder.display()))
+/// A partition file of `configs` with the disk in this folder, and without all that Linux says, and what it tests of
+/// its own cryptography, while it starts.
+fn file(shipped: &str, folder: &Path) -> PathBuf {
+    let text = fs::read_to_string(root().join(format!("configs/{shipped}.toml"))).unwrap();
+    let text = text
+        .replace(&format!("../target/{shipped}/"), &format!("{}/", folder.display()))
         .replace("root=/dev/vda ", "root=/dev/vda quiet cryptomgr.notests ");
     assert!(text.contains(" quiet ") && !text.contains("../target"), "{text}");
     save_bytes("distribution.toml", text.as_bytes())
 }
 
+/// [`live_of`] `configs/debian.toml`.
+fn live(lives: usize, commands: &[&str], folder: &Path, options: &[[&str; 2]]) -> Vec<Outcome> {
+    live_of("debian", lives, commands, folder, options)
+}
+
 /// What all the lives of the Debian in a folder left, in their order, in a machine with these options too.
 /// `tests/host/distribution` says where a command is executed.
-fn live(lives: usize, commands: &[&str], folder: &Path, options: &[[&str; 2]]) -> Vec<Outcome> {
+fn live_of(
+    shipped: &str,
+    lives: usize,
+    commands: &[&str],
+    folder: &Path,
+    options: &[[&str; 2]],
+) -> Vec<Outcome> {
     let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
-    let file = file(folder);
+    let file = file(shipped, folder);
     let (disk, visitors) = (folder.join("disk.img"), self::folder().join("visitors"));
     let path = |path: &Path| path.to_string_lossy().into_owned();
     let (disk_path, visitors_path, number) = (path(&disk), path(&visitors), lives.to_string());
