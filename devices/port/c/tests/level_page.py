@@ -64,7 +64,7 @@ class Held(unittest.TestCase):
     def test_a_level_is_good_only_if_it_was_valid_when_it_was_read_and_that_was_just_now(self):
         with Ports(FOLDER) as ports, ports.output("out", anew=True) as out, ports.input("in", anew=True) as level:
             told = lambda: self.plant.wait(None, 0)[1]
-            self.assertEqual(told()["problem"], "the ports are not read any more")
+            self.assertEqual(told()["problem"], "the ports have not been read yet")
             look(self.plant, level)
             self.assertEqual(told()["problem"], "the PLC has published nothing yet")
             out.write(struct.pack("<d", 1.25))
@@ -88,7 +88,7 @@ class Held(unittest.TestCase):
 
 class Served(unittest.TestCase):
     def setUp(self):
-        level_page.REQUEST_S = level_page.UNREAD_S = 0.5
+        level_page.REQUEST_S = level_page.UNREAD_S = 1.0
         self.plant = Plant()
         self.plant.tell(1.0, 0.001, None)
         self.serve(operate=True)
@@ -144,7 +144,7 @@ class Served(unittest.TestCase):
             while True:
                 slow.sendall(b"a: b\r\n")
                 time.sleep(0.1)
-        self.assertLess(time.monotonic() - begun, 3)
+        self.assertLess(time.monotonic() - begun, 10)
         try:
             self.assertNotIn(b"200 OK", long.recv(100))
         except ConnectionError:
@@ -182,7 +182,6 @@ class Served(unittest.TestCase):
             except (OSError, http.client.HTTPException):
                 self.assertLess(time.monotonic(), end)
                 time.sleep(0.1)
-        level_page.UNREAD_S = 5.0
 
 
 if __name__ == "__main__":
