@@ -44,7 +44,7 @@ fn a_program_in_c_uses_all_of_it_and_is_refused_what_is_wrong() {
     run(Command::new(&program).arg(folder.path()));
 }
 
-/// Runs a program in Python with the package, on a folder whose ports nobody has.
+/// Runs a program in Python with the package, on a folder whose ports have no owner yet.
 fn python(program: &str) {
     let folder = Loopback::new();
     let shared = folder.path().join("libtakt_port.so");

@@ -4,7 +4,8 @@
     level_page.py [--address 127.0.0.1] [--http-port 8080] [--operate]
 
 One thread owns the ports: it reads `level`, and renews `setpoint` while a page asks for it. Each browser has a thread of its
-own, and gets copies. Without --operate the page only shows. There is no login: whoever reaches the address has the page.
+own, and gets copies. Without --operate the page only shows. There is no login: every user who reaches the address
+has the page.
 """
 
 import argparse
@@ -117,7 +118,7 @@ def look(plant, level):
 
 
 def own_ports(plant, level, setpoint):
-    """Looks at the ports for ever. Nobody else uses them, and no browser is waited for."""
+    """Looks at the ports for ever. No other thread uses them, and no browser is waited for."""
     while True:
         look(plant, level)
         metres = plant.held()
@@ -258,7 +259,7 @@ def main():
     parser = argparse.ArgumentParser(description="Shows the PLC's level on a page.")
     parser.add_argument("--address", default="127.0.0.1", help="where to listen (127.0.0.1: only this Linux)")
     parser.add_argument("--http-port", type=int, default=8080)
-    parser.add_argument("--operate", action="store_true", help="whoever has the page may set the level")
+    parser.add_argument("--operate", action="store_true", help="each user of the page may set the level")
     options = parser.parse_args()
     plant = Plant()
     server = Server((options.address, options.http_port), plant, options.operate)
