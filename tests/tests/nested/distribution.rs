@@ -11,7 +11,6 @@ use std::sync::{Mutex, PoisonError};
 use takt_tests::{Host, Outcome, Value, long, parse, root, save_bytes, target};
 
 use crate::carried::build_clients;
-use crate::linux_guest::{MILLISECOND, ahead};
 
 const ADDRESS: &str = "192.168.50.2";
 
@@ -144,46 +143,6 @@ fn debian_with(name: &str, packages: &str, size: &str) -> PathBuf {
     let made = script.arg("--out").arg(&folder).status().expect("the script starts");
     assert!(made.success(), "{made}");
     folder.canonicalize().expect("it is made")
-}
-
-/// A number behind this text.
-fn number_after(outcome: &Outcome, before: &str) -> f64 {
-    let rest = outcome.output.split_once(before).map(|(_, rest)| rest.trim_start());
-    let number = rest.and_then(|rest| rest.split_whitespace().next()?.parse().ok());
-    number.unwrap_or_else(|| panic!("no number after {before:?}\n{}", outcome.output))
-}
-
-/// The database's clients come over the network, stress-ng opens and floods sockets of all kinds in the guest, and chrony
-/// follows a clock of the host's that NTP steers as hard as it may.
-#[test]
-fn a_debian_serves_a_database_beside_a_loaded_network_and_a_steered_clock_and_no_release_is_late() {
-    // Its disk takes minutes, and so does the minute of load.
-    if !long() {
-        return;
-    }
-    let folder = debian_with("debian-database", "postgresql,stress-ng,chrony", "900M");
-    let bench = format!("chroot /bench /program --host {ADDRESS} --username postgres");
-    let commands = [
-        "0@take bench '/usr/lib/postgresql/*/bin/pgbench'",
-        "1:cd /etc/postgresql/*/main && echo \"listen_addresses = '*'\" > conf.d/takt.conf && \
-         echo 'host all all 192.168.50.1/32 trust' >> pg_hba.conf && \
-         systemctl restart postgresql && su postgres -c 'createdb bench'",
-        "1:echo 'refclock PHC /dev/ptp0 poll 2' > /etc/chrony/conf.d/takt.conf && systemctl restart chrony",
-        "1@on_debian 'cat > /root/stamp && chmod 700 /root/stamp' </bin/stamp",
-        &format!("1@{bench} --initialize --quiet bench"),
-        "1@adjtimex -q -t 10005",
-        "1:systemd-run --quiet --unit=load stress-ng --class network --all 1 --timeout 60 \
-         --metrics-brief --log-file /root/load",
-        &format!("1@{bench} --client 4 --time 60 --progress 10 bench"),
-        "1:while systemctl is-active --quiet load; do sleep 1; done; cat /root/load",
-        "1:chronyc tracking; chronyc sources; /root/stamp guest",
-        "1@stamp host",
-    ];
-    let stamp = env!("CARGO_BIN_EXE_stamp");
-    let options =
-        [["--module", "loop"], ["--module", "ext4"], ["--program", stamp], ["--clock", "steered"]];
-    let lives = live(1, &commands, &folder, &options);
-    assert_lived_well(&lives);
 }
 
 /// `scripts/guest-image --debian-kernel` with the disk in this folder.

@@ -3,7 +3,7 @@
 use takt_tests::{File, Host, Outcome, initrd_with, target};
 
 /// A millisecond, and the little that a clock may lie beside where it was read.
-pub const MILLISECOND: i128 = 1_000_000;
+const MILLISECOND: i128 = 1_000_000;
 
 /// TSC and time of a stamp on the console.
 fn stamp(outcome: &Outcome, name: &str) -> (i128, i128) {
@@ -20,7 +20,7 @@ fn stamp(outcome: &Outcome, name: &str) -> (i128, i128) {
 
 /// By how much the clock of one stamp is ahead of another's. The TSC of the lab has 1 GHz, so a difference of stamps
 /// is one of nanoseconds.
-pub fn ahead(outcome: &Outcome, of: &str, clock: &str) -> i128 {
+fn ahead(outcome: &Outcome, of: &str, clock: &str) -> i128 {
     let (clock, of) = (stamp(outcome, clock), stamp(outcome, of));
     (clock.1 - of.1) - (clock.0 - of.0)
 }
