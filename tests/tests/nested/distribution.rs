@@ -1,6 +1,8 @@
 //! A whole Debian with systemd and ssh beside a PLC that keeps its time: the shipped partition file, with a disk
 //! that `scripts/guest-image --debian-tests` makes.
 
+mod page;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -19,48 +21,60 @@ const LOCAL_APT: &str =
 /// The folder for what a run leaves has one name for all of them.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
+/// The disk of the tests, and what visits it.
 fn folder() -> PathBuf {
     let folder = target("debian-tests").canonicalize();
     folder.expect("scripts/guest-image --debian-tests has run")
 }
 
-/// `configs/debian.toml` with the disk of the tests, and without all that Linux says, and what it tests of its
-/// own cryptography, while it starts.
-fn file() -> PathBuf {
-    let shipped = fs::read_to_string(root().join("configs/debian.toml")).unwrap();
-    let text = shipped
-        .replace("../target/debian/", &format!("{}/", folder().display()))
+/// A partition file of `configs` with the disk in this folder, and without all that Linux says, and what it tests of
+/// its own cryptography, while it starts.
+fn file(shipped: &str, folder: &Path) -> PathBuf {
+    let text = fs::read_to_string(root().join(format!("configs/{shipped}.toml"))).unwrap();
+    let text = text
+        .replace(&format!("../target/{shipped}/"), &format!("{}/", folder.display()))
         .replace("root=/dev/vda ", "root=/dev/vda quiet cryptomgr.notests ");
     assert!(text.contains(" quiet ") && !text.contains("../target"), "{text}");
     save_bytes("distribution.toml", text.as_bytes())
 }
 
-/// What all the lives of a Debian left, in their order. A command is executed by ssh in the life whose number is
-/// before it.
-fn live(lives: usize, commands: &[&str]) -> Vec<Outcome> {
+/// [`live_of`] `configs/debian.toml`.
+fn live(lives: usize, commands: &[&str], folder: &Path, options: &[[&str; 2]]) -> Vec<Outcome> {
+    live_of("debian", lives, commands, folder, options)
+}
+
+/// What all the lives of the Debian in a folder left, in their order, in a machine with these options too.
+/// `tests/host/distribution` says where a command is executed.
+fn live_of(
+    shipped: &str,
+    lives: usize,
+    commands: &[&str],
+    folder: &Path,
+    options: &[[&str; 2]],
+) -> Vec<Outcome> {
     let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
-    let folder = folder();
-    let file = file();
-    let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
-    let (disk, visitors, number) = (path("disk.img"), path("visitors"), lives.to_string());
+    let file = file(shipped, folder);
+    let (disk, visitors) = (folder.join("disk.img"), self::folder().join("visitors"));
+    let path = |path: &Path| path.to_string_lossy().into_owned();
+    let (disk_path, visitors_path, number) = (path(&disk), path(&visitors), lives.to_string());
     let partition_file = file.to_string_lossy().into_owned();
-    let arguments: Vec<&str> = [&*partition_file, &*disk, &*visitors, ADDRESS, &*number]
+    let arguments: Vec<&str> = [&*partition_file, &*disk_path, &*visitors_path, ADDRESS, &*number]
         .into_iter()
         .chain(commands.iter().copied())
         .collect();
     build_clients();
     let shell = root().join("target/x86_64-unknown-linux-gnu/debug/takt-shell");
     let host = Host::new()
-        .given_up_after(&(600 + 300 * lives).to_string())
+        .given_up_after(&(3_000 + 300 * lives).to_string())
         .with("--module", "tun")
         .with("--module", "vhost_net")
         .with("--module", "vhost_vsock")
         .with("--program", &shell.to_string_lossy())
         .with("--memory", "640")
         .with_file(&file);
-    let host = ["vmlinuz", "initrd.img", "disk.img", "visitors"]
-        .iter()
-        .fold(host, |host, name| host.with_file(&folder.join(name)));
+    let files = [folder.join("vmlinuz"), folder.join("initrd.img"), disk, visitors];
+    let host = files.iter().fold(host, |host, file| host.with_file(file));
+    let host = options.iter().fold(host, |host, [option, value]| host.with(option, value));
     let left = target("tests/distribution.out");
     let _ = fs::remove_dir_all(&left);
     let machine = host.run("distribution", &arguments);
@@ -91,7 +105,7 @@ fn assert_lived_well(lives: &[Outcome]) {
 #[test]
 fn a_debian_starts_serves_ssh_and_switches_itself_off_with_its_file_system_clean() {
     let commands = ["1:cat /etc/os-release", "1:ip -brief address show eth0"];
-    let lives = live(1, &commands);
+    let lives = live(1, &commands, &folder(), &[]);
     assert_lived_well(&lives);
     lives[0].assert_shows("[debian] ID=debian");
     // No name server answers here. Looking for the name of who logs in by vsock, sshd would take 20 s and more.
@@ -110,10 +124,25 @@ fn a_debian_that_starts_a_hundred_times_keeps_what_apt_installed_and_a_clean_fil
     let update = format!("1:{LOCAL_APT} update");
     let install = format!("1:{LOCAL_APT} -y install hello");
     let last = format!("{LIVES}:hello");
-    let lives = live(LIVES, &[source, &update, &install, "1:hello", "2:hello", &last]);
+    let commands = [source, &*update, &*install, "1:hello", "2:hello", &*last];
+    let lives = live(LIVES, &commands, &folder(), &[]);
     assert_lived_well(&lives);
     let greetings = lives[0].output.matches("[debian] Hello, world!").count();
     assert_eq!(greetings, 3, "{}", lives[0].output);
+}
+
+/// A Debian with these packages too, as a user makes it. Takes minutes the first time.
+fn debian_with(name: &str, packages: &str, size: &str) -> PathBuf {
+    let folder = target(name);
+    let mut script = Command::new(root().join("scripts/guest-image"));
+    script.args(["--debian", "--no-password", "--include", packages, "--size", size]);
+    if let Ok(suite) = std::env::var("TAKT_SUITE") {
+        script.arg(suite);
+    }
+    script.arg("--ssh-key").arg(self::folder().join("visitors/key.pub"));
+    let made = script.arg("--out").arg(&folder).status().expect("the script starts");
+    assert!(made.success(), "{made}");
+    folder.canonicalize().expect("it is made")
 }
 
 /// `scripts/guest-image --debian-kernel` with the disk in this folder.

@@ -156,11 +156,12 @@ fn example(name: &str) -> (tempfile::TempDir, PartitionFile) {
     fs::write(images.join("vmlinuz"), guest_images::kernel()).unwrap();
     fs::write(images.join("initrd.img"), "").unwrap();
     fs::write(images.join("load.img"), [0; 512]).unwrap();
-    let debian = folder.join("target/debian");
-    fs::create_dir_all(&debian).unwrap();
-    fs::write(debian.join("vmlinuz"), guest_images::kernel()).unwrap();
-    fs::write(debian.join("initrd.img"), "").unwrap();
-    fs::write(debian.join("disk.img"), [0; 512]).unwrap();
+    for debian in ["target/debian", "target/hmi"].map(|name| folder.join(name)) {
+        fs::create_dir_all(&debian).unwrap();
+        fs::write(debian.join("vmlinuz"), guest_images::kernel()).unwrap();
+        fs::write(debian.join("initrd.img"), "").unwrap();
+        fs::write(debian.join("disk.img"), [0; 512]).unwrap();
+    }
     fs::write(plc_images.join("can"), guest_images::plc()).unwrap();
     fs::write(plc_images.join("outputs"), guest_images::plc()).unwrap();
     let examples = folder.join("target/examples");

@@ -44,14 +44,24 @@ fn a_program_in_c_uses_all_of_it_and_is_refused_what_is_wrong() {
     run(Command::new(&program).arg(folder.path()));
 }
 
-#[test]
-fn the_python_package_uses_all_of_it_and_is_refused_what_is_wrong() {
+/// Runs a program in Python with the package, on a folder whose ports have no owner yet.
+fn python(program: &str) {
     let folder = Loopback::new();
     let shared = folder.path().join("libtakt_port.so");
     let mut link = Command::new("cc");
     link.args(["-shared", "-Wl,--whole-archive"]).arg(library()).arg("-Wl,--no-whole-archive");
     run(link.args(["-lpthread", "-ldl", "-lm", "-lgcc_s", "-o"]).arg(&shared));
     let mut python = Command::new("python3");
-    python.arg(here("tests/loopback.py")).arg(folder.path()).env("TAKT_PORT_LIBRARY", &shared);
+    python.arg(here(program)).arg(folder.path()).env("TAKT_PORT_LIBRARY", &shared);
     run(python.env("PYTHONPATH", here("../python")).env("PYTHONDONTWRITEBYTECODE", "1"));
+}
+
+#[test]
+fn the_python_package_uses_all_of_it_and_is_refused_what_is_wrong() {
+    python("tests/loopback.py");
+}
+
+#[test]
+fn the_page_of_the_level_shows_nothing_old_as_good_and_no_browser_holds_up_another() {
+    python("tests/level_page.py");
 }
