@@ -98,9 +98,11 @@ fn lines_below(folder: &Path) -> io::Result<usize> {
     Ok(sum)
 }
 
-/// Lines before the tests, which are last in a file, that are neither blank nor comment.
+/// Lines before the tests, which are last in a file, that are neither blank nor comment. Tests that have a file of their own
+/// are declared anywhere, and code comes behind that.
 fn code_lines(text: &str) -> usize {
-    let before = text.split("#[cfg(test)]\nmod tests").next().unwrap_or("");
+    let text = text.replace("#[cfg(test)]\nmod tests;\n", "");
+    let before = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or("");
     before.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with("//")).count()
 }
 
@@ -113,6 +115,7 @@ mod tests {
         let text =
             "//! a\n\nuse b; // c\n    // d\nfn e() {}\n\n#[cfg(test)]\nmod tests {\n  f\n}\n";
         assert_eq!(code_lines(text), 2);
+        assert_eq!(code_lines("#[cfg(test)]\nmod tests;\n\nuse a;\n"), 1);
         assert_eq!(code_lines(""), 0);
     }
 }
