@@ -14,6 +14,7 @@ mod paid;
 mod plcs;
 mod ranges;
 mod scaling;
+mod traffic;
 
 use std::fs;
 use std::io;
@@ -88,6 +89,9 @@ fn write(measured: &Measured, root: &Path) -> io::Result<()> {
         ("compile", paid::compile(measured)),
         ("beyond", paid::beyond(measured)),
         ("footprint", footprint::table(measured)),
+        ("io", traffic::table(measured)),
+        ("io-counts", traffic::counts(measured)),
+        ("io-lines", Some(trusted_lines::input_and_output(root)?)),
         ("lines", Some(trusted_lines::table(root)?)),
         (
             "scaling",
