@@ -147,7 +147,7 @@ impl Preparation<'_> {
             button.zip(patience).map(|(wire, patience)| PowerButton::new(wire, patience));
         prepared.account.kernel = Some(KernelWatch::new(panic));
         prepared.disks = disks;
-        prepared.linux = Some(LinuxParts { init, cables, vsock: socket, closer });
+        prepared.linux = Some(LinuxParts { init, cables, nets: Vec::new(), vsock: socket, closer });
         Ok(prepared)
     }
     /// The serial port's way out. A Linux with windows is not made to wait: its thread would wake again

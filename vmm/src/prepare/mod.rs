@@ -36,6 +36,7 @@ use crate::interrupts::Interrupts;
 use crate::memory::Pages;
 use crate::net::Cable;
 use crate::passthrough::Devices;
+use crate::report;
 use crate::resctrl::Groups;
 use crate::run_error::RunError;
 use crate::sandbox::{self, Mode};
@@ -66,6 +67,8 @@ pub struct LinuxParts {
     pub init: InitSeen,
     /// The host's side of its network interfaces.
     pub cables: Vec<Cable>,
+    /// What has gone through them until they were closed.
+    pub nets: Vec<report::Net>,
     /// That of its sockets.
     pub vsock: Option<Vsock>,
     /// What closes both, if there are any.
@@ -73,6 +76,14 @@ pub struct LinuxParts {
 }
 
 impl LinuxParts {
+    /// Closes the devices that the host's kernel works on. A tap device that Takt has made is gone then, and its counts with it.
+    pub fn close_devices(&mut self) {
+        self.nets = self.cables.iter().map(Cable::report).collect();
+        if let Some(closer) = &mut self.closer {
+            closer.close();
+        }
+    }
+
     /// Whether a device that the host's kernel works on was still open when the end of the run went on.
     #[must_use]
     pub fn is_held_up(&self) -> bool {

@@ -105,9 +105,7 @@ impl Facts<'_> {
             // One that still waits is left to it: it has been told to stop, and its guest does not run any more.
             let _ = thread.join_within(until.saturating_duration_since(Instant::now()));
         }
-        for closer in self.linux.iter_mut().flatten().filter_map(|linux| linux.closer.as_mut()) {
-            closer.close();
-        }
+        self.linux.iter_mut().flatten().for_each(LinuxParts::close_devices);
     }
 
     /// The Linuxes whose devices are still open.

@@ -14,7 +14,6 @@ use crate::health::Fault;
 use crate::host_ports;
 use crate::kernel_watch::KernelWatch;
 use crate::memory::Pages;
-use crate::net::Cable;
 use crate::prepare::LinuxParts;
 use crate::report::{self, Report};
 use crate::supervisor::Supervisor;
@@ -131,7 +130,7 @@ impl Facts<'_> {
                 .power_button
                 .as_ref()
                 .and_then(|button| button.report(finished.map(|f| (f.end, base.offset(f.at))))),
-            nets: linux.map_or_else(Vec::new, |l| l.cables.iter().map(Cable::report).collect()),
+            nets: linux.map_or_else(Vec::new, |linux| linux.nets.clone()),
             held_up,
             vsock: linux.and_then(|l| l.vsock.as_ref()).map(Vsock::report),
             boot_to_init_ns: linux.map(|l| l.init.instant().map(|at| base.offset(at).0)),
