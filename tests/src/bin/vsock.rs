@@ -143,7 +143,7 @@ fn missing_page() -> io::Result<(File, &'static [u8])> {
     let mut range = [page as u64, BYTES as u64, MODE_MISSING, 0];
     // SAFETY: the same, and the range is the page.
     check(unsafe { libc::ioctl(fd, REGISTER, &raw mut range) })?;
-    // SAFETY: it stays mapped. Nothing but the kernel reads it.
+    // SAFETY: it stays mapped. Only the kernel reads it.
     Ok((faults, unsafe { std::slice::from_raw_parts(page.cast(), BYTES) }))
 }
 
