@@ -11,8 +11,8 @@ use super::device::DiskDevice;
 use super::handover::Handover;
 use super::server::{Disk, Server};
 use super::{
-    BUFFER_ALIGNMENT, Medium, PIECE_BYTES, QUEUE_SIZE, SECTOR, SEGMENT_BYTES_MAX, SEGMENTS_MAX,
-    Shape,
+    BUFFER_ALIGNMENT, DISCARD_SECTORS_MAX, Medium, PIECE_BYTES, QUEUE_SIZE, SECTOR,
+    SEGMENT_BYTES_MAX, SEGMENTS_MAX, Shape,
 };
 use crate::virtio::driver::{HIGH, RAM, memory};
 use crate::virtio::registers::Registers;

@@ -299,6 +299,24 @@ fn a_request_over_the_rings_themselves_harms_only_its_guest() {
     }
 }
 
+#[test]
+fn no_more_is_discarded_at_once_than_a_driver_was_told() {
+    let mut guest = Guest::driven(false);
+    let shape = Shape { sectors: u64::from(DISCARD_SECTORS_MAX) + 1, read_only: false };
+    let ((begun, begins), (go, gone)) = (channel(), channel());
+    let disk = Disk { shape, id: [0; 20], medium: Slow { begun, go: gone } };
+    let mut server = Server::new(guest.shared.clone(), guest.memory.clone(), disk);
+    for (more, answer) in [(1, IOERR), (0, OK)] {
+        go.send(()).unwrap();
+        guest.write_discarded(0, DISCARD_SECTORS_MAX + more, 0);
+        guest.write_header(DISCARD, 0);
+        guest.offer(0, &[HEADER_PIECE, readable(DATA, 16), STATUS_PIECE]);
+        assert!(server.serve());
+        assert_eq!(guest.status(), answer);
+    }
+    assert_eq!(begins.try_iter().count(), 1);
+}
+
 /// A medium that takes as long as it is told: each call says that it has begun, and waits for the word.
 struct Slow {
     begun: Sender<()>,
