@@ -351,7 +351,7 @@ mod tests {
             [0x10_0000, 0x10_1000]
         );
         assert_eq!(ports.table.ports[1].own, PAGE, "the table's offsets stay");
-        let memory = GuestMemory::for_linux(1 << 20, Pages::Small, &ports.views).unwrap();
+        let memory = GuestMemory::for_linux(1 << 20, Pages::Small, &ports.views, 0).unwrap();
         ports.own.iter().for_each(|region| region.format(&memory).unwrap());
         let magic: u32 = memory.regions().read_obj(GuestAddress(0x10_0000)).unwrap();
         assert_eq!(magic.to_le_bytes(), *b"TKCH");

@@ -34,6 +34,7 @@ use crate::vcpu::guest_timer::{Deadlines, GuestTimer};
 use crate::vcpu::kick;
 use crate::vcpu::linux::{Board, LinuxGuest};
 use crate::vhost::Carried;
+use crate::virtio::Slot;
 
 /// A Linux's machine could not be made.
 #[derive(Debug, Error)]
@@ -94,6 +95,8 @@ pub struct LinuxMachine {
     pub drives: Vec<Drive>,
     /// Its network interfaces, and then its socket device.
     pub carried: Vec<Carried>,
+    /// What drivers of virtio devices ring when they acknowledge an interrupt. Nobody listens.
+    pub unheard: EventFd,
     /// The wire of its power button, if it has one.
     pub button: Option<Arc<EventFd>>,
     /// Speed of the TSC, from the first start on.
@@ -158,7 +161,10 @@ impl LinuxMachine {
         }
         let disks = self.drives.iter().map(|drive| drive.attach(&vm));
         let carried = self.carried.iter().map(|carried| carried.attach(&vm));
-        let virtio = disks.chain(carried).collect::<Result<_, _>>()?;
+        let virtio = disks.chain(carried).collect::<Result<Vec<_>, _>>()?;
+        for slot in (0..virtio.len() as u32).map(Slot) {
+            slot.drop_acknowledgements(&vm, &self.unheard)?;
+        }
         self.vm = Some(vm);
         if let Some(timer) = &self.watchdog {
             let registers = Watchdog::new(timer.clone(), clock);

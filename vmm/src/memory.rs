@@ -23,7 +23,7 @@ use takt_abi::memory::{
 use takt_abi::program::ProgramTable;
 use takt_host::huge_pages;
 use takt_plan::HugePageSize;
-use takt_plan::linux_map::{HOLE_END, HOLE_START};
+use takt_plan::linux_map::{HOLE_END, HOLE_START, VIRTIO_REGISTERS};
 use thiserror::Error;
 use vm_memory::mmap::{MmapRegionBuilder, MmapRegionError};
 use vm_memory::{
@@ -145,17 +145,27 @@ pub struct GuestMemory {
 }
 
 impl GuestMemory {
-    /// RAM of a Linux guest, with a hole below 4 GiB, and what it sees of its channels in there.
+    /// RAM of a Linux guest, with a hole below 4 GiB, and what it sees in there: its channels, and the registers of so
+    /// many virtio devices.
     ///
     /// # Errors
     /// See [`MemoryError`].
-    pub fn for_linux(bytes: u64, pages: Pages, channels: &[View<'_>]) -> Result<Self, MemoryError> {
+    pub fn for_linux(
+        bytes: u64,
+        pages: Pages,
+        channels: &[View<'_>],
+        virtio: usize,
+    ) -> Result<Self, MemoryError> {
         let low = bytes.min(HOLE_START);
         let mut regions = vec![region(0, low, pages)?];
         if bytes > low {
             regions.push(region(HOLE_END, bytes - low, pages)?);
         }
-        Self::from_regions(regions, &[], channels, (bytes, pages))
+        let registers = VIRTIO_REGISTERS.into();
+        if virtio > 0 {
+            regions.push(region(registers, virtio as u64 * PAGE, Pages::Small)?);
+        }
+        Self::from_regions(regions, &[registers], channels, (bytes, pages))
     }
 
     /// RAM of a PLC guest, the pages through which it is told its time and its ports and tells
@@ -470,12 +480,14 @@ mod tests {
         let shared = SharedRegion::new(PAGE).unwrap();
         let view = |start, writable| View { start, region: &shared, writable };
         let views = [view(HOLE_END - PAGE, true), view(HOLE_START, false)];
-        let memory = GuestMemory::for_linux(64 << 20, Pages::Small, &views).unwrap();
+        let memory = GuestMemory::for_linux(64 << 20, Pages::Small, &views, 2).unwrap();
         let ram = (0, 64 << 20);
-        let all = [ram, (HOLE_START, PAGE), (HOLE_END - PAGE, PAGE)];
+        let registers = u64::from(VIRTIO_REGISTERS);
+        let devices = [(HOLE_START, PAGE), (registers, 2 * PAGE), (HOLE_END - PAGE, PAGE)];
+        let all = [&[ram], &devices[..]].concat();
         assert_eq!(memory.ranges().collect::<Vec<_>>(), all);
         assert_eq!(memory.ram().collect::<Vec<_>>(), [ram]);
-        assert_eq!(*memory.read_only, [HOLE_START]);
+        assert_eq!(*memory.read_only, [registers, HOLE_START]);
         let only_ram = memory.only_ram().unwrap();
         assert_eq!(only_ram.iter().map(|r| (r.start_addr().0, r.len())).collect::<Vec<_>>(), [ram]);
     }
@@ -493,7 +505,7 @@ mod tests {
         let with_programs = GuestMemory::for_plc_with_programs(2 << 20, Pages::Small, &[]).unwrap();
         assert!(with_programs.program_table().is_some() && with_programs.io_table().is_some());
         assert!([PROGRAM_TABLE, IO_TABLE].iter().all(|p| with_programs.read_only.contains(p)));
-        let linux = GuestMemory::for_linux(1 << 20, Pages::Small, &[]).unwrap();
+        let linux = GuestMemory::for_linux(1 << 20, Pages::Small, &[], 0).unwrap();
         assert!(linux.information().is_none());
     }
 

@@ -79,7 +79,7 @@ pub enum ProbeError {
 /// # Errors
 /// See [`ProbeError`].
 fn hands_deadlines_over(kvm: &Kvm) -> Result<bool, ProbeError> {
-    let memory = GuestMemory::for_linux(MEMORY, Pages::Small, &[])?;
+    let memory = GuestMemory::for_linux(MEMORY, Pages::Small, &[], 0)?;
     let mut machine = machine::for_linux(kvm, &memory, TimerOwner::Takt, 1)?;
     // mov ecx, TSC_DEADLINE; xor eax, eax; xor edx, edx; wrmsr; out 0x80, al
     let [a, b, c, d] = registers::TSC_DEADLINE.to_le_bytes();
@@ -117,7 +117,7 @@ fn machines(kvm: &Kvm) -> Machines {
     let plc = GuestMemory::for_plc(MEMORY, Pages::Small, &[])
         .map_err(MachineError::from)
         .and_then(|memory| machine::for_plc(kvm, &memory, false));
-    let linux = GuestMemory::for_linux(MEMORY, Pages::Small, &[])
+    let linux = GuestMemory::for_linux(MEMORY, Pages::Small, &[], 0)
         .map_err(MachineError::from)
         .and_then(|memory| machine::for_linux(kvm, &memory, TimerOwner::Takt, 1));
     Machines {

@@ -8,6 +8,7 @@ use std::io;
 use std::sync::Arc;
 
 use takt_devices::virtio::carried::{Carrier, Link, QUEUES, Ring};
+use takt_devices::virtio::page::RegisterPage;
 use takt_devices::vsock;
 use takt_plan::Cid;
 use thiserror::Error;
@@ -66,7 +67,7 @@ pub struct Vsock {
 /// # Errors
 /// If the host does not have it, or does not let it.
 pub fn open(
-    slot: Slot,
+    slot: (Slot, RegisterPage),
     cid: Cid,
     memory: &GuestMemory,
     place: Place,

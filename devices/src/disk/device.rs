@@ -15,7 +15,7 @@ use super::handover::Handover;
 use super::{
     DISCARD_ALIGNMENT, DISCARD_SECTORS_MAX, QUEUE_SIZE, SEGMENT_BYTES_MAX, SEGMENTS_MAX, Shape,
 };
-use crate::virtio::{Description, Device, bits};
+use crate::virtio::{BadQueues, Description, Device, bits};
 
 /// Where the configuration says what may be discarded: most sectors, most pieces, alignment (virtio 1.2, section 5.2.4).
 const DISCARD_AT: usize = 36;
@@ -63,11 +63,10 @@ impl Device for DiskDevice {
         &self.description
     }
 
-    fn start(&mut self, _: u64, queues: Vec<Option<Queue>>) {
-        match queues.into_iter().next().flatten() {
-            Some(queue) => self.shared.enable(queue),
-            None => self.shared.break_down(),
-        }
+    fn start(&mut self, _: u64, queues: Vec<Option<Queue>>) -> Result<(), BadQueues> {
+        let queue = queues.into_iter().next().flatten().ok_or(BadQueues)?;
+        self.shared.enable(queue);
+        Ok(())
     }
 
     fn recall(&mut self, _: usize) {
@@ -75,22 +74,6 @@ impl Device for DiskDevice {
     }
 
     fn reset(&mut self) {
-        self.shared.reset();
-    }
-
-    fn break_down(&mut self) {
-        self.shared.break_down();
-    }
-
-    fn needs_reset(&self) -> bool {
-        self.shared.needs_reset()
-    }
-
-    fn interrupts(&self) -> u32 {
-        self.shared.interrupts()
-    }
-
-    fn acknowledge(&self, bits: u32) {
-        self.shared.acknowledge(bits);
+        self.shared.recall();
     }
 }

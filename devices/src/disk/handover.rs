@@ -20,11 +20,12 @@
 //! The lock is held for a few words, or while a piece of at most [`PIECE_BYTES`](super::PIECE_BYTES) is
 //! copied, never during a call to the medium.
 
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use virtio_bindings::virtio_mmio::{VIRTIO_MMIO_INT_CONFIG, VIRTIO_MMIO_INT_VRING};
 use virtio_queue::Queue;
+
+use crate::virtio::page::RegisterPage;
 
 enum Slot {
     /// There is no queue.
@@ -48,24 +49,17 @@ pub struct Handover {
     slot: Mutex<Slot>,
     /// Number of recalls so far; changes under the lock only.
     recalls: AtomicU64,
-    /// Why the guest is interrupted; bits of the register `InterruptStatus`.
-    interrupts: AtomicU32,
-    /// The guest has done what no driver does.
-    needs_reset: AtomicBool,
-}
-
-impl Default for Handover {
-    fn default() -> Self {
-        Self {
-            slot: Mutex::new(Slot::Off),
-            recalls: AtomicU64::new(0),
-            interrupts: AtomicU32::new(0),
-            needs_reset: AtomicBool::new(false),
-        }
-    }
+    /// Where the guest is told that it has done what no driver does.
+    page: RegisterPage,
 }
 
 impl Handover {
+    /// Without a queue.
+    #[must_use]
+    pub fn new(page: RegisterPage) -> Self {
+        Self { slot: Mutex::new(Slot::Off), recalls: AtomicU64::new(0), page }
+    }
+
     /// Gives the server a queue. There must be none.
     pub(super) fn enable(&self, queue: Queue) {
         *self.lock() = Slot::Ready(queue);
@@ -73,44 +67,10 @@ impl Handover {
 
     /// Takes the queue away. After it nothing touches the guest's memory until the guest asks for it
     /// again.
-    pub(super) fn recall(&self) {
-        self.recall_and(|| {});
-    }
-
-    /// As `recall`, and forgets interrupts and what the guest has done.
-    pub fn reset(&self) {
-        self.recall_and(|| {
-            self.interrupts.store(0, Ordering::SeqCst);
-            self.needs_reset.store(false, Ordering::SeqCst);
-        });
-    }
-
-    fn recall_and(&self, also: impl FnOnce()) {
+    pub fn recall(&self) {
         let mut slot = self.lock();
         self.recalls.fetch_add(1, Ordering::SeqCst);
         *slot = Slot::Off;
-        also();
-    }
-
-    /// Why the guest is interrupted.
-    pub(super) fn interrupts(&self) -> u32 {
-        self.interrupts.load(Ordering::SeqCst)
-    }
-
-    /// The guest has seen these reasons.
-    pub(super) fn acknowledge(&self, bits: u32) {
-        self.interrupts.fetch_and(!bits, Ordering::SeqCst);
-    }
-
-    /// Stops the device until the guest resets it.
-    pub(super) fn break_down(&self) {
-        self.needs_reset.store(true, Ordering::SeqCst);
-        self.interrupts.fetch_or(VIRTIO_MMIO_INT_CONFIG, Ordering::SeqCst);
-    }
-
-    /// True if the guest has to reset the device.
-    pub(super) fn needs_reset(&self) -> bool {
-        self.needs_reset.load(Ordering::SeqCst)
     }
 
     /// The queue, for the server to serve.
@@ -149,14 +109,11 @@ impl Handover {
         match queue {
             Some((queue, answered)) => {
                 *slot = Slot::Ready(queue);
-                if answered {
-                    self.interrupts.fetch_or(VIRTIO_MMIO_INT_VRING, Ordering::SeqCst);
-                }
                 answered
             }
             None => {
                 *slot = Slot::Off;
-                self.break_down();
+                self.page.break_down();
                 true
             }
         }

@@ -9,7 +9,7 @@
 //! ```text
 //!   vCPU's thread                                       disk's thread
 //!   device::DiskDevice --> handover::Handover <-- server::Server --> Medium
-//!                            queue, interrupts      request::Request
+//!                                queue              request::Request
 //! ```
 //!
 //! Between them is one queue that changes hands ([`handover`]). The disk's thread holds it by a lease,
@@ -39,7 +39,7 @@ use std::io;
 /// Unit of all addresses on a disk, in bytes; virtio's own, whatever the file has.
 pub const SECTOR: u64 = 512;
 /// Entries of the queue.
-pub const QUEUE_SIZE: u16 = 128;
+pub const QUEUE_SIZE: u16 = 256;
 /// Most pieces of memory in one request: what the queue holds beside header and status.
 pub const SEGMENTS_MAX: usize = QUEUE_SIZE as usize - 2;
 /// Longest piece, in bytes.

@@ -18,12 +18,11 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use virtio_bindings::virtio_config::{VIRTIO_F_ANY_LAYOUT, VIRTIO_F_VERSION_1};
-use virtio_bindings::virtio_mmio::{VIRTIO_MMIO_INT_CONFIG, VIRTIO_MMIO_INT_VRING};
 use virtio_bindings::virtio_ring::{VIRTIO_RING_F_EVENT_IDX, VIRTIO_RING_F_INDIRECT_DESC};
 use virtio_queue::{Queue, QueueT};
 use vm_memory::{GuestAddress, GuestMemoryBackend, GuestMemoryMmap};
 
-use super::{Description, Device};
+use super::{BadQueues, Description, Device};
 
 /// Queues that are carried, the first ones of a device: to the guest, and from it.
 pub const QUEUES: usize = 2;
@@ -104,7 +103,6 @@ pub struct Link {
     /// `None` at the end of the run.
     carrier: Mutex<Option<Box<dyn Carrier>>>,
     running: AtomicBool,
-    broken: AtomicBool,
     refusals: AtomicU64,
 }
 
@@ -115,15 +113,19 @@ impl Link {
         Self {
             carrier: Mutex::new(Some(Box::new(carrier))),
             running: AtomicBool::new(false),
-            broken: AtomicBool::new(false),
             refusals: AtomicU64::new(0),
         }
     }
 
-    /// Takes the guest's memory away from the carrier, and forgets what the guest has done.
+    /// Takes the guest's memory away from the carrier.
     pub fn reset(&self) {
-        self.stop();
-        self.broken.store(false, Ordering::SeqCst);
+        let mut carrier = self.carrier();
+        // A guest that resets without end makes no call to the kernel but for what it has started.
+        if self.running.swap(false, Ordering::SeqCst)
+            && let Some(carrier) = carrier.as_mut()
+        {
+            carrier.stop();
+        }
     }
 
     /// Drops the carrier. The guest gets and sends nothing any more.
@@ -146,27 +148,18 @@ impl Link {
         self.carrier.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn start(&self, agreed: u64, rings: Option<[Ring; QUEUES]>) {
+    fn start(&self, agreed: u64, rings: Option<[Ring; QUEUES]>) -> Result<(), BadQueues> {
         let mut carrier = self.carrier();
         let started = carrier
             .as_mut()
             .zip(rings)
             .is_some_and(|(carrier, rings)| carrier.start(agreed, rings).is_ok());
         self.running.store(started, Ordering::SeqCst);
-        if !started {
-            self.refusals.fetch_add(1, Ordering::SeqCst);
-            self.broken.store(true, Ordering::SeqCst);
+        if started {
+            return Ok(());
         }
-    }
-
-    fn stop(&self) {
-        let mut carrier = self.carrier();
-        // A guest that resets without end makes no call to the kernel but for what it has started.
-        if self.running.swap(false, Ordering::SeqCst)
-            && let Some(carrier) = carrier.as_mut()
-        {
-            carrier.stop();
-        }
+        self.refusals.fetch_add(1, Ordering::SeqCst);
+        Err(BadQueues)
     }
 }
 
@@ -190,37 +183,18 @@ impl Device for CarriedDevice {
         &self.description
     }
 
-    fn start(&mut self, accepted: u64, queues: Vec<Option<Queue>>) {
+    fn start(&mut self, accepted: u64, queues: Vec<Option<Queue>>) -> Result<(), BadQueues> {
         let ring = |queue: Option<Queue>| Ring::of(&queue?, &self.memory);
         let rings: Option<Vec<Ring>> = queues.into_iter().take(QUEUES).map(ring).collect();
-        self.link.start(accepted, rings.and_then(|rings| rings.try_into().ok()));
+        self.link.start(accepted, rings.and_then(|rings| rings.try_into().ok()))
     }
 
     /// One queue alone is of no use: all are given back.
     fn recall(&mut self, _: usize) {
-        self.link.stop();
+        self.link.reset();
     }
 
     fn reset(&mut self) {
         self.link.reset();
     }
-
-    fn break_down(&mut self) {
-        self.link.broken.store(true, Ordering::SeqCst);
-    }
-
-    fn needs_reset(&self) -> bool {
-        self.link.broken.load(Ordering::SeqCst)
-    }
-
-    /// The carrier interrupts the guest without a word to this code, so its queues are a reason as long
-    /// as it has them: the driver looks at all.
-    fn interrupts(&self) -> u32 {
-        let queues =
-            if self.link.running.load(Ordering::SeqCst) { VIRTIO_MMIO_INT_VRING } else { 0 };
-        let defect = if self.needs_reset() { VIRTIO_MMIO_INT_CONFIG } else { 0 };
-        queues | defect
-    }
-
-    fn acknowledge(&self, _: u32) {}
 }

@@ -4,7 +4,8 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::virtio::driver::{HIGH, RAM, memory};
+use crate::virtio::driver::{HIGH, RAM, memory, page};
+use crate::virtio::page::RegisterPage;
 use crate::virtio::registers::Registers;
 use crate::{net, vsock};
 
@@ -18,12 +19,13 @@ pub enum Kind {
 impl Kind {
     const ALL: [Kind; 2] = [Kind::Net, Kind::Vsock];
 
-    fn device(self, memory: &GuestMemoryMmap, link: &Arc<Link>) -> Registers {
+    fn device(self, memory: &GuestMemoryMmap, link: &Arc<Link>, page: &RegisterPage) -> Registers {
         let (memory, link) = (memory.clone(), link.clone());
-        Registers::new(match self {
+        let device = match self {
             Kind::Net => net::device([2, 0, 0, 0, 0, 7], memory, link),
             Kind::Vsock => vsock::device(7, memory, link),
-        })
+        };
+        Registers::new(device, page.clone())
     }
 }
 
@@ -76,7 +78,7 @@ impl Guest {
     fn with(kind: Kind, notes: Notes) -> Self {
         let memory = memory();
         let link = Arc::new(Link::new(notes.clone()));
-        let registers = kind.device(&memory, &link);
+        let registers = kind.device(&memory, &link, &page());
         Self { kind, memory, link, registers, notes }
     }
 
@@ -255,7 +257,9 @@ fn a_new_machine_finds_the_device_as_at_power_on() {
     let mut guest = Guest::new(Kind::Net);
     guest.start(1 << 32, [256; 2], QUEUE_PARTS);
     guest.link.reset();
-    guest.registers = guest.kind.device(&guest.memory, &guest.link);
+    // The guest has the same memory again, and the same page of registers.
+    let page = guest.registers.page().clone();
+    guest.registers = guest.kind.device(&guest.memory, &guest.link, &page);
     assert_eq!((guest.read(0x70), guest.read(0x60)), (0, 0));
     guest.start(1 << 32, [256; 2], QUEUE_PARTS);
     assert_eq!(guest.calls().len(), 3);

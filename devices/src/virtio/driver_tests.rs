@@ -2,6 +2,7 @@
 
 use vm_memory::{GuestAddress, GuestMemoryMmap};
 
+use super::page::{BYTES, RegisterPage};
 use super::registers::Registers;
 
 /// RAM of a guest: from 0, and behind a hole from [`HIGH`].
@@ -15,12 +16,17 @@ pub fn memory() -> GuestMemoryMmap {
     GuestMemoryMmap::from_ranges(&ranges).unwrap()
 }
 
+/// The page on which it sees a device's registers.
+pub fn page() -> RegisterPage {
+    let start = 0xe000_0000;
+    let memory = GuestMemoryMmap::from_ranges(&[(GuestAddress(start), BYTES as usize)]).unwrap();
+    RegisterPage::new(&memory, start).unwrap()
+}
+
 impl Registers {
     /// A register.
     pub fn read_word(&self, offset: u64) -> u32 {
-        let mut data = [0; 4];
-        self.read(offset, &mut data);
-        u32::from_le_bytes(data)
+        self.page().get(offset as u32)
     }
 
     /// Writes a register.

@@ -1,13 +1,14 @@
 //! virtio devices behind memory-mapped registers (virtio 1.2, section 4.2), whatever they are.
 //!
 //! [`registers`] is the driver's side of each of them: how it finds a device, agrees on features and
-//! hands over its queues. What a device does with them is a [`Device`]; [`carried`] has those that give them to the
+//! hands over its queues; it reads them from a [`page`] of memory. What a device does with them is a [`Device`]; [`carried`] has those that give them to the
 //! host's kernel.
 
 pub mod carried;
 #[cfg(test)]
 #[path = "driver_tests.rs"]
 pub(crate) mod driver;
+pub mod page;
 pub mod registers;
 
 use virtio_queue::Queue;
@@ -29,6 +30,10 @@ pub struct Description {
     pub config: Vec<u8>,
 }
 
+/// A device cannot go on with the queues that its driver has handed over.
+#[derive(Debug, PartialEq, Eq)]
+pub struct BadQueues;
+
 /// What is behind the registers. Each call is made on the thread of the guest's vCPU.
 pub trait Device: Send {
     /// What it is.
@@ -36,27 +41,17 @@ pub trait Device: Send {
 
     /// The driver is ready: it has accepted these features, and this is what it made of each queue. The
     /// addresses are the guest's, and not checked. `None` is a queue that breaks the rules or was never
-    /// made ready. A device that cannot go on with that breaks down.
-    fn start(&mut self, accepted: u64, queues: Vec<Option<Queue>>);
+    /// made ready.
+    ///
+    /// # Errors
+    /// If it cannot go on with that. Then it has none of them, and waits for a reset.
+    fn start(&mut self, accepted: u64, queues: Vec<Option<Queue>>) -> Result<(), BadQueues>;
 
     /// The driver takes a single queue away. When this returns nothing of its memory is touched.
     fn recall(&mut self, queue: usize);
 
-    /// The driver takes all away, and interrupts and defects are forgotten. When this returns nothing of its
-    /// memory is touched.
+    /// The driver takes all away, and defects are forgotten. When this returns nothing of its memory is touched.
     fn reset(&mut self);
-
-    /// Stops until the driver resets it.
-    fn break_down(&mut self);
-
-    /// Whether it has broken down.
-    fn needs_reset(&self) -> bool;
-
-    /// Why the guest is interrupted: bits of the register `InterruptStatus`.
-    fn interrupts(&self) -> u32;
-
-    /// The guest has seen these reasons.
-    fn acknowledge(&self, bits: u32);
 }
 
 /// Features by their numbers, as bits.

@@ -1,8 +1,12 @@
 //! The registers by which a driver finds a device and hands it its queues (virtio 1.2, section
 //! 4.2.2), and the device's configuration behind them.
 //!
-//! A notification is no register here: the VMM lets KVM turn the write to [`NOTIFY`] into an event
-//! for the one who serves the queue, without an exit to the vCPU's thread.
+//! The driver reads them from a [page](super::page) of memory; what comes here is a write. Two registers are not here
+//! either. The VMM lets KVM turn the write to [`NOTIFY`] into an event for the one who serves the queue, and that to
+//! [`ACKNOWLEDGE`] into nothing, both without an exit to the vCPU's thread.
+//!
+//! So the reason of an interrupt stays: as long as a device has queues they are one, and a driver looks at its queues at
+//! each interrupt.
 
 use virtio_bindings::virtio_config::{
     VIRTIO_CONFIG_S_DRIVER_OK, VIRTIO_CONFIG_S_FEATURES_OK, VIRTIO_CONFIG_S_NEEDS_RESET,
@@ -11,12 +15,13 @@ use virtio_bindings::virtio_mmio::*;
 use virtio_queue::{Queue, QueueT};
 use vm_memory::GuestAddress;
 
+use super::page::RegisterPage;
 use super::{Description, Device};
 
-/// Bytes that the registers take: a page, so that nothing else shares it.
-pub const BYTES: u64 = 4096;
 /// Where a driver writes the number of a queue that has something new.
 pub const NOTIFY: u64 = VIRTIO_MMIO_QUEUE_NOTIFY as u64;
+/// Where a driver writes which reasons of an interrupt it has seen.
+pub const ACKNOWLEDGE: u64 = VIRTIO_MMIO_INTERRUPT_ACK as u64;
 
 /// "virt", little-endian.
 const MAGIC: u32 = 0x7472_6976;
@@ -55,68 +60,79 @@ impl QueueSetting {
 /// The registers of one device, for the thread of the guest's vCPU.
 pub struct Registers {
     device: Box<dyn Device>,
+    /// As the driver reads them. The status is kept there, since two threads change it.
+    page: RegisterPage,
     accepted: u64,
     offered_select: u32,
     accepted_select: u32,
     queue_select: u32,
     queues: Vec<QueueSetting>,
-    status: u32,
 }
 
 impl Registers {
-    /// A device as it is when the machine is switched on.
+    /// A device as it is when the machine is switched on, and the page on which the guest sees its registers.
     #[must_use]
-    pub fn new(device: impl Device + 'static) -> Self {
+    pub fn new(device: impl Device + 'static, page: RegisterPage) -> Self {
         let Description { queues, queue_size, .. } = *device.description();
-        Self {
+        let registers = Self {
             queues: vec![QueueSetting::empty(queue_size); queues],
             device: Box::new(device),
+            page,
             accepted: 0,
             offered_select: 0,
             accepted_select: 0,
             queue_select: 0,
-            status: 0,
+        };
+        registers.show_what_never_changes();
+        registers.clear_status();
+        registers.show();
+        registers
+    }
+
+    /// What the guest reads.
+    #[cfg(test)]
+    pub(crate) fn page(&self) -> &RegisterPage {
+        &self.page
+    }
+
+    fn show_what_never_changes(&self) {
+        let Description { id, config, .. } = self.device.description();
+        for (register, value) in [
+            (VIRTIO_MMIO_MAGIC_VALUE, MAGIC),
+            (VIRTIO_MMIO_VERSION, VERSION),
+            (VIRTIO_MMIO_DEVICE_ID, *id),
+            (VIRTIO_MMIO_VENDOR_ID, VENDOR),
+            // There is no shared memory: a length of -1.
+            (VIRTIO_MMIO_SHM_LEN_LOW, u32::MAX),
+            (VIRTIO_MMIO_SHM_LEN_HIGH, u32::MAX),
+            (VIRTIO_MMIO_SHM_BASE_LOW, u32::MAX),
+            (VIRTIO_MMIO_SHM_BASE_HIGH, u32::MAX),
+        ] {
+            self.page.set(register, value);
+        }
+        self.page.set_config(config);
+    }
+
+    fn clear_status(&self) {
+        self.page.set(VIRTIO_MMIO_STATUS, 0);
+        self.page.set(VIRTIO_MMIO_INTERRUPT_STATUS, 0);
+    }
+
+    /// Shows what the driver's last write has changed.
+    fn show(&self) {
+        let Description { offered, queue_size, .. } = *self.device.description();
+        let queue = self.queue();
+        for (register, value) in [
+            (VIRTIO_MMIO_DEVICE_FEATURES, half(offered, self.offered_select)),
+            (VIRTIO_MMIO_QUEUE_NUM_MAX, queue.map_or(0, |_| queue_size.into())),
+            (VIRTIO_MMIO_QUEUE_READY, queue.map_or(0, |queue| queue.ready.into())),
+        ] {
+            self.page.set(register, value);
         }
     }
 
     fn queue(&self) -> Option<&QueueSetting> {
         self.queues.get(usize::try_from(self.queue_select).ok()?)
-    }
-
-    /// A read by the guest, `offset` bytes behind the first register.
-    pub fn read(&self, offset: u64, data: &mut [u8]) {
-        data.fill(0);
-        let config = offset.checked_sub(VIRTIO_MMIO_CONFIG.into());
-        if let Some(offset) = config.and_then(|offset| usize::try_from(offset).ok()) {
-            let bytes = self.device.description().config.get(offset..).unwrap_or_default();
-            data.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
-        } else if let Ok(data) = <&mut [u8; 4]>::try_from(data) {
-            *data = self.register(offset as u32).to_le_bytes();
-        }
-    }
-
-    fn register(&self, offset: u32) -> u32 {
-        let Description { id, offered, queue_size, .. } = *self.device.description();
-        match offset {
-            VIRTIO_MMIO_MAGIC_VALUE => MAGIC,
-            VIRTIO_MMIO_VERSION => VERSION,
-            VIRTIO_MMIO_DEVICE_ID => id,
-            VIRTIO_MMIO_VENDOR_ID => VENDOR,
-            VIRTIO_MMIO_DEVICE_FEATURES => half(offered, self.offered_select),
-            VIRTIO_MMIO_QUEUE_NUM_MAX => self.queue().map_or(0, |_| queue_size.into()),
-            VIRTIO_MMIO_QUEUE_READY => self.queue().map_or(0, |queue| queue.ready.into()),
-            VIRTIO_MMIO_INTERRUPT_STATUS => self.device.interrupts(),
-            VIRTIO_MMIO_STATUS if self.device.needs_reset() => {
-                self.status | VIRTIO_CONFIG_S_NEEDS_RESET
-            }
-            VIRTIO_MMIO_STATUS => self.status,
-            // There is no shared memory: a length of -1.
-            VIRTIO_MMIO_SHM_LEN_LOW
-            | VIRTIO_MMIO_SHM_LEN_HIGH
-            | VIRTIO_MMIO_SHM_BASE_LOW
-            | VIRTIO_MMIO_SHM_BASE_HIGH => u32::MAX,
-            _ => 0,
-        }
     }
 
     /// A write by the guest, `offset` bytes behind the first register. The device's configuration
@@ -133,10 +149,10 @@ impl Registers {
                 set_half(&mut self.accepted, self.accepted_select, value);
             }
             VIRTIO_MMIO_QUEUE_SEL => self.queue_select = value,
-            VIRTIO_MMIO_INTERRUPT_ACK => self.device.acknowledge(value),
             VIRTIO_MMIO_STATUS => self.set_status(value),
             _ => self.set_queue(offset, value),
         }
+        self.show();
     }
 
     /// A queue that the device works on does not change.
@@ -163,8 +179,8 @@ impl Registers {
         }
     }
 
-    const fn has(&self, bit: u32) -> bool {
-        self.status & bit != 0
+    fn has(&self, bit: u32) -> bool {
+        self.page.get(VIRTIO_MMIO_STATUS) & bit != 0
     }
 
     /// Section 3.1.1 tells the order in which a driver sets the bits; none is cleared but by a
@@ -172,27 +188,36 @@ impl Registers {
     fn set_status(&mut self, value: u32) {
         let Description { offered, required, queue_size, .. } = *self.device.description();
         if value == 0 {
+            // From here on nobody works on the queues, so nobody breaks the device down behind this.
             self.device.reset();
             (self.offered_select, self.accepted_select, self.queue_select) = (0, 0, 0);
             self.accepted = 0;
             self.queues.fill(QueueSetting::empty(queue_size));
-            self.status = 0;
+            self.clear_status();
             return;
         }
         let acceptable = self.accepted & !offered == 0 && self.accepted & required == required;
-        let mut new = value & 0xff & !self.status & !VIRTIO_CONFIG_S_NEEDS_RESET;
+        let mut new = value & 0xff & !VIRTIO_CONFIG_S_NEEDS_RESET;
+        new &= !self.page.get(VIRTIO_MMIO_STATUS);
         if !acceptable {
             // The driver reads the bit back, and gives up if it is not there.
             new &= !VIRTIO_CONFIG_S_FEATURES_OK;
         }
-        self.status |= new;
+        self.page.add(VIRTIO_MMIO_STATUS, new);
         if new & VIRTIO_CONFIG_S_DRIVER_OK != 0 {
-            if self.has(VIRTIO_CONFIG_S_FEATURES_OK) {
-                let queues = self.queues.iter().map(|queue| queue.queue(queue_size)).collect();
-                self.device.start(self.accepted, queues);
-            } else {
-                self.device.break_down();
-            }
+            self.start(queue_size);
+        }
+    }
+
+    fn start(&mut self, queue_size: u16) {
+        let queues = self.queues.iter().map(|queue| queue.queue(queue_size)).collect();
+        // The first interrupt may come before the device says that it has started.
+        self.page.set(VIRTIO_MMIO_INTERRUPT_STATUS, VIRTIO_MMIO_INT_VRING);
+        let started = self.has(VIRTIO_CONFIG_S_FEATURES_OK)
+            && self.device.start(self.accepted, queues).is_ok();
+        if !started {
+            self.page.set(VIRTIO_MMIO_INTERRUPT_STATUS, 0);
+            self.page.break_down();
         }
     }
 }

@@ -326,6 +326,12 @@ impl Partition {
         self.vsock
     }
 
+    /// How many virtio devices its machine has: disks, network interfaces, and what sockets go through.
+    #[must_use]
+    pub fn virtio_devices(&self) -> usize {
+        self.disks.len() + self.nets.len() + usize::from(self.vsock.is_some())
+    }
+
     /// The programs that a PLC's guest is to run, in the order of the file.
     #[must_use]
     pub fn programs(&self) -> &[Program] {

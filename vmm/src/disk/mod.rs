@@ -8,7 +8,8 @@
 //! The device is `takt_devices::disk`. Its thread is of the ordinary class and on the CPU of its
 //! Linux, so that a guest that reads and writes without end spends what is its own: what the
 //! windows leave. Nothing of it happens on the thread of a vCPU that has windows but the handful of
-//! register accesses that a driver makes when it starts, and two for each interrupt.
+//! writes to registers that a driver makes when it starts. What it reads is memory, and its acknowledgement of an
+//! interrupt ends in KVM.
 //!
 //! A disk is found by its memory-mapped registers, which ACPI names to Linux (`LNRO0005`; kernel,
 //! `drivers/virtio/virtio_mmio.c`). As a PCI function it would need capabilities and
@@ -25,6 +26,7 @@ use takt_devices::disk::Shape;
 use takt_devices::disk::device::DiskDevice;
 use takt_devices::disk::handover::Handover;
 use takt_devices::disk::server::{Disk, DiskId, Server};
+use takt_devices::virtio::page::RegisterPage;
 use takt_devices::virtio::registers::Registers;
 use vmm_sys_util::eventfd::{EFD_CLOEXEC, EventFd};
 
@@ -42,9 +44,10 @@ pub use thread::DiskThread;
 
 /// A disk, as the machines know it that its Linux has one after the other.
 pub struct Drive {
-    number: u32,
+    slot: Slot,
     shape: Shape,
     shared: Arc<Handover>,
+    page: RegisterPage,
     /// Rung by the guest.
     bell: EventFd,
     /// Rung for the guest.
@@ -52,18 +55,21 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// Opens a disk and makes the thread that serves it, for the guest that has `memory`.
+    /// Opens a disk and makes the thread that serves it, for the guest that has `memory` and sees the disk's registers on
+    /// `page`.
     ///
     /// # Errors
     /// If the file cannot be had, or the host gives no thread.
     pub fn open(
-        number: u32,
+        (slot, page): (Slot, RegisterPage),
         disk: &config::Disk,
         memory: &GuestMemory,
         place: Place,
     ) -> Result<(Self, DiskThread), DiskError> {
         let (medium, shape) = DiskFile::open(disk)?;
-        let shared: Arc<Handover> = Arc::default();
+        // The slots of disks come first.
+        let number = slot.0;
+        let shared = Arc::new(Handover::new(page.clone()));
         let bell = EventFd::new(EFD_CLOEXEC).map_err(DiskError::Bell)?;
         let interrupt = eventfd()?;
         let disk = Disk { shape, id: id(number), medium };
@@ -75,7 +81,7 @@ impl Drive {
             event::clone(&bell)?,
             event::clone(&interrupt)?,
         )?;
-        Ok((Self { number, shape, shared, bell, interrupt }, thread))
+        Ok((Self { slot, shape, shared, page, bell, interrupt }, thread))
     }
 
     /// Connects the disk to a machine that has not run yet.
@@ -83,16 +89,15 @@ impl Drive {
     /// # Errors
     /// If KVM refuses.
     pub fn attach(&self, vm: &VmFd) -> Result<Registers, MachineError> {
-        // The slots of disks come first.
-        let slot = Slot(self.number);
-        slot.attach(vm, std::slice::from_ref(&self.bell), &self.interrupt)?;
-        Ok(Registers::new(DiskDevice::new(self.shape, self.shared.clone())))
+        self.slot.attach(vm, std::slice::from_ref(&self.bell), &self.interrupt)?;
+        let device = DiskDevice::new(self.shape, self.shared.clone());
+        Ok(Registers::new(device, self.page.clone()))
     }
 
     /// Takes the disk away from a guest that does not run any more. Afterwards nothing is written to
     /// its memory.
     pub fn reset(&self) {
-        self.shared.reset();
+        self.shared.recall();
     }
 }
 

@@ -11,6 +11,7 @@ use std::sync::Arc;
 
 use takt_devices::net;
 use takt_devices::virtio::carried::Link;
+use takt_devices::virtio::page::RegisterPage;
 
 use crate::appliance::{self, Role};
 use crate::config;
@@ -45,7 +46,7 @@ pub struct Cable {
 /// # Errors
 /// If the host does not have it, or does not let it.
 pub fn open(
-    slot: Slot,
+    slot: (Slot, RegisterPage),
     net: &config::Net,
     memory: &GuestMemory,
     place: Place,

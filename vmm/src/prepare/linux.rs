@@ -47,7 +47,8 @@ impl Preparation<'_> {
         let pci = Pci::new(self.channels.of(partition.id(), partition.kind()))?;
         let views = pci.as_ref().map(Pci::views).unwrap_or_default();
         let (bytes, pages) = (partition.memory_bytes(), self.pages_of(partition));
-        let memory = self.clear(|| GuestMemory::for_linux(bytes, pages, &views))?;
+        let virtio = partition.virtio_devices();
+        let memory = self.clear(|| GuestMemory::for_linux(bytes, pages, &views, virtio))?;
         let irq = event::eventfd()?;
         let watchdog = partition.watchdog().map(linux_machine::timer);
         let background =
@@ -73,8 +74,9 @@ impl Preparation<'_> {
             doors: (sandbox::Kind::Disk, self.mode),
         };
         let (mut drives, mut disks) = (Vec::new(), Vec::new());
-        for (number, disk) in (0..).zip(partition.disks()) {
-            let (drive, thread) = Drive::open(number, disk, &memory, place.clone())?;
+        for (slot, disk) in (0..).map(Slot).zip(partition.disks()) {
+            let slot = slot.with_page(&memory)?;
+            let (drive, thread) = Drive::open(slot, disk, &memory, place.clone())?;
             drives.push(drive);
             disks.push(thread);
         }
@@ -82,15 +84,16 @@ impl Preparation<'_> {
         if !partition.nets().is_empty() {
             net::load_modules(self.role).map_err(unplugged)?;
         }
-        for (number, net) in (drives.len() as u32..).zip(partition.nets()) {
+        for (slot, net) in (drives.len() as u32..).map(Slot).zip(partition.nets()) {
+            let slot = slot.with_page(&memory)?;
             let (interface, cable) =
-                net::open(Slot(number), net, &memory, place.clone()).map_err(unplugged)?;
+                net::open(slot, net, &memory, place.clone()).map_err(unplugged)?;
             carried.push(interface);
             cables.push(cable);
         }
         let mut socket = None;
         if let Some(cid) = partition.vsock() {
-            let slot = Slot((drives.len() + carried.len()) as u32);
+            let slot = Slot((drives.len() + carried.len()) as u32).with_page(&memory)?;
             let unreachable =
                 |source| RunError::Vsock { partition: partition.name().to_owned(), source };
             let (device, end) =
@@ -116,6 +119,7 @@ impl Preparation<'_> {
             bell,
             drives,
             carried,
+            unheard: event::eventfd()?,
             button: button.clone(),
             frequency: self.frequency,
             watchdog: watchdog.clone(),

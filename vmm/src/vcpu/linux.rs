@@ -3,15 +3,16 @@
 //! Its processors share them, under one lock: an exit is rare beside what it costs, and devices are made for one
 //! access at a time.
 //!
-//! Of the memory of its PCI function nothing is here. The regions of channels are memory slots;
-//! what comes here is a write to one that is read-only, and any access to what is empty.
+//! Of the memory of its PCI function nothing is here. The regions of channels are memory slots, and so are the registers of
+//! virtio devices; what comes here is a write to one that is read-only, and any access to what is empty.
 
 use std::sync::{Arc, Mutex};
 
 use kvm_ioctls::VcpuExit;
 use takt_devices::ports::PortBus;
 use takt_devices::power::{PowerLine, PowerRequest};
-use takt_devices::virtio::registers::{BYTES, Registers};
+use takt_devices::virtio::page::BYTES;
+use takt_devices::virtio::registers::Registers;
 use takt_devices::watchdog::Timer;
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use takt_scheduler::timetable::{Release, Slot};
@@ -57,13 +58,10 @@ impl Board {
                 };
             }
             VcpuExit::IoIn(port, data) => self.ports.read(*port, width(data.len()), data),
-            VcpuExit::MmioRead(address, data) => match self.virtio(*address) {
-                Some((device, offset)) => device.read(offset, data),
-                None => {
-                    data.fill(0xff);
-                    *illegal += 1;
-                }
-            },
+            VcpuExit::MmioRead(_, data) => {
+                data.fill(0xff);
+                *illegal += 1;
+            }
             VcpuExit::MmioWrite(address, data) => match self.virtio(*address) {
                 Some((device, offset)) => device.write(offset, data),
                 None => *illegal += 1,
@@ -159,8 +157,11 @@ mod tests {
     use std::sync::Arc;
     use takt_devices::disk::Shape;
     use takt_devices::disk::device::DiskDevice;
+    use takt_devices::disk::handover::Handover;
     use takt_devices::power::AcpiPower;
     use takt_plan::linux_map::PCI_WINDOW;
+
+    use crate::memory::{GuestMemory, Pages};
 
     fn guest(ports: PortBus, power: PowerLine, virtio: Vec<Registers>) -> LinuxGuest {
         LinuxGuest::on(Arc::new(Mutex::new(Board { ports, power, virtio })))
@@ -188,25 +189,27 @@ mod tests {
     }
 
     #[test]
-    fn each_disk_answers_at_its_own_registers_and_none_behind_them() {
-        let registers = |sectors| {
-            let shape = Shape { sectors, read_only: true };
-            Registers::new(DiskDevice::new(shape, Arc::default()))
+    fn each_disk_takes_writes_to_its_own_registers_and_none_behind_them() {
+        let memory = GuestMemory::for_linux(1 << 20, Pages::Small, &[], 2).unwrap();
+        let (disks, pages): (Vec<_>, Vec<_>) = [virtio::Slot(0), virtio::Slot(1)]
+            .map(|slot| {
+                let (_, page) = slot.with_page(&memory).unwrap();
+                let shape = Shape { sectors: 5, read_only: true };
+                let device = DiskDevice::new(shape, Arc::new(Handover::new(page.clone())));
+                (Registers::new(device, page.clone()), page)
+            })
+            .into_iter()
+            .unzip();
+        assert!(virtio::Slot(2).with_page(&memory).is_err());
+        let mut guest = guest(PortBus::default(), PowerLine::default(), disks);
+        let mut write = |address| {
+            let exit = VcpuExit::MmioWrite(address, &[1, 0, 0, 0]);
+            assert_eq!(guest.handle(exit), Step::Resume);
+            guest.illegal_accesses()
         };
-        let mut guest =
-            guest(PortBus::default(), PowerLine::default(), vec![registers(5), registers(6)]);
-        let mut read = |address| {
-            let mut data = [0; 4];
-            assert_eq!(guest.handle(VcpuExit::MmioRead(address, &mut data)), Step::Resume);
-            (u32::from_le_bytes(data), guest.illegal_accesses())
-        };
-        assert_eq!([read(0xe000_0100), read(0xe000_1100)], [(5, 0), (6, 0)]);
-        assert_eq!([read(0xdfff_fffc), read(0xe000_2000)], [(u32::MAX, 1), (u32::MAX, 2)]);
-        let write = VcpuExit::MmioWrite(0xe000_1070, &[1, 0, 0, 0]);
-        assert_eq!(guest.handle(write), Step::Resume);
-        let mut data = [0; 4];
-        let _ = guest.handle(VcpuExit::MmioRead(0xe000_1070, &mut data));
-        assert_eq!((data, guest.illegal_accesses()), ([1, 0, 0, 0], 2));
+        assert_eq!([0xe000_1070, 0xdfff_fffc, 0xe000_2070].map(&mut write), [0, 1, 2]);
+        // Each is as its driver has left it.
+        assert_eq!([0, 1].map(|number: usize| pages[number].get(0x70)), [0, 1]);
     }
 
     #[test]

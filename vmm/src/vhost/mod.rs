@@ -24,6 +24,7 @@ use ::vhost::vhost_kern::VhostKernBackend;
 use ::vhost::{VhostBackend, VhostUserMemoryRegionInfo, VringConfigData};
 use kvm_ioctls::VmFd;
 use takt_devices::virtio::carried::{CarriedDevice, Link, QUEUE_SIZE, QUEUES, Ring};
+use takt_devices::virtio::page::RegisterPage;
 use takt_devices::virtio::registers::Registers;
 use vm_memory::{GuestMemoryBackend, GuestMemoryMmap, GuestMemoryRegion};
 use vmm_sys_util::eventfd::EventFd;
@@ -181,6 +182,7 @@ impl VhostKernBackend for Vhost {
 /// A carried device, as the machines know it that its Linux has one after the other.
 pub struct Carried {
     slot: Slot,
+    page: RegisterPage,
     wires: Wires,
     link: Arc<Link>,
     /// The device as it is when a machine is switched on.
@@ -188,14 +190,14 @@ pub struct Carried {
 }
 
 impl Carried {
-    /// The device in this slot.
+    /// The device in this slot, whose guest sees its registers on `page`.
     pub fn new(
-        slot: Slot,
+        (slot, page): (Slot, RegisterPage),
         wires: Wires,
         link: Arc<Link>,
         device: impl Fn() -> CarriedDevice + Send + 'static,
     ) -> Self {
-        Self { slot, wires, link, device: Box::new(device) }
+        Self { slot, page, wires, link, device: Box::new(device) }
     }
 
     /// Connects the device to a machine that has not run yet.
@@ -204,7 +206,7 @@ impl Carried {
     /// If KVM refuses.
     pub fn attach(&self, vm: &VmFd) -> Result<Registers, MachineError> {
         self.slot.attach(vm, &self.wires.bells, &self.wires.interrupt)?;
-        Ok(Registers::new((self.device)()))
+        Ok(Registers::new((self.device)(), self.page.clone()))
     }
 
     /// Takes the device away from a guest that does not run any more. Afterwards nothing is written to

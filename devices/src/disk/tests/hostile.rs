@@ -252,7 +252,7 @@ fn a_queue_where_there_is_no_memory_is_not_served() {
 fn a_queue_of_a_size_or_at_a_place_that_none_has_is_refused() {
     let good = [TABLE, AVAILABLE, USED];
     let mut cases =
-        [0, 3, 127, 256, 0x1_0000, 0x1_0080, u32::MAX].map(|size| (size, good)).to_vec();
+        [0, 3, 127, 512, 0x1_0000, 0x1_0080, u32::MAX].map(|size| (size, good)).to_vec();
     cases.push((128, [TABLE + 8, AVAILABLE, USED]));
     cases.push((128, [TABLE, AVAILABLE + 1, USED]));
     cases.push((128, [TABLE, AVAILABLE, USED + 2]));
@@ -377,7 +377,7 @@ fn a_reset_waits_for_no_medium_and_the_guests_memory_is_its_own_after_it() {
         let mut read = [0; 512];
         guest.memory.read_slice(&mut read, GuestAddress(DATA)).unwrap();
         assert_eq!((read, guest.status()), ([UNTOUCHED; 512], UNTOUCHED));
-        assert_eq!((guest.used().0, guest.read(0x60)), (0, 0));
+        assert_eq!(guest.used().0, 0);
         // The same server goes on with the new queue.
         guest.write_header(IN, 0);
         guest.offer(0, &[HEADER_PIECE, writable(DATA, 512), STATUS_PIECE]);
@@ -389,7 +389,7 @@ fn a_reset_waits_for_no_medium_and_the_guests_memory_is_its_own_after_it() {
 }
 
 #[test]
-fn registers_survive_every_access() {
+fn registers_survive_every_write() {
     let mut guest = Guest::driven(false);
     let mut number = 0x2545_f491_4f6c_dd1du64;
     for _ in 0..100_000 {
@@ -397,11 +397,8 @@ fn registers_survive_every_access() {
         let offset = number >> 40 & 0xfff;
         let width = 1 << (number >> 62);
         let data = (number >> 8).to_le_bytes();
-        if number >> 33 & 1 == 0 {
-            guest.registers.write(offset & 0xff, &data[..width]);
-        } else {
-            guest.registers.read(offset, &mut [0; 8][..width]);
-        }
+        let offset = if number >> 33 & 1 == 0 { offset & 0xff } else { offset };
+        guest.registers.write(offset, &data[..width]);
         let _ = guest.server.serve();
     }
     guest.start_driver();
@@ -422,12 +419,12 @@ fn rings_full_of_chance_are_survived() {
                 address: chance() & 0x1f_ffff | (chance() & 1) << 32,
                 bytes: chance() as u32 & 0x1_03ff,
                 flags: chance() as u16 & 7,
-                next: chance() as u16 & 0x9f,
+                next: chance() as u16 & 0x11f,
             })
             .collect();
         guest.write_descriptors(TABLE, 0, &descriptors);
         for _ in 0..chance() & 0x3f {
-            guest.make_available(chance() as u16 & 0x7f);
+            guest.make_available(chance() as u16 & 0xff);
         }
         let before = guest.transfers();
         let _ = guest.server.serve();

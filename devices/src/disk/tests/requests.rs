@@ -69,7 +69,7 @@ fn a_full_queue_is_one_notification_and_one_interrupt() {
         guest.offer(4 * n, &[readable(HEADER, 16), writable(DATA, 512), writable(STATUS, 1)]);
     }
     assert!(guest.server.serve());
-    assert_eq!((guest.transfers(), guest.used().0), (32, 32));
+    assert_eq!((guest.transfers(), guest.used().0), (64, 64));
     assert!(!guest.server.serve());
 }
 

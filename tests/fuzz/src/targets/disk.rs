@@ -8,6 +8,7 @@ use takt_devices::disk::device::DiskDevice;
 use takt_devices::disk::handover::Handover;
 use takt_devices::disk::server::{Disk, Server};
 use takt_devices::disk::{Medium, SECTOR, Shape};
+use takt_devices::virtio::page::{BYTES, RegisterPage};
 use takt_devices::virtio::registers::Registers;
 use vm_memory::{Bytes, GuestAddress, GuestMemoryMmap};
 
@@ -74,11 +75,13 @@ fn honest() -> impl Iterator<Item = (u64, u32)> {
 /// If a transfer leaves the disk, or what may only be read is written.
 pub fn run(mut data: &[u8]) {
     let memory = GuestMemoryMmap::from_ranges(&[(GuestAddress(0), RAM)]).expect("memory");
+    let page = GuestMemoryMmap::from_ranges(&[(GuestAddress(0), BYTES as usize)]).expect("memory");
+    let page = RegisterPage::new(&page, 0).expect("a page");
     let shape = Shape { sectors: SECTORS, read_only: false };
-    let shared: Arc<Handover> = Arc::default();
+    let shared = Arc::new(Handover::new(page.clone()));
     let disk = Disk { shape, id: *b"twenty bytes of name", medium: Void };
     let mut server = Server::new(shared.clone(), memory.clone(), disk);
-    let mut registers = Registers::new(DiskDevice::new(shape, shared.clone()));
+    let mut registers = Registers::new(DiskDevice::new(shape, shared.clone()), page.clone());
     for (register, value) in honest() {
         registers.write(register, &value.to_le_bytes());
     }
@@ -87,11 +90,10 @@ pub fn run(mut data: &[u8]) {
         let (bytes, after) = rest.split_at(usize::from(*length).min(rest.len()));
         data = after;
         match what % 8 {
-            0 => registers.write(u64::from(at % 0x200), &bytes[..bytes.len().min(8)]),
-            1 => registers.read(u64::from(at % 0x200), &mut [0; 8][..bytes.len().min(8)]),
+            0 | 1 => registers.write(u64::from(at % 0x200), &bytes[..bytes.len().min(8)]),
             2 => {
-                shared.reset();
-                registers = Registers::new(DiskDevice::new(shape, shared.clone()));
+                shared.recall();
+                registers = Registers::new(DiskDevice::new(shape, shared.clone()), page.clone());
             }
             3 => {
                 let _ = server.serve();

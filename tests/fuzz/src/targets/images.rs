@@ -19,7 +19,7 @@ thread_local! {
     static PLC: LazyCell<GuestMemory> =
         LazyCell::new(|| GuestMemory::for_plc(PLC_RAM, Pages::Small, &[]).expect("memory"));
     static LINUX: LazyCell<GuestMemory> =
-        LazyCell::new(|| GuestMemory::for_linux(LINUX_RAM, Pages::Small, &[]).expect("memory"));
+        LazyCell::new(|| GuestMemory::for_linux(LINUX_RAM, Pages::Small, &[], 0).expect("memory"));
 }
 
 /// Loads the image of a PLC, and loads it again as a warm start does.

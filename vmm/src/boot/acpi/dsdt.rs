@@ -11,7 +11,7 @@ use acpi_tables::{Aml, AmlSink, aml};
 use takt_devices::pci::config_ports;
 use takt_devices::power::AcpiPower;
 use takt_devices::serial;
-use takt_devices::virtio::registers;
+use takt_devices::virtio::page;
 
 use super::{
     AcpiConfig, MACHINE, OEM, PCI_GSI, POWER_BUTTON_GSI, REVISION, SERIAL_IRQ, SERIAL_PORT,
@@ -105,7 +105,7 @@ impl Aml for Virtio {
         let Self(slot @ Slot(number)) = *self;
         let hid = Name::new(Path::new("_HID"), &"LNRO0005");
         let uid = Name::new(Path::new("_UID"), &number);
-        let registers = Memory32Fixed::new(true, slot.registers(), registers::BYTES as u32);
+        let registers = Memory32Fixed::new(true, slot.registers(), page::BYTES as u32);
         let interrupt = Interrupt::new(true, true, false, false, slot.gsi());
         let resources = ResourceTemplate::new(vec![&registers, &interrupt]);
         let crs = Name::new(Path::new("_CRS"), &resources);
