@@ -95,7 +95,7 @@ pub struct LinuxMachine {
     pub drives: Vec<Drive>,
     /// Its network interfaces, and then its socket device.
     pub carried: Vec<Carried>,
-    /// What drivers of virtio devices ring when they acknowledge an interrupt. Nobody listens.
+    /// What drivers of virtio devices ring when they acknowledge an interrupt. No thread listens.
     pub unheard: EventFd,
     /// The wire of its power button, if it has one.
     pub button: Option<Arc<EventFd>>,
@@ -159,8 +159,8 @@ impl LinuxMachine {
         if let Some(card) = &self.card {
             card.attach(&self.memory, tsc, &vm, &mut ports, &self.bell)?;
         }
-        let disks = self.drives.iter().map(|drive| drive.attach(&vm));
-        let carried = self.carried.iter().map(|carried| carried.attach(&vm));
+        let disks = self.drives.iter().map(|drive| drive.attach(&vm, &self.memory));
+        let carried = self.carried.iter().map(|carried| carried.attach(&vm, &self.memory));
         let virtio = disks.chain(carried).collect::<Result<Vec<_>, _>>()?;
         for slot in (0..virtio.len() as u32).map(Slot) {
             slot.drop_acknowledgements(&vm, &self.unheard)?;

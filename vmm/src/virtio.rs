@@ -28,18 +28,17 @@ impl Slot {
         PCI_GSI + 1 + self.0
     }
 
-    /// The place, and the page on which the guest sees the device's registers.
+    /// The page on which the guest sees the device's registers.
     ///
     /// # Errors
     /// If the memory was made for fewer devices.
-    pub fn with_page(self, memory: &GuestMemory) -> Result<(Self, RegisterPage), MachineError> {
-        let page = RegisterPage::new(memory.regions(), self.registers().into())
-            .ok_or(MachineError::Missing("memory for the registers of a virtio device"))?;
-        Ok((self, page))
+    pub fn page(self, memory: &GuestMemory) -> Result<RegisterPage, MachineError> {
+        RegisterPage::new(memory.regions(), self.registers().into())
+            .ok_or(MachineError::Missing("memory for the registers of a virtio device"))
     }
 
-    /// Lets KVM itself take what a driver writes to acknowledge interrupts, which would be an exit for each of them.
-    /// Nobody listens to `unheard`: see [`registers`].
+    /// Lets KVM itself take what a driver writes to acknowledge interrupts, which would be an exit to Takt for each of
+    /// them. No thread listens to `unheard`: see [`registers`].
     ///
     /// # Errors
     /// If KVM refuses.

@@ -8,7 +8,6 @@ use std::io;
 use std::sync::Arc;
 
 use takt_devices::virtio::carried::{Carrier, Link, QUEUES, Ring};
-use takt_devices::virtio::page::RegisterPage;
 use takt_devices::vsock;
 use takt_plan::Cid;
 use thiserror::Error;
@@ -67,7 +66,7 @@ pub struct Vsock {
 /// # Errors
 /// If the host does not have it, or does not let it.
 pub fn open(
-    slot: (Slot, RegisterPage),
+    slot: Slot,
     cid: Cid,
     memory: &GuestMemory,
     place: Place,

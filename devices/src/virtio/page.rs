@@ -1,8 +1,7 @@
 //! The registers of a device as its guest reads them: a page of memory, which the guest cannot write.
 //!
-//! A read of such a register is a read of memory: it costs no exit, and a guest that reads without end takes nobody's
-//! time. That works since no read changes anything (virtio 1.2, section 4.2.2), so whoever changes a register writes it
-//! here. A write by the guest is an exit as before.
+//! A read of such a register is a read of memory and costs no exit. That works since no read changes anything (virtio
+//! 1.2, section 4.2.2): each thread that changes a register writes it here. A write by the guest is an exit.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 

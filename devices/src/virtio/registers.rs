@@ -188,7 +188,7 @@ impl Registers {
     fn set_status(&mut self, value: u32) {
         let Description { offered, required, queue_size, .. } = *self.device.description();
         if value == 0 {
-            // From here on nobody works on the queues, so nobody breaks the device down behind this.
+            // Afterwards no thread works on the queues, and none breaks the device down.
             self.device.reset();
             (self.offered_select, self.accepted_select, self.queue_select) = (0, 0, 0);
             self.accepted = 0;

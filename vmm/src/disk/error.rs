@@ -6,6 +6,7 @@ use thiserror::Error;
 
 use super::DiskFileError;
 use crate::event::EventError;
+use crate::machine::MachineError;
 use crate::memory::MemoryError;
 use crate::vcpu::thread::ThreadError;
 
@@ -24,6 +25,9 @@ pub enum DiskError {
     /// The memory that it reads and writes.
     #[error(transparent)]
     Memory(#[from] MemoryError),
+    /// Its registers.
+    #[error(transparent)]
+    Registers(#[from] MachineError),
     /// Its thread.
     #[error(transparent)]
     Thread(#[from] ThreadError),

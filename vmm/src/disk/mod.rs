@@ -26,7 +26,6 @@ use takt_devices::disk::Shape;
 use takt_devices::disk::device::DiskDevice;
 use takt_devices::disk::handover::Handover;
 use takt_devices::disk::server::{Disk, DiskId, Server};
-use takt_devices::virtio::page::RegisterPage;
 use takt_devices::virtio::registers::Registers;
 use vmm_sys_util::eventfd::{EFD_CLOEXEC, EventFd};
 
@@ -44,10 +43,9 @@ pub use thread::DiskThread;
 
 /// A disk, as the machines know it that its Linux has one after the other.
 pub struct Drive {
-    slot: Slot,
+    number: u32,
     shape: Shape,
     shared: Arc<Handover>,
-    page: RegisterPage,
     /// Rung by the guest.
     bell: EventFd,
     /// Rung for the guest.
@@ -55,21 +53,18 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// Opens a disk and makes the thread that serves it, for the guest that has `memory` and sees the disk's registers on
-    /// `page`.
+    /// Opens a disk and makes the thread that serves it, for the guest that has `memory`.
     ///
     /// # Errors
     /// If the file cannot be had, or the host gives no thread.
     pub fn open(
-        (slot, page): (Slot, RegisterPage),
+        number: u32,
         disk: &config::Disk,
         memory: &GuestMemory,
         place: Place,
     ) -> Result<(Self, DiskThread), DiskError> {
         let (medium, shape) = DiskFile::open(disk)?;
-        // The slots of disks come first.
-        let number = slot.0;
-        let shared = Arc::new(Handover::new(page.clone()));
+        let shared = Arc::new(Handover::new(Slot(number).page(memory)?));
         let bell = EventFd::new(EFD_CLOEXEC).map_err(DiskError::Bell)?;
         let interrupt = eventfd()?;
         let disk = Disk { shape, id: id(number), medium };
@@ -81,17 +76,18 @@ impl Drive {
             event::clone(&bell)?,
             event::clone(&interrupt)?,
         )?;
-        Ok((Self { slot, shape, shared, page, bell, interrupt }, thread))
+        Ok((Self { number, shape, shared, bell, interrupt }, thread))
     }
 
     /// Connects the disk to a machine that has not run yet.
     ///
     /// # Errors
     /// If KVM refuses.
-    pub fn attach(&self, vm: &VmFd) -> Result<Registers, MachineError> {
-        self.slot.attach(vm, std::slice::from_ref(&self.bell), &self.interrupt)?;
-        let device = DiskDevice::new(self.shape, self.shared.clone());
-        Ok(Registers::new(device, self.page.clone()))
+    pub fn attach(&self, vm: &VmFd, memory: &GuestMemory) -> Result<Registers, MachineError> {
+        // The slots of disks come first.
+        let slot = Slot(self.number);
+        slot.attach(vm, std::slice::from_ref(&self.bell), &self.interrupt)?;
+        Ok(Registers::new(DiskDevice::new(self.shape, self.shared.clone()), slot.page(memory)?))
     }
 
     /// Takes the disk away from a guest that does not run any more. Afterwards nothing is written to

@@ -11,7 +11,6 @@ use std::sync::Arc;
 
 use takt_devices::net;
 use takt_devices::virtio::carried::Link;
-use takt_devices::virtio::page::RegisterPage;
 
 use crate::appliance::{self, Role};
 use crate::config;
@@ -46,7 +45,7 @@ pub struct Cable {
 /// # Errors
 /// If the host does not have it, or does not let it.
 pub fn open(
-    slot: (Slot, RegisterPage),
+    slot: Slot,
     net: &config::Net,
     memory: &GuestMemory,
     place: Place,

@@ -74,9 +74,8 @@ impl Preparation<'_> {
             doors: (sandbox::Kind::Disk, self.mode),
         };
         let (mut drives, mut disks) = (Vec::new(), Vec::new());
-        for (slot, disk) in (0..).map(Slot).zip(partition.disks()) {
-            let slot = slot.with_page(&memory)?;
-            let (drive, thread) = Drive::open(slot, disk, &memory, place.clone())?;
+        for (number, disk) in (0..).zip(partition.disks()) {
+            let (drive, thread) = Drive::open(number, disk, &memory, place.clone())?;
             drives.push(drive);
             disks.push(thread);
         }
@@ -84,16 +83,15 @@ impl Preparation<'_> {
         if !partition.nets().is_empty() {
             net::load_modules(self.role).map_err(unplugged)?;
         }
-        for (slot, net) in (drives.len() as u32..).map(Slot).zip(partition.nets()) {
-            let slot = slot.with_page(&memory)?;
+        for (number, net) in (drives.len() as u32..).zip(partition.nets()) {
             let (interface, cable) =
-                net::open(slot, net, &memory, place.clone()).map_err(unplugged)?;
+                net::open(Slot(number), net, &memory, place.clone()).map_err(unplugged)?;
             carried.push(interface);
             cables.push(cable);
         }
         let mut socket = None;
         if let Some(cid) = partition.vsock() {
-            let slot = Slot((drives.len() + carried.len()) as u32).with_page(&memory)?;
+            let slot = Slot((drives.len() + carried.len()) as u32);
             let unreachable =
                 |source| RunError::Vsock { partition: partition.name().to_owned(), source };
             let (device, end) =

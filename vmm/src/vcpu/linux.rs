@@ -193,14 +193,14 @@ mod tests {
         let memory = GuestMemory::for_linux(1 << 20, Pages::Small, &[], 2).unwrap();
         let (disks, pages): (Vec<_>, Vec<_>) = [virtio::Slot(0), virtio::Slot(1)]
             .map(|slot| {
-                let (_, page) = slot.with_page(&memory).unwrap();
+                let page = slot.page(&memory).unwrap();
                 let shape = Shape { sectors: 5, read_only: true };
                 let device = DiskDevice::new(shape, Arc::new(Handover::new(page.clone())));
                 (Registers::new(device, page.clone()), page)
             })
             .into_iter()
             .unzip();
-        assert!(virtio::Slot(2).with_page(&memory).is_err());
+        assert!(virtio::Slot(2).page(&memory).is_err());
         let mut guest = guest(PortBus::default(), PowerLine::default(), disks);
         let mut write = |address| {
             let exit = VcpuExit::MmioWrite(address, &[1, 0, 0, 0]);

@@ -24,13 +24,13 @@ use ::vhost::vhost_kern::VhostKernBackend;
 use ::vhost::{VhostBackend, VhostUserMemoryRegionInfo, VringConfigData};
 use kvm_ioctls::VmFd;
 use takt_devices::virtio::carried::{CarriedDevice, Link, QUEUE_SIZE, QUEUES, Ring};
-use takt_devices::virtio::page::RegisterPage;
 use takt_devices::virtio::registers::Registers;
 use vm_memory::{GuestMemoryBackend, GuestMemoryMmap, GuestMemoryRegion};
 use vmm_sys_util::eventfd::EventFd;
 
 use crate::event::eventfd;
 use crate::machine::MachineError;
+use crate::memory::GuestMemory;
 use crate::vcpu::thread::Place;
 use crate::virtio::Slot;
 
@@ -182,7 +182,6 @@ impl VhostKernBackend for Vhost {
 /// A carried device, as the machines know it that its Linux has one after the other.
 pub struct Carried {
     slot: Slot,
-    page: RegisterPage,
     wires: Wires,
     link: Arc<Link>,
     /// The device as it is when a machine is switched on.
@@ -190,23 +189,23 @@ pub struct Carried {
 }
 
 impl Carried {
-    /// The device in this slot, whose guest sees its registers on `page`.
+    /// The device in this slot.
     pub fn new(
-        (slot, page): (Slot, RegisterPage),
+        slot: Slot,
         wires: Wires,
         link: Arc<Link>,
         device: impl Fn() -> CarriedDevice + Send + 'static,
     ) -> Self {
-        Self { slot, page, wires, link, device: Box::new(device) }
+        Self { slot, wires, link, device: Box::new(device) }
     }
 
     /// Connects the device to a machine that has not run yet.
     ///
     /// # Errors
     /// If KVM refuses.
-    pub fn attach(&self, vm: &VmFd) -> Result<Registers, MachineError> {
+    pub fn attach(&self, vm: &VmFd, memory: &GuestMemory) -> Result<Registers, MachineError> {
         self.slot.attach(vm, &self.wires.bells, &self.wires.interrupt)?;
-        Ok(Registers::new((self.device)(), self.page.clone()))
+        Ok(Registers::new((self.device)(), self.slot.page(memory)?))
     }
 
     /// Takes the device away from a guest that does not run any more. Afterwards nothing is written to

@@ -6,9 +6,11 @@
 //! each step does one of what a driver may do at the wrong moment: reset it, hand it queues, write anything to any
 //! register, or notify it of requests whose descriptors loop, wrap, point nowhere or into another
 //! table. What the device may write to is a page of the program's own, or no memory at all, since
-//! the machine is to survive, and its neighbours are what the test looks at.
+//! the machine is to survive, and its neighbours are what the test looks at. Nor may it write to the page of its own
+//! registers, which it is told to, and which the program writes to.
 //!
-//! Exit status 0: all steps are done. The device is reset then, for its driver.
+//! Exit status 0: all steps are done, and the registers that never change are as they were. The device is reset then, for
+//! its driver.
 
 mod memory;
 mod registers;
@@ -27,6 +29,8 @@ use takt_tests::random::Random;
 const STATUS_BITS: [u32; 4] = [1, 2, 8, 4];
 /// Size of the queue that it asks for when it behaves.
 const ENTRIES: u64 = 64;
+/// Registers that no driver can change: what the device is, and its configuration.
+const FIXED: [u64; 7] = [0, 4, 8, 0xc, 0x100, 0x104, 0xffc];
 /// Descriptor flags.
 const NEXT: u16 = 1;
 const WRITE: u16 = 2;
@@ -88,6 +92,10 @@ impl Driver {
 
     fn reset(&self) {
         self.registers.store(STATUS, 0_u32);
+    }
+
+    fn fixed(&self) -> [u32; FIXED.len()] {
+        FIXED.map(|register| self.registers.load(register))
     }
 
     /// As section 3.1.1 wants it, but for what chance changes in one of four.
@@ -201,11 +209,12 @@ impl Driver {
         self.descriptors.store(16 * number + 14, next);
     }
 
-    /// An address at which there is no memory, or from which it wraps.
+    /// An address at which there is no memory that the device may write to, or from which it wraps.
     fn nowhere(&mut self) -> u64 {
-        match self.random.below(3) {
+        match self.random.below(4) {
             0 => u64::MAX - self.random.below(PAGE),
             1 => 1 << (40 + self.random.below(24)),
+            2 => self.registers.physical + self.random.below(PAGE),
             _ => 0xd000_0000 + self.random.below(PAGE),
         }
     }
@@ -229,8 +238,14 @@ fn main() -> ExitCode {
         }
     };
     let mut done = Done::default();
+    let before = driver.fixed();
     (0..steps).for_each(|_| driver.step(&mut done));
     driver.reset();
+    let after = driver.fixed();
+    if after != before {
+        println!("hostile-virtio: registers {before:x?} have become {after:x?}");
+        return ExitCode::FAILURE;
+    }
     println!("hostile-virtio: slot {slot}, seed {seed}, {done:?}");
     ExitCode::SUCCESS
 }

@@ -13,7 +13,7 @@ pub const PAGE: u64 = 4096;
 #[derive(Clone, Copy, Debug)]
 pub struct Page {
     at: NonNull<u8>,
-    /// Where it is in the machine's memory; 0 for registers.
+    /// Where it is in the machine's memory.
     pub physical: u64,
 }
 
@@ -48,7 +48,8 @@ impl Page {
         let first = first.and_then(|first| u64::from_str_radix(first, 16).ok());
         let first = first.ok_or(io::ErrorKind::NotFound)?;
         let memory = OpenOptions::new().read(true).write(true).open("/dev/mem")?;
-        Ok(Self { at: map(libc::MAP_SHARED, memory.as_raw_fd(), first as i64)?, physical: 0 })
+        let at = map(libc::MAP_SHARED, memory.as_raw_fd(), first as i64)?;
+        Ok(Self { at, physical: first })
     }
 
     /// Reads `T` at a multiple of its size.
