@@ -1,8 +1,8 @@
 //! virtio devices behind memory-mapped registers (virtio 1.2, section 4.2), whatever they are.
 //!
 //! [`registers`] is the driver's side of each of them: how it finds a device, agrees on features and
-//! hands over its queues; it reads them from a [`page`] of memory. What a device does with them is a [`Device`]; [`carried`] has those that give them to the
-//! host's kernel.
+//! hands over its queues. It reads them from a [`page`] of memory. What a device does with them is a [`Device`];
+//! [`carried`] has those that give them to the host's kernel.
 
 pub mod carried;
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! A whole Debian with systemd and ssh beside a PLC that keeps its time: the shipped partition file, with a disk
 //! that `scripts/guest-image --debian-tests` makes.
 
+mod everyday;
 mod page;
 
 use std::fs;

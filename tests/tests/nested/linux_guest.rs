@@ -3,10 +3,10 @@
 use takt_tests::{File, Host, Outcome, initrd_with, target};
 
 /// A millisecond, and the little that a clock may lie beside where it was read.
-const MILLISECOND: i128 = 1_000_000;
+pub const MILLISECOND: i128 = 1_000_000;
 
 /// TSC and time of a stamp on the console.
-fn stamp(outcome: &Outcome, name: &str) -> (i128, i128) {
+pub fn stamp(outcome: &Outcome, name: &str) -> (i128, i128) {
     let start = format!("stamp {name} ");
     // The shell's prompt may stand before it. What is no number follows in the echo of the command line.
     let line = outcome.output.lines().find_map(|line| {
@@ -20,7 +20,7 @@ fn stamp(outcome: &Outcome, name: &str) -> (i128, i128) {
 
 /// By how much the clock of one stamp is ahead of another's. The TSC of the lab has 1 GHz, so a difference of stamps
 /// is one of nanoseconds.
-fn ahead(outcome: &Outcome, of: &str, clock: &str) -> i128 {
+pub fn ahead(outcome: &Outcome, of: &str, clock: &str) -> i128 {
     let (clock, of) = (stamp(outcome, clock), stamp(outcome, of));
     (clock.1 - of.1) - (clock.0 - of.0)
 }
