@@ -14,7 +14,7 @@ use vm_memory::{Bytes, GuestAddress, GuestMemoryBackend, GuestMemoryMmap, Volati
 /// Bytes that the registers take: a page, so that nothing else shares it.
 pub const BYTES: u64 = 4096;
 
-/// The page of one device, for the thread of the guest's vCPU and for who works on the queues.
+/// The page of one device, for the thread of the guest's vCPU and the thread that serves the queues.
 #[derive(Clone)]
 pub struct RegisterPage {
     memory: GuestMemoryMmap,

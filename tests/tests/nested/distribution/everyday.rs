@@ -6,7 +6,7 @@ use takt_tests::{Outcome, long};
 use super::{ADDRESS, assert_lived_well, debian_with, live_of};
 use crate::linux_guest::{MILLISECOND, ahead, stamp};
 
-/// A Debian with what these tests want, whose disk is of this size.
+/// What the Debian of these tests has besides, and how large its disk is.
 const PACKAGES: &str = "postgresql,stress-ng,chrony";
 const SIZE: &str = "900M";
 /// The disk is a file in the host's memory, beside the memory of the guests.
@@ -46,7 +46,7 @@ fn stressed(outcome: &Outcome) -> Vec<(&str, u64)> {
 /// pgbench is PostgreSQL's own. It runs on the host from the disk that Debian has it on, and asks over the tap device.
 #[test]
 fn a_database_is_asked_over_the_network_under_stress_and_no_release_is_late() {
-    // A Debian with a database is some 250 MB of packages, and a minute of load is many of the test's.
+    // A Debian with a database is some 250 MB of packages, and a minute of this load takes most of an hour.
     if !long() {
         return;
     }
@@ -80,7 +80,8 @@ fn a_database_is_asked_over_the_network_under_stress_and_no_release_is_late() {
     assert!(stressed.len() > 5, "{stressed:?}\n{}", outcome.output);
 }
 
-/// chrony steers the guest's clock by the PTP clock of KVM's, while the host's goes off by 200 ppm: 12 ms in a minute.
+/// chrony steers the guest's clock by the PTP clock of KVM's, while the host's is steered by 200 ppm: 12 ms in
+/// a minute.
 #[test]
 fn a_guest_with_chrony_stays_within_a_millisecond_of_a_host_whose_clock_is_steered() {
     const SAMPLES: usize = 10;
