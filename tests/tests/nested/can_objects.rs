@@ -68,6 +68,7 @@ fn assert_good(outcome: &Outcome, partitions: &[&str]) {
 }
 
 /// A copy of a program on the other card returns two objects whose values have to be the same.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn values_go_out_on_one_card_and_come_back_by_the_other() {
     let count = Program::new("count")
@@ -263,6 +264,7 @@ fn cards_that_lie_or_are_none_stall_nothing_and_are_told() {
 }
 
 /// The example: a drive and its motor, each in a PLC of its own.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_drive_and_its_motor_meet_on_a_bus_beside_a_linux() {
     let outcome =

@@ -203,6 +203,7 @@ fn interrupt_a_recording(file: &str) {
     assert!(parse(&std::fs::read_to_string(&out).unwrap()).is_array());
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn the_socket_is_there_outside_and_no_client_of_it_moves_a_release() {
     let plant = Plant::new("carried");
@@ -241,6 +242,7 @@ fn the_socket_is_there_outside_and_no_client_of_it_moves_a_release() {
     outcome.assert_punctual("plc");
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn the_socket_is_there_outside_of_bochs_too() {
     let plant = Plant::beside("carried-vmx", |file| file);
@@ -260,6 +262,7 @@ fn the_socket_is_there_outside_of_bochs_too() {
     outcome.assert_punctual("plc");
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_run_whose_socket_another_program_has_does_not_start() {
     let plant = Plant::new("carried-twice");

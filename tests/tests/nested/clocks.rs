@@ -171,6 +171,7 @@ impl Interrupts {
 
 /// Takt's own timers are kept out of windows at any rate of the clock, the host's tick as long as the clock is not
 /// steered. Where it is, the tick goes through the windows, and moves a release by one interrupt.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn timers_that_takt_can_place_stay_out_of_windows_under_steering_and_the_tick_without() {
     const FRAME_NS: u64 = 1_000_000;
@@ -266,6 +267,7 @@ fn with_actions(name: &str, actions: &[&str]) -> PathBuf {
     file.save(name)
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_clock_source_that_is_taken_away_in_mid_run_is_an_error_of_each_partition() {
     let actions: Vec<&str> = FOLLOWS.iter().map(|(action, ..)| *action).collect();

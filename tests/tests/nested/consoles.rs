@@ -175,6 +175,7 @@ fn consoles_are_attached_and_detached_under_load_and_no_release_moves() {
     assert_unmoved(&outcome);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn hostile_clients_of_a_console_move_no_release_and_hold_up_no_guest() {
     let plant = Plant::new("consoles-hostile");

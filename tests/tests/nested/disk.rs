@@ -77,6 +77,7 @@ fn a_linux_reads_one_disk_and_writes_the_other_and_the_plc_keeps_its_time() {
     outcome.assert_punctual("plc");
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_disk_goes_past_the_page_cache_and_gives_space_back_where_the_hosts_file_system_allows_it() {
     let (first, _, noise) = disks("disk-direct");

@@ -103,6 +103,7 @@ fn assert_lived_well(lives: &[Outcome]) {
     }
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_debian_starts_serves_ssh_and_switches_itself_off_with_its_file_system_clean() {
     let commands = ["1:cat /etc/os-release", "1:ip -brief address show eth0"];

@@ -34,6 +34,7 @@ fn largest(outcome: &Outcome, before: &str) -> u64 {
 
 /// QEMU delivers no interrupt twice: a Linux whose timers go off 20,000 times a second, which forks and
 /// faults, died of that within three seconds.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_linux_full_of_timers_lives_and_the_plc_keeps_its_time() {
     let (duration, end, releases) = if long() { ("60s", 57, 59_990) } else { ("4500ms", 2, 4_490) };
@@ -80,6 +81,7 @@ pub fn assert_stressed(outcome: &Outcome, end: u64) {
 }
 
 /// A doorbell's handler takes a lock, and a second delivery waits for it for ever.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_linux_is_woken_a_thousand_times_a_second_by_doorbells() {
     let (duration, seconds, releases) = if long() { ("60s", 57, 59_990) } else { ("4s", 2, 3_990) };
@@ -144,6 +146,7 @@ fn points(report: &Value) -> Vec<(u64, u64)> {
     points.into_iter().flatten().filter_map(numbers).collect()
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_load_that_goes_on_is_in_the_report_over_time() {
     let (outcome, report) = measure("load-goes-on", &system("guest/initrd.img", ""), "5s");
@@ -178,6 +181,7 @@ fn a_load_that_stands_still_is_not_all_limits_are_kept() {
     outcome.assert_kept_its_time("plc", 5_900);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_linux_whose_kernel_hangs_is_not_all_limits_are_kept() {
     let initrd = initrd_with("hang-kernel", &[Path::new(env!("CARGO_BIN_EXE_hang-kernel"))]);
@@ -197,6 +201,7 @@ fn a_linux_whose_kernel_hangs_is_not_all_limits_are_kept() {
     outcome.assert_kept_its_time("plc", 5_900);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_kernel_that_has_halted_or_panicked_is_named_and_an_idle_one_is_not() {
     let halted = File::new("1ms")

@@ -41,6 +41,7 @@ fn the_console_is_usable_linux_switches_off_and_the_escape_ends_the_run() {
     outcome.assert_kept_its_time("plc", outcome.cycles(1_000) - 10);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_second_kernel_boots_with_only_the_path_changed() {
     let second = System { kernel: "guest/vmlinuz-generic", memory: "256MiB", ..System::default() };
@@ -50,6 +51,7 @@ fn a_second_kernel_boots_with_only_the_path_changed() {
     outcome.assert_kept_its_time("plc", outcome.cycles(1_000) - 10);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn an_elf_kernel_boots_too() {
     let elf = System { kernel: "appliance/vmlinux", memory: "256MiB", ..System::default() };
@@ -60,6 +62,7 @@ fn an_elf_kernel_boots_too() {
     outcome.assert_kept_its_time("plc", outcome.cycles(1_000) - 10);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_linux_that_restarts_comes_back_as_often_as_it_may_and_the_plc_loses_nothing() {
     let file = File::new("1ms")

@@ -20,6 +20,7 @@ fn run(pages: &str) -> Outcome {
         .run()
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn memory_in_huge_pages_is_ready_sooner_and_is_cleared_at_each_start() {
     let [small, huge] = ["none", "2MiB"].map(run);

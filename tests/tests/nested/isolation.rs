@@ -86,6 +86,7 @@ fn a_plc_that_never_says_done_does_not_keep_linux_from_its_shell() {
     assert!((0.30..0.35).contains(&share), "the PLC's share is {share}\n{}", outcome.output);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_linux_that_spins_in_kernel_mode_does_not_cost_the_plc_a_release() {
     // First all time goes into one endless system call, then the kernel panics, which without a

@@ -108,6 +108,7 @@ fn a_message_takes_linux_as_many_instructions_cached_as_uncached() {
     outcome.assert_kept_its_time("plc", outcome.cycles(1_000) - 10);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_linux_that_starts_again_finds_its_ports_in_order() {
     let limit = "restarts = { at_most = 1, within = \"60s\" }";

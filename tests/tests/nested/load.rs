@@ -23,6 +23,7 @@ fn linux_compiles_while_the_plc_keeps_its_time() {
 
 /// In real time nothing of its figures may be asserted, but that it comes to its end and has them, which
 /// it did not while QEMU lost interrupts (docs/decisions/0012-qemu-takes-its-lock.md).
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn in_real_time_too_a_compiling_linux_ends_with_a_report() {
     let folder = target("tests/real-time");

@@ -83,6 +83,7 @@ fn a_linux_talks_with_its_network_both_ways_and_the_plc_keeps_its_time() {
 }
 
 /// Datagrams as fast as they can be sent, both ways at once.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_flood_from_either_end_moves_no_release() {
     let floods = if long() { 400_000 } else { 10_000 };
@@ -102,6 +103,7 @@ fn a_flood_from_either_end_moves_no_release() {
 
 /// A driver that hands over queues that lie nowhere, loop and wrap, and resets the interface while the host floods
 /// it. Then Linux's own driver finds it as at power-on.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_hostile_driver_breaks_only_its_own_interface() {
     let steps = if long() { 20_000 } else { 1_000 };

@@ -175,6 +175,7 @@ pub fn count(outcome: &Outcome, before: &str) -> u64 {
     value.unwrap_or_else(|| panic!("no {before} in {line}"))
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn every_can_frame_is_accounted_for() {
     let (duration, frames) = if long() { ("60s", 59_000) } else { ("3s", 2_000) };

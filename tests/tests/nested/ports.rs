@@ -28,6 +28,7 @@ fn count(outcome: &Outcome, partition: &str, before: &str) -> u64 {
     value.unwrap_or_else(|| panic!("no {before} in {line}"))
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn two_plcs_exchange_a_record_each_way_in_every_cycle() {
     let (duration, cycles) = if long() { ("60s", 59_000) } else { ("3s", 1_900) };
@@ -77,6 +78,7 @@ fn a_port_costs_little_more_than_moving_the_bytes() {
     assert_eq!(outcome.number("left", "vm_exits.p50"), 1, "{}", outcome.output);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn the_shipped_example_tells_the_others_level() {
     let outcome = Run::of("configs/channel.toml").lasting("3s").run();
@@ -139,6 +141,7 @@ fn the_host_hears_the_level_and_tells_one_by_files() {
     assert_eq!(messages, [records.len() as u64, 100]);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_hostile_peer_cannot_cost_the_other_a_cycle() {
     let (duration, cycles) = if long() { ("60s", 59_900) } else { ("2500ms", 2_400) };

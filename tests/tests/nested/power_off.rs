@@ -79,6 +79,7 @@ fn a_linux_with_a_disk_has_left_its_file_system_clean_after_sigterm() {
     outcome.assert_punctual("plc");
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_linux_that_does_not_react_has_its_time_and_no_more() {
     let outcome = run("power-off-deaf", &file(DEAF, "power_off = \"500ms\""), "1", None);
@@ -93,6 +94,7 @@ fn a_linux_that_does_not_react_has_its_time_and_no_more() {
     outcome.assert_kept_its_time("plc", outcome.cycles(1_000) - 10);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_linux_that_restarts_instead_is_not_started_again() {
     let exec = format!("{DEAF}; {CONTRARY}; {HEARING}");
@@ -107,6 +109,7 @@ fn a_linux_that_restarts_instead_is_not_started_again() {
     assert!(waited < 2_000_000_000, "{waited}");
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_second_sigterm_ends_the_run_at_once() {
     let outcome = run("power-off-twice", &file(DEAF, "power_off = \"100s\""), "2", None);

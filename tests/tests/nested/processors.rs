@@ -42,6 +42,7 @@ fn assert_unmoved(outcome: &Outcome) {
     outcome.assert_punctual("plc");
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn processors_work_go_out_and_come_back_and_a_plc_loses_no_release() {
     for more in if long() { &[1, 3][..] } else { &[1] } {
@@ -70,6 +71,7 @@ fn processors_work_go_out_and_come_back_and_a_plc_loses_no_release() {
 }
 
 /// Ends of a partition that another processor than the first comes to.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn what_any_processor_does_to_the_machine_ends_all_and_all_start_again() {
     // The first time by the register that restarts the machine, then by a triple fault, on processor 1 both times. At
@@ -96,6 +98,7 @@ fn what_any_processor_does_to_the_machine_ends_all_and_all_start_again() {
     }
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn an_operator_and_a_signal_end_all_processors_whatever_they_do() {
     let busy = "taskset 1 yes > /dev/null & taskset 2 yes > /dev/null &";
@@ -114,6 +117,7 @@ fn an_operator_and_a_signal_end_all_processors_whatever_they_do() {
     assert_unmoved(&outcome);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn each_processor_is_on_the_cpu_that_the_file_names() {
     let run = Run::of("configs/several-processors.toml").in_lane("emulated").lasting("180s");

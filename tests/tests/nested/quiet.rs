@@ -54,6 +54,7 @@ fn releases(period_ms: u64) -> u64 {
     if long() { 59_900 / period_ms } else { 3_900 / period_ms }
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_storm_of_timers_moves_no_release() {
     let file = with_storm(File::new("1ms").plc("plc", None, ""), "quiet-one");
@@ -68,6 +69,7 @@ fn a_storm_of_timers_moves_no_release() {
     assert_eq!(outcome.report["tick"]["clear"], "windows");
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_storm_of_timers_moves_no_release_of_three_plcs() {
     let file = beside_three_plcs(|file| with_storm(file, "quiet-three"));
@@ -92,6 +94,7 @@ pub fn beside_three_plcs(add_linux: impl FnOnce(File) -> File) -> File {
 }
 
 /// The storm is ours; stress-ng is the load that others know.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn stress_ng_moves_no_release_of_three_plcs() {
     let end = if long() { 57 } else { 2 };
@@ -141,6 +144,7 @@ fn a_kernel_that_writes_what_kvm_would_log_delays_no_wake_up() {
     assert!(latest < 6_000, "{latest}\n{}", outcome.output);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_kernel_that_aims_other_timers_at_releases_moves_them_by_one_interrupt() {
     for aim in [Aim::OneShot, Aim::Periodic] {

@@ -2,6 +2,7 @@
 
 use takt_tests::{File, Host, Run, long};
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_plc_with_a_cpu_to_itself_runs_beside_linux_and_the_cpu_goes_back() {
     let run = Run::of("configs/separate-cpus.toml").in_lane("emulated").lasting("180s");

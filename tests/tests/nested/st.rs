@@ -47,6 +47,7 @@ fn plc(test: &str, list: &[(&str, &str, &str)]) -> File {
 const PLANT: (&str, &str, &str) = ("plant", "plant.st", include_str!("st/plant.st"));
 
 /// A program in Rust of the same tasks has a PLC of its own in the same run, so what differs is the language.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_plant_of_three_tasks_has_the_releases_of_a_program_in_rust_beside_a_compiling_linux() {
     let (duration, jobs) = if long() { ("60s", 59_000) } else { ("4s", 3_000) };

@@ -136,6 +136,7 @@ fn place(outcome: &Outcome, text: &str) -> usize {
 
 /// It has written and flushed for long when its disk stands still, and is started again under requests that the disk is
 /// busy with. Where its thread waited for the disk it would be taken for stuck, and the machine restarted.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_disk_that_stands_still_holds_up_neither_its_linux_nor_a_new_start_nor_the_watchdog() {
     // Two megabytes each, and a flush. What a terminal has not sent yet is lost at a reboot: the kernel's log is not.
@@ -161,6 +162,7 @@ fn a_disk_that_stands_still_holds_up_neither_its_linux_nor_a_new_start_nor_the_w
 
 /// A reset by the guest itself, twice: Linux's driver is taken from the disk while Linux writes, and waits for its
 /// requests; then a driver that does not wait resets the disk under them, three times.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_disk_that_stands_still_is_reset_at_once_and_touches_no_request_that_it_has_lost() {
     let loops = if long() { 1_024 } else { 8 };

@@ -77,6 +77,7 @@ const FAULTS: &[(Entry, &str)] = &[
 /// Most programs of a partition, with room for the neighbour.
 const AT_ONCE: usize = 15;
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_fault_at_ring_3_stops_its_program_and_no_other() {
     let parts = FAULTS.chunks(AT_ONCE).enumerate().map(|(part, faults)| {

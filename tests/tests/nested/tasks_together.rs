@@ -26,6 +26,7 @@ fn promised(outcome: &Outcome, task: &str) -> u64 {
 const ORDERS: &str = "(n=0; while sleep 0.02; do n=$((n + 1)); takt-port write order --hex \
     $(printf %02x%02x000000000000 $((n % 256)) $((n / 256))); done) & ";
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn six_tasks_of_two_programs_span_windows_and_cost_the_most_urgent_nothing() {
     let fast = Program::new("fast")
@@ -89,6 +90,7 @@ fn a_window_that_begins_in_a_call_costs_the_most_urgent_task_nothing() {
     assert_on_time(&outcome, "p.urgent");
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn registers_survive_preemption_at_any_instant() {
     // It takes a different time in each window, so the lesser task is never interrupted where it was before.

@@ -81,6 +81,7 @@ fn a_guarded_release_has_no_jitter_and_linux_gets_what_the_plc_leaves() {
     assert!(received >= 0.97, "Linux received {received}\n{}", outcome.output);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_guard_that_follows_its_host_narrows_and_one_late_wake_up_widens_it_at_once() {
     let run = |at| {
@@ -108,6 +109,7 @@ fn apart_from_ticks_but_one(run: impl Fn(u64) -> Outcome) -> Outcome {
     if outcome.number("plc", "release_latency_ns.p999") > 10 { run(second) } else { outcome }
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn linux_gets_all_of_the_windows_of_a_plc_that_has_ended() {
     let file = File::new("1ms").plc("plc", Some(plc_image("fault")), "").linux(BUSY);
@@ -226,6 +228,7 @@ fn three_plcs_of_different_periods_and_linux_share_a_cpu() {
     outcome.assert_shows("linux# ");
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn sixteen_plcs_and_linux_share_a_cpu() {
     let names: Vec<String> = (1..=16).map(|n| format!("plc-{n}")).collect();

@@ -47,6 +47,7 @@ fn run(name: &str, file: &File, [cid, lives, bytes]: [&str; 3]) -> Outcome {
     outcome
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_linux_is_reached_without_a_network_again_after_its_restart_and_the_plc_keeps_its_time() {
     let exec = "vsock serve 7 & vsock await 8; reboot -f";
@@ -104,12 +105,14 @@ fn end_while_held_up(name: &str, exec: &str, threads: &[&str]) -> Outcome {
 /// Connections to port 7 have ended when the next command comes, which is when somebody has connected to port 8.
 const CLOSES: &str = "vsock serve 7 & vsock await 8; kill $!; wait $!";
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_program_that_holds_up_the_worker_does_not_hold_up_the_end_of_the_run() {
     let outcome = end_while_held_up("vsock-held", CLOSES, &[]);
     outcome.assert_shows("\n[host] takt's status: 0");
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_guest_whose_reset_is_held_up_does_not_hold_up_the_end_of_the_run() {
     let exec = format!("{CLOSES}; echo LNRO0005:00 > {DRIVER}/unbind");

@@ -17,6 +17,7 @@ fn versions() -> [Tank; 2] {
     [Tank::new(1, &wide), Tank::new(2, &other)]
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn changes_beside_a_linux_that_compiles_take_10_us_and_move_no_release() {
     let (times, longest) = if long() { (200, "200s") } else { (4, "20s") };

@@ -8,6 +8,7 @@ use takt_tests::{File, Host, long, plc_image, root, save_bytes};
 
 use super::{PRIVATE, Tank, hex};
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn after_a_kill_at_any_instant_of_a_change_the_old_or_the_new_version_starts_whole() {
     let kills = if long() { "200" } else { "6" };

@@ -208,6 +208,7 @@ fn steps() -> Vec<Step> {
     round.into_iter().chain(again.into_iter().cycle().take(2 * (times - 1))).collect()
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_megabyte_gets_another_layout_and_no_cycle_is_lost() {
     let longest = if long() { "300s" } else { "20s" };
