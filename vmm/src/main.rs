@@ -38,6 +38,7 @@ Programs of their own, in the folder of takt:
   ctl     Ask a running takt how it stands, and tell it what to do
   doctor  Say whether this host can keep the promises of a partition file
   top     Show what a running takt does
+  console Show the console of a partition, and type at it
   shell   Log into a Linux partition without a network
   copy    Copy files to and from a Linux partition without a network
   plc     Make, inspect, sign and test control programs

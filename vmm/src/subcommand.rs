@@ -15,7 +15,9 @@ use std::process::Command;
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// Neither a command of takt nor a program beside it.
-    #[error("no command `{}`, nor a program {path} for it; `takt --help` lists what there is", .name.display())]
+    #[error(
+        "no command `{}`: there is no program {path}; `takt --help` lists the commands, and in Takt's sources `cargo build --release` \
+         builds them", .name.display())]
     Unknown {
         /// The command as it was typed.
         name: OsString,

@@ -135,9 +135,9 @@ fn help_is_in_plain_english() {
         help(takt, command);
     }
     // These are packages of their own, and there if all of the workspace is built.
-    for client in ["takt-ctl", "takt-top", "takt-doctor", "takt-jitter", "takt-shell", "takt-copy"]
-    {
-        let program = takt.with_file_name(client);
+    let clients = ["ctl", "top", "console", "doctor", "jitter", "shell", "copy"];
+    for client in clients {
+        let program = takt.with_file_name(format!("takt-{client}"));
         if program.exists() {
             help(&program, &[]);
         }

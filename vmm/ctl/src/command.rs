@@ -106,7 +106,7 @@ fn duration(text: &str) -> Result<Nanos, String> {
 #[derive(clap::Args)]
 #[group(multiple = false)]
 struct StartMode {
-    /// Keep nothing (the default).
+    /// Keep only PERSISTENT values of programs (the default).
     #[arg(long)]
     cold: bool,
     /// Keep what the partition retains.
@@ -117,7 +117,7 @@ struct StartMode {
 #[derive(clap::Args)]
 #[group(required = true, multiple = false)]
 struct GivenMode {
-    /// Keep nothing.
+    /// Keep only PERSISTENT values of programs.
     #[arg(long)]
     cold: bool,
     /// Keep what the partition retains.

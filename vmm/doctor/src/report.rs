@@ -11,7 +11,7 @@ use crate::host::Host;
 /// Version of the JSON; `docs/doctor.md` describes it.
 const SCHEMA: u32 = 1;
 /// Where the text of a finding begins.
-const INDENT: usize = 26;
+const INDENT: usize = 30;
 
 /// All that is told.
 #[derive(Debug, Serialize)]
@@ -148,7 +148,7 @@ mod tests {
             .table(None);
         assert!(!text.contains('\x1b'), "{text}");
         assert!(text.lines().any(|line| line.starts_with("warning  smt") && line.len() > 150));
-        assert!(text.contains("\n                          mend:  z\n"), "{text}");
+        assert!(text.contains(&format!("\n{:INDENT$}mend:  z\n", "")), "{text}");
     }
 
     #[test]

@@ -494,7 +494,7 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     let control = socket.map(|path| images::resolve_socket(folder, path)).transpose()?;
     let viewers = system.viewers.as_ref();
     let viewers = viewers.map(|group| values::viewers(group, control.is_some())).transpose()?;
-    let watchdog = system.watchdog.as_ref().map(values::watchdog).transpose()?;
+    let watchdog = system.watchdog.as_ref().map(values::host_watchdog).transpose()?;
     let around = Surroundings { folder, host_cpus, frame: &system.major_frame };
     let header = file.system.span();
     let mut partitions = partition::check_all(&file.partition.0, &header, around)?;

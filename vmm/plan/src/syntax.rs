@@ -29,7 +29,7 @@ const EXAMPLES: &[(&str, &str)] = &[
     ),
     ("cpu", "`cpu = 0`, the number of the host's CPU that the partition runs on"),
     ("memory", "`memory = \"64MiB\"`"),
-    ("partition", "`partition = \"a-name\"`, the partition that the window belongs to"),
+    ("partition", "`partition = \"a-name\"`, the partition that this is about"),
     ("offset", "`offset = \"0us\"`, counted from the start of the major frame"),
     ("duration", "`duration = \"300us\"`"),
     ("period", "`period = \"1ms\"`, the time from one release of the task to the next"),
@@ -47,11 +47,21 @@ const EXAMPLES: &[(&str, &str)] = &[
     ("size", "`size = \"4KiB\"`, how much of the device's memory the guest sees"),
     ("width", "`width = 1`, the bytes of the access: 1, 2 or 4"),
     ("value", "`value = \"0x00\"`"),
+    ("image", "`image = \"tank.plc\"`, a program image"),
+    ("path", "`path = \"disk.img\"`"),
+    ("tap", "`tap = \"takt0\"`, the name of the interface on the host"),
+    ("mac", "`mac = \"02:00:00:00:00:01\"`"),
+    ("shape", "`shape = \"constant\"`, \"ramp\", \"sine\" or \"square\""),
+    ("error", "`error = \"deadline-missed\"`, or another error of docs/health.md"),
+    ("action", "`action = \"log\"`, or another action of docs/health.md"),
+    ("at_most", "`at_most = 3`"),
+    ("within", "`within = \"10s\"`"),
 ];
 
 /// What the parser and serde call things, and what the file's author calls them.
 const PLAIN: &[(&str, &str)] = &[
     ("i64", "a whole number"),
+    ("f64", "a number without quotes, such as 2.5"),
     ("a boolean", "true or false"),
     ("a string", "a text in quotes"),
     ("a sequence", "a list in square brackets, such as `[0, 1]` or `[\"axis:setpoints\"]`"),

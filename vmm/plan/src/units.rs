@@ -57,6 +57,12 @@ pub enum UnitError {
     /// Digits only.
     #[error("has no unit")]
     NoUnit,
+    /// Digits only, where nothing else says that a duration is meant.
+    #[error("has no unit: write ns, us, ms or s behind the number, such as 5s")]
+    NoUnitOfTime,
+    /// A space before the unit.
+    #[error("has a space before its unit")]
+    Space,
     /// A unit of something else.
     #[error("has an unknown unit")]
     UnknownUnit,
@@ -81,6 +87,7 @@ fn parse(text: &str, units: Units) -> Result<u64, UnitError> {
         "" => UnitError::NoUnit,
         "K" | "KB" | "kB" | "M" | "MB" | "G" | "GB" => UnitError::DecimalUnit,
         _ if unit.starts_with(['.', ',']) => UnitError::Fraction,
+        _ if unit.starts_with(' ') => UnitError::Space,
         _ => UnitError::UnknownUnit,
     })?;
     // A number of digits only fails to parse when it does not fit.
@@ -93,7 +100,10 @@ fn parse(text: &str, units: Units) -> Result<u64, UnitError> {
 /// # Errors
 /// See [`UnitError`].
 pub fn parse_duration(text: &str) -> Result<Nanos, UnitError> {
-    parse(text, DURATION_UNITS).map(Nanos)
+    parse(text, DURATION_UNITS).map(Nanos).map_err(|error| match error {
+        UnitError::NoUnit => UnitError::NoUnitOfTime,
+        error => error,
+    })
 }
 
 /// Takes only a text, and words its errors as serde does: "found, expected this".
@@ -186,7 +196,8 @@ mod tests {
         assert_eq!(duration("-1us"), UnitError::Negative);
         assert_eq!(duration("1.5ms"), UnitError::Fraction);
         assert_eq!(duration("100"), UnitError::NoUnit);
-        assert_eq!(duration("100 us"), UnitError::UnknownUnit);
+        assert_eq!(parse_duration("100"), Err(UnitError::NoUnitOfTime));
+        assert_eq!(duration("100 us"), UnitError::Space);
         assert_eq!(duration("1\u{b5}s"), UnitError::UnknownUnit);
         assert_eq!(duration("18446744073709551616ns"), UnitError::TooLarge);
         assert_eq!(duration("18446744073709552s"), UnitError::TooLarge);

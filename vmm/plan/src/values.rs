@@ -15,8 +15,9 @@ const CPUS: usize = 1024;
 const PLC_MEMORY: [Bytes; 2] = [Bytes(IMAGE_BASE + PAGE), Bytes(RAM_MAX)];
 /// A Linux's memory: below, a distribution's kernel does not unpack; above, it is a typing mistake.
 const LINUX_MEMORY: [Bytes; 2] = [Bytes(64 << 20), Bytes(64 << 30)];
+const SECOND: Nanos = Nanos::from_millis(1_000);
 /// What a watchdog may wait for. Linux counts in seconds, and needs some to start; above, it is none.
-const WATCHDOG: [Nanos; 2] = [Nanos::from_millis(1_000), Nanos::from_millis(86_400_000)];
+const WATCHDOG: [Nanos; 2] = [SECOND, Nanos::from_millis(86_400_000)];
 /// Longest name of a group of users, as of useradd(8).
 const GROUP_NAME_MAX: usize = 32;
 /// Longest time that a Linux can be given to switch itself off; above, it is a typing mistake.
@@ -73,6 +74,17 @@ pub fn watchdog(watchdog: &Spanned<Duration>) -> Result<Nanos, Diagnostic> {
         let found = format!("a watchdog that waits {time} for a heartbeat");
         let allowed = format!("{} to {}", WATCHDOG[0], WATCHDOG[1]);
         return Err(Diagnostic::new(watchdog.span(), found, allowed));
+    }
+    Ok(time)
+}
+
+/// Checks how long the host's watchdog waits, to which Linux tells whole seconds (`WDIOC_SETTIMEOUT`).
+pub fn host_watchdog(wait: &Spanned<Duration>) -> Result<Nanos, Diagnostic> {
+    let time = watchdog(wait)?;
+    if time.0 % SECOND.0 != 0 {
+        let found = format!("{time}, and the host's watchdog counts in seconds");
+        let allowed = format!("a whole number of seconds, {} to {}", WATCHDOG[0], WATCHDOG[1]);
+        return Err(Diagnostic::new(wait.span(), found, allowed));
     }
     Ok(time)
 }
