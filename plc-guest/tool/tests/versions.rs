@@ -29,12 +29,17 @@ fn plant() -> Folder {
 }
 
 fn versions(phase: &str) -> String {
-    let image = |version| format!("{{\"version\":\"{version}\",\"hash\":\"{}\"}}", "7a".repeat(32));
+    stand(&"7a".repeat(32), &"7a".repeat(32), phase)
+}
+
+/// Versions 1.2.0, which runs, and 1.3.0 with these hashes.
+fn stand(running: &str, other: &str, phase: &str) -> String {
+    let image = |version, hash| format!("{{\"version\":\"{version}\",\"hash\":\"{hash}\"}}");
     format!(
         "{{\"version\":2,\"answer\":\"versions\",\"versions\":[{{\"program\":\"tank\",\"running\":{},\"other\":{},\
          \"phase\":\"{phase}\",\"reason\":null,\"jobs\":0,\"references_gone\":0,\"took_ns\":0,\"at_ns\":0,\"cycle\":0}}]}}",
-        image("1.2.0"),
-        image("1.3.0")
+        image("1.2.0", running),
+        image("1.3.0", other)
     )
 }
 
@@ -89,12 +94,69 @@ fn an_order_tells_what_came_of_it() {
         ("roll-back", "roll-back", "none", 0),
         ("rollback", "roll-back", "held", 5),
     ] {
-        let during = if request == "commit" { "committing" } else { "rolling-back" };
-        let answers = [done(), versions(during), versions(phase)];
+        // Before a roll-back the client asks how the versions stand.
+        let (during, before) = match request {
+            "commit" => ("committing", vec![]),
+            _ => ("rolling-back", vec![versions("held")]),
+        };
+        let rest = [done(), versions(during), versions(phase)];
+        let (place, answers) = (before.len(), [before, rest.to_vec()].concat());
         let (asked, ended) = run(&[order, "plant.toml", "tank", "--until-restart"], &answers);
         ended.expect(status, phase);
-        assert!(asked[0].contains(&format!("\"request\":\"{request}\"")), "{asked:?}");
+        assert!(asked[place].contains(&format!("\"request\":\"{request}\"")), "{asked:?}");
     }
+}
+
+#[test]
+fn a_roll_back_after_which_the_new_version_runs_has_failed() {
+    let ((new, new_hash), folder) = (image(0x90), plant());
+    let old = fs::read(folder.path().join("tank.plc")).unwrap();
+    let old_hash = hash_of(&old);
+    let write = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).unwrap();
+    let words = ["rollback", "plant.toml", "tank"];
+    // Takt learns only with the order that the program has stopped, and that the kernel has forgotten the way back.
+    for phase in ["trial", "held"] {
+        let answers = [
+            stand(&new_hash, &old_hash, phase),
+            done(),
+            stand(&new_hash, &old_hash, "rolling-back"),
+            stand(&new_hash, &old_hash, "none"),
+        ];
+        let says = "did not come back";
+        write("tank.plc", &old);
+        let ended = run_in(&folder, &words, &answers).1.expect(5, says);
+        ended.expect(5, "tank.plc, or start Takt anew, which begins with it");
+        write("tank.plc", &new);
+        let ended = run_in(&folder, &words, &answers).1.expect(5, says);
+        ended.expect(5, "`takt plc load` and `commit` its image, or put it in the place of");
+        write("tank.plc.previous", &old);
+        let ended = run_in(&folder, &words, &answers).1.expect(5, says);
+        ended.expect(5, "tank.plc.previous");
+        let restart = [&words[..], &["--until-restart"]].concat();
+        run_in(&folder, &restart, &answers).1.expect(5, says);
+        assert!(fs::read(folder.path().join("tank.plc")).unwrap() == new);
+        fs::remove_file(folder.path().join("tank.plc.previous")).unwrap();
+    }
+    // The guest can start anew with the version before.
+    write("tank.plc.previous", &old);
+    let answers =
+        [stand(&new_hash, &old_hash, "held"), done(), stand(&old_hash, &old_hash, "none")];
+    run_in(&folder, &words, &answers).1.expect(0, "tank.plc is version 0.0.0 (");
+    assert!(fs::read(folder.path().join("tank.plc")).unwrap() == old);
+}
+
+#[test]
+fn a_version_that_was_not_entered_is_given_up_when_takt_has_heard_it() {
+    let words = ["rollback", "plant.toml", "tank"];
+    for phase in ["preparing", "prepared", "committing"] {
+        let answers = [versions(phase), done(), versions(phase), versions(phase), versions("none")];
+        run(&words, &answers).1.expect(0, "none");
+    }
+    // A commit can be faster than the order to take it back.
+    let [old, new] = ["7a", "5e"].map(|digits| digits.repeat(32));
+    let before = stand(&old, &new, "committing");
+    let entered = [before.clone(), done(), before, stand(&new, &old, "none")];
+    run(&words, &entered).1.expect(5, "did not come back");
 }
 
 #[test]
@@ -178,13 +240,19 @@ fn the_next_start_begins_with_what_was_committed_and_after_a_roll_back_with_what
     ended.expect(0, "held").expect(0, "tank.plc is version 0.0.0 (");
     assert!(read("tank.plc") == new && read("tank.plc.previous") == old);
 
-    let back = phases(&old_hash, &["rolling-back", "rolled-back"]);
+    let back = [
+        stand(&new_hash, &old_hash, "held"),
+        done(),
+        stand(&new_hash, &old_hash, "rolling-back"),
+        stand(&old_hash, &new_hash, "rolled-back"),
+    ];
     let (_, ended) = run_in(&folder, &["rollback", "plant.toml", "tank"], &back);
     ended.expect(0, "tank.plc is version 0.0.0 (");
     assert!(read("tank.plc") == old && read("tank.plc.previous") == new);
 
     // What is given up before it was entered changes nothing.
-    let none = phases(&new_hash, &["none"]);
+    let prepared = running(&new_hash, "prepared");
+    let none = [prepared, done(), running(&new_hash, "none")];
     run_in(&folder, &["rollback", "plant.toml", "tank"], &none).1.expect(0, "none");
     assert!(read("tank.plc") == old);
 }

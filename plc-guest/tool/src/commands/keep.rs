@@ -90,19 +90,31 @@ pub fn set_aside(program: &Program, bytes: &[u8]) -> Result<(), Failure> {
     })
 }
 
+/// An image in the place of the partition file's, or beside it.
+pub struct Found {
+    pub path: PathBuf,
+    pub bytes: Vec<u8>,
+    /// It is that of the partition file.
+    pub is_in_place: bool,
+}
+
+/// The image of the version with this hash.
+pub fn image_of(program: &Program, hash: &str) -> Option<Found> {
+    let place = fs::canonicalize(&program.path).unwrap_or_else(|_| program.path.clone());
+    let others = [LOADED, PREVIOUS].map(|end| (beside(&place, end), false));
+    [(place, true)].into_iter().chain(others).find_map(|(path, is_in_place)| {
+        let bytes = fs::read(&path).ok()?;
+        let is_it = Image::verify(&bytes).is_ok_and(|image| hex(&image.hash()) == hash);
+        is_it.then_some(Found { path, bytes, is_in_place })
+    })
+}
+
 /// Has the next start begin with the version that runs. Its image is that of the partition file, or lies beside it.
 pub fn keep_running(program: &Program, running: &ImageVersion) -> Result<(), Failure> {
-    let is_running =
-        |bytes: &[u8]| Image::verify(bytes).is_ok_and(|image| hex(&image.hash()) == running.hash);
-    if is_running(program.bytes()) {
-        return Ok(());
-    }
-    let path = fs::canonicalize(&program.path).unwrap_or_else(|_| program.path.clone());
-    for end in [LOADED, PREVIOUS] {
-        let Ok(bytes) = fs::read(beside(&path, end)) else { continue };
-        if is_running(&bytes) {
-            return put(program, &image(&path, &bytes)?, &bytes);
-        }
+    match image_of(program, &running.hash) {
+        Some(Found { is_in_place: true, .. }) => return Ok(()),
+        Some(Found { path, bytes, .. }) => return put(program, &image(&path, &bytes)?, &bytes),
+        None => {}
     }
     let message = format!(
         "version {} of {} runs, but the next start begins with {}, since no image of that version is beside it. `takt plc keep` \
