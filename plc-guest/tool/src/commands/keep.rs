@@ -11,13 +11,13 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use takt_plan::Program;
-use takt_points::Connected;
+use takt_points::{Connected, Plc};
 use takt_program::Image;
-use takt_protocol::ImageVersion;
+use takt_protocol::{ImageVersion, VersionStatus};
 
 use super::live::print;
 use super::versions::{PATIENCE, find, outlast};
-use super::{hex, image, read};
+use super::{hex, image, next_start, read};
 use crate::live::Which;
 use crate::{Failure, status};
 
@@ -69,24 +69,48 @@ impl Keep {
                 shown(&image)
             ));
         }
-        put(program, &image, &bytes)
+        put(&plc, program, &image, &bytes)
     }
 }
 
 /// Leaves the image of a version that was loaded beside that of the partition file, where [`keep_running`] finds it. The
-/// version can be entered without that, so it is told and is no failure.
-pub fn set_aside(program: &Program, bytes: &[u8]) -> Result<(), Failure> {
+/// version can be entered without that, so it is told and is no failure. Nor is it one if no start could begin with the
+/// version: the partition file can be changed until the commit.
+pub fn set_aside(plc: &Plc, program: &Program, bytes: &[u8]) -> Result<(), Failure> {
     let whole = || {
         let path = fs::canonicalize(&program.path)?;
         let (next, loaded) = (beside(&path, NEXT), beside(&path, LOADED));
         write_next(&path, &next, bytes)?;
         fs::rename(&next, &loaded)
     };
-    whole().or_else(|error| {
+    if let Err(error) = whole() {
         print(&format!(
             "no start can begin with it yet, since it cannot be written beside {}: {error}",
             program.path.display()
-        ))
+        ))?;
+    }
+    next_start::check(plc, program, bytes)
+        .or_else(|error| print(&format!("no start could begin with it: {error}")))
+}
+
+/// Refuses a version that is prepared and with which no start could begin, while nothing is ordered yet.
+pub fn check_prepared(
+    plc: &Plc,
+    program: &Program,
+    version: &VersionStatus,
+) -> Result<(), Failure> {
+    let prepared = version.other.as_ref().filter(|_| version.phase == "prepared");
+    let Some(found) = prepared.and_then(|other| image_of(program, &other.hash)) else {
+        // Takt refuses the order, or what is missing is told when the version has proved itself.
+        return Ok(());
+    };
+    next_start::check(plc, program, &found.bytes).map_err(|error| {
+        let message = format!(
+            "nothing is ordered, since no start could begin with the version that is prepared: {error}\n`takt plc commit \
+             --until-restart` enters it, and leaves {} as it is",
+            program.path.display()
+        );
+        Failure { status: status::REFUSED, message }
     })
 }
 
@@ -110,10 +134,12 @@ pub fn image_of(program: &Program, hash: &str) -> Option<Found> {
 }
 
 /// Has the next start begin with the version that runs. Its image is that of the partition file, or lies beside it.
-pub fn keep_running(program: &Program, running: &ImageVersion) -> Result<(), Failure> {
+pub fn keep_running(plc: &Plc, program: &Program, running: &ImageVersion) -> Result<(), Failure> {
     match image_of(program, &running.hash) {
         Some(Found { is_in_place: true, .. }) => return Ok(()),
-        Some(Found { path, bytes, .. }) => return put(program, &image(&path, &bytes)?, &bytes),
+        Some(Found { path, bytes, .. }) => {
+            return put(plc, program, &image(&path, &bytes)?, &bytes);
+        }
         None => {}
     }
     let message = format!(
@@ -127,8 +153,17 @@ pub fn keep_running(program: &Program, running: &ImageVersion) -> Result<(), Fai
 }
 
 /// Puts an image in the place of the partition file's, and tells it.
-fn put(program: &Program, image: &Image<'_>, bytes: &[u8]) -> Result<(), Failure> {
+fn put(plc: &Plc, program: &Program, image: &Image<'_>, bytes: &[u8]) -> Result<(), Failure> {
     let path = program.path.display();
+    if let Err(error) = next_start::check(plc, program, bytes) {
+        let message = format!(
+            "version {} of {} runs until the next start, and {path} stays as it was, since no start could begin with the \
+             version: {error}",
+            shown(image),
+            program.name
+        );
+        return Err(Failure { status: status::REFUSED, message });
+    }
     let previous = replace(&program.path, bytes)
         .map_err(|error| Failure::input(format!("cannot replace {path}: {error}")))?;
     let (version, previous) = (shown(image), previous.display());

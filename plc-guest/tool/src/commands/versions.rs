@@ -12,7 +12,7 @@ use takt_plan::Program;
 use takt_points::{Connected, Plc};
 use takt_protocol::{Answer, ImageVersion, Request, VersionStatus};
 
-use super::keep::{Found, image_of, keep_running, set_aside};
+use super::keep::{Found, check_prepared, image_of, keep_running, set_aside};
 use super::live::print;
 use super::read;
 use crate::Failure;
@@ -73,7 +73,7 @@ impl Load {
             }
         }
         follow(&mut connected, &self.program, "preparing", &["prepared"])?;
-        set_aside(program, &read(&self.image)?)
+        set_aside(&plc, program, &read(&self.image)?)
     }
 }
 
@@ -96,6 +96,9 @@ impl Order {
         let plc = self.which.load()?;
         let program = find(&plc, &self.program)?;
         let mut connected = plc.reach()?;
+        if !self.until_restart {
+            check_prepared(&plc, program, &version(&mut connected, &self.program)?)?;
+        }
         order(&mut connected, Request::Commit, &self.program)?;
         let entered = [good, &["trial"]].concat();
         let mut stands = follow(&mut connected, &self.program, "committing", &entered)?;
@@ -105,7 +108,7 @@ impl Order {
         if self.until_restart {
             return Ok(());
         }
-        keep_running(program, &stands.running)
+        keep_running(&plc, program, &stands.running)
     }
 
     /// Goes back; the next start begins with the version that runs again.
@@ -116,6 +119,7 @@ impl Order {
         // The phase at the end does not tell which version runs: after a stop of the program it is that of a version
         // that was given up.
         let before = version(&mut connected, &self.program)?;
+        // Whether a start could begin with it is asked when it runs again: a way back does not wait for a file.
         order(&mut connected, Request::RollBack, &self.program)?;
         let stands = outlast(&mut connected, &self.program, &GOING_BACK)?;
         print(shown(&stands).trim_end())?;
@@ -126,7 +130,7 @@ impl Order {
             // What was only prepared has changed nothing.
             "none" if runs && !was_entered => Ok(()),
             "none" | "rolled-back" if runs && self.until_restart => Ok(()),
-            "none" | "rolled-back" if runs => keep_running(program, &stands.running),
+            "none" | "rolled-back" if runs => keep_running(&plc, program, &stands.running),
             "none" | "rolled-back" => Err(not_back(program, &stands.running, wanted)),
             phase if GOING_BACK.contains(&phase) => Err(still(&stands, "")),
             phase => Err(refused(format!("{} is now {}", self.program, takt_client::plain(phase)))),
