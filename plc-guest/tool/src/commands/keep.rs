@@ -5,15 +5,17 @@
 //! itself, and leaves the old image beside it. `commit` and `rollback` do the same with what `load` has left there. The
 //! file has one whole image or the other at each instant, also if the power fails.
 
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::process;
 
 use takt_plan::Program;
 use takt_points::{Connected, Plc};
 use takt_program::Image;
 use takt_protocol::{ImageVersion, VersionStatus};
+use tempfile::NamedTempFile;
 
 use super::live::print;
 use super::versions::{PATIENCE, find, outlast};
@@ -21,8 +23,7 @@ use super::{hex, image, next_start, read};
 use crate::live::Which;
 use crate::{Failure, status};
 
-/// The ends of the names of files beside an image: the next one while it is written, one that was loaded, and the last one.
-const NEXT: &str = "next";
+/// The ends of the names of files beside an image: one that was loaded, and the last one.
 const LOADED: &str = "loaded";
 const PREVIOUS: &str = "previous";
 
@@ -79,9 +80,8 @@ impl Keep {
 pub fn set_aside(plc: &Plc, program: &Program, bytes: &[u8]) -> Result<(), Failure> {
     let whole = || {
         let path = fs::canonicalize(&program.path)?;
-        let (next, loaded) = (beside(&path, NEXT), beside(&path, LOADED));
-        write_next(&path, &next, bytes)?;
-        fs::rename(&next, &loaded)
+        let loaded = beside(&path, LOADED);
+        write_next(&path, bytes)?.persist(loaded).map(drop).map_err(|error| error.error)
     };
     if let Err(error) = whole() {
         print(&format!(
@@ -195,43 +195,51 @@ fn proved(connected: &mut Connected<'_>, program: &str) -> Result<ImageVersion, 
 fn replace(path: &Path, bytes: &[u8]) -> io::Result<PathBuf> {
     // A link stays a link.
     let path = fs::canonicalize(path)?;
-    let folder = File::open(path.parent().unwrap_or(Path::new("/")))?;
-    let (next, previous) = (beside(&path, NEXT), beside(&path, PREVIOUS));
+    let folder = File::open(folder_of(&path))?;
+    let previous = beside(&path, PREVIOUS);
+    let next = write_next(&path, bytes)?;
 
     // A second name for the old content, which takes the place of an older one in one step.
-    remove(&next)?;
-    fs::hard_link(&path, &next)?;
-    fs::rename(&next, &previous)?;
+    let name = name_of_next(&path);
+    let mut second = tempfile::Builder::new();
+    let second =
+        second.prefix(&name).make_in(folder_of(&path), |second| fs::hard_link(&path, second))?;
+    fs::rename(second.path(), &previous)?;
     // If both are names of one file already, as an attempt that was broken off leaves them, the rename does nothing.
-    remove(&next)?;
+    drop(second);
     folder.sync_all()?;
 
-    write_next(&path, &next, bytes)?;
-    fs::rename(&next, &path)?;
+    next.persist(&path).map_err(|error| error.error)?;
     folder.sync_all()?;
     Ok(previous)
 }
 
+fn folder_of(path: &Path) -> &Path {
+    path.parent().unwrap_or(Path::new("/"))
+}
+
 fn beside(path: &Path, end: &str) -> PathBuf {
     let name = [path.as_os_str(), OsStr::new("."), OsStr::new(end)];
-    PathBuf::from(name.into_iter().collect::<std::ffi::OsString>())
+    PathBuf::from(name.into_iter().collect::<OsString>())
 }
 
-/// Writes what is to take the place of `path` or of a file beside it, with the same permissions.
-fn write_next(path: &Path, next: &Path, bytes: &[u8]) -> io::Result<()> {
-    remove(next)?;
-    let mut file = File::create_new(next)?;
+/// Writes what is to take the place of `path` or of a file beside it, with the same permissions. The file is removed
+/// unless it gets there.
+fn write_next(path: &Path, bytes: &[u8]) -> io::Result<NamedTempFile> {
+    let name = name_of_next(path);
+    let mut file = tempfile::Builder::new().prefix(&name).tempfile_in(folder_of(path))?;
     io::Write::write_all(&mut file, bytes)?;
-    file.set_permissions(fs::metadata(path)?.permissions())?;
-    file.sync_all()
+    file.as_file().set_permissions(fs::metadata(path)?.permissions())?;
+    file.as_file().sync_all()?;
+    Ok(file)
 }
 
-/// Removes what an earlier attempt may have left.
-fn remove(path: &Path) -> io::Result<()> {
-    match fs::remove_file(path) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-        _ => Ok(()),
-    }
+/// How the names of files begin that are to take another place. Each has a name of its own: what one command writes is
+/// moved by no other, and one that was killed leaves only such a file.
+fn name_of_next(path: &Path) -> OsString {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".next-{}-", process::id()));
+    name
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use std::env;
 use std::io::{BufRead, BufReader};
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::process::{Command, Stdio};
+use std::thread;
 
 use super::*;
 
@@ -36,6 +37,44 @@ fn the_old_content_stays_beside_the_new_one() {
         assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
     }
+}
+
+#[test]
+fn clients_that_replace_a_file_at_the_same_time_put_whole_ones_in_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.plc");
+    fs::write(&path, content(0)).unwrap();
+    let previous = replace(&path, &content(1)).unwrap();
+    let clients: Vec<_> = (1..=4)
+        .map(|client| {
+            let path = path.clone();
+            thread::spawn(move || {
+                for _ in 0..25 {
+                    // The old content can be gone before it gets its second name. Then nothing is replaced.
+                    let replaced = replace(&path, &content(client)).map(drop);
+                    let gone = |error: &io::Error| matches!(error.kind(), io::ErrorKind::NotFound);
+                    assert!(replaced.as_ref().err().is_none_or(gone), "{replaced:?}");
+                }
+            })
+        })
+        .collect();
+    while clients.iter().any(|client| !client.is_finished()) {
+        assert!(whole(&path).is_some() && whole(&previous).is_some());
+    }
+    clients.into_iter().for_each(|client| client.join().unwrap());
+    assert!(whole(&path).is_some() && whole(&previous).is_some());
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+}
+
+#[test]
+fn a_replacement_that_fails_leaves_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.plc");
+    fs::write(&path, content(1)).unwrap();
+    fs::create_dir(folder.path().join("a.plc.previous")).unwrap();
+    replace(&path, &content(2)).unwrap_err();
+    assert_eq!(whole(&path), Some(1));
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
 }
 
 /// Replaces the file that is named by the environment for ever. It is no test of its own.
