@@ -8,6 +8,7 @@
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File};
 use std::io;
+use std::os::unix::fs::{MetadataExt, fchown};
 use std::path::{Path, PathBuf};
 use std::process;
 
@@ -16,6 +17,7 @@ use takt_points::{Connected, Plc};
 use takt_program::Image;
 use takt_protocol::{ImageVersion, VersionStatus};
 use tempfile::NamedTempFile;
+use thiserror::Error;
 
 use super::live::print;
 use super::versions::{PATIENCE, find, outlast};
@@ -81,7 +83,8 @@ pub fn set_aside(plc: &Plc, program: &Program, bytes: &[u8]) -> Result<(), Failu
     let whole = || {
         let path = fs::canonicalize(&program.path)?;
         let loaded = beside(&path, LOADED);
-        write_next(&path, bytes)?.persist(loaded).map(drop).map_err(|error| error.error)
+        write_next(&path, bytes)?.persist(loaded).map_err(|error| error.error)?;
+        Ok::<_, Unwritten>(())
     };
     if let Err(error) = whole() {
         print(&format!(
@@ -192,7 +195,7 @@ fn proved(connected: &mut Connected<'_>, program: &str) -> Result<ImageVersion, 
 
 /// Puts `bytes` in the place of a file, whose content stays beside it under the returned name. Each step leaves whole
 /// files only, and is on the disk before the next one.
-fn replace(path: &Path, bytes: &[u8]) -> io::Result<PathBuf> {
+fn replace(path: &Path, bytes: &[u8]) -> Result<PathBuf, Unwritten> {
     // A link stays a link.
     let path = fs::canonicalize(path)?;
     let folder = File::open(folder_of(&path))?;
@@ -223,13 +226,43 @@ fn beside(path: &Path, end: &str) -> PathBuf {
     PathBuf::from(name.into_iter().collect::<OsString>())
 }
 
-/// Writes what is to take the place of `path` or of a file beside it, with the same permissions. The file is removed
-/// unless it gets there.
-fn write_next(path: &Path, bytes: &[u8]) -> io::Result<NamedTempFile> {
+/// Why an image gets into no place.
+#[derive(Debug, Error)]
+enum Unwritten {
+    /// The system refuses a step.
+    #[error(transparent)]
+    Step(#[from] io::Error),
+    /// Takt, or a colleague, could perhaps not read it any more.
+    #[error(
+        "it would not belong to user {user} and group {group} any more: {source}. Root, or that user, can do it"
+    )]
+    Owner {
+        /// The number of the user who owns the old one.
+        user: u32,
+        /// That of the group.
+        group: u32,
+        /// What the kernel says.
+        source: io::Error,
+    },
+}
+
+/// Writes what is to take the place of `path` or of a file beside it, with the same owner and permissions. The file is
+/// removed unless it gets there.
+fn write_next(path: &Path, bytes: &[u8]) -> Result<NamedTempFile, Unwritten> {
     let name = name_of_next(path);
     let mut file = tempfile::Builder::new().prefix(&name).tempfile_in(folder_of(path))?;
     io::Write::write_all(&mut file, bytes)?;
-    file.as_file().set_permissions(fs::metadata(path)?.permissions())?;
+    let (old, new) = (fs::metadata(path)?, file.as_file().metadata()?);
+    let (user, group) = (old.uid(), old.gid());
+    if (user, group) != (new.uid(), new.gid()) {
+        fchown(&file, Some(user), Some(group)).map_err(|source| Unwritten::Owner {
+            user,
+            group,
+            source,
+        })?;
+    }
+    // Last, since the kernel takes bits away with the owner. Until then only this user can read it.
+    file.as_file().set_permissions(old.permissions())?;
     file.as_file().sync_all()?;
     Ok(file)
 }
