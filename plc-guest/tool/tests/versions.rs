@@ -352,6 +352,40 @@ fn a_version_with_which_the_partition_file_does_not_pass_is_not_put_in_place() {
 }
 
 #[test]
+fn an_image_that_two_programs_begin_with_is_not_replaced() {
+    let (folder, (new, new_hash)) = (plant(), image(0x90));
+    let old = fs::read(folder.path().join("tank.plc")).unwrap();
+    let text = fs::read_to_string(folder.path().join("plant.toml")).unwrap();
+    std::os::unix::fs::symlink("tank.plc", folder.path().join("link.plc")).unwrap();
+    fs::write(folder.path().join("new.plc"), &new).unwrap();
+    fs::write(folder.path().join("tank.plc.loaded"), &new).unwrap();
+    let commit = ["commit", "plant.toml", "tank"];
+    let keep = ["keep", "plant.toml", "tank", "new.plc"];
+    let prepared = stand(&hash_of(&old), &new_hash, "prepared");
+    let held = running(&new_hash, "held");
+    for image in ["tank.plc", "link.plc"] {
+        let press = format!("[[partition.program]]\nname = \"press\"\nimage = \"{image}\"\n");
+        folder.write("plant.toml", &text.replace("[[schedule]]", &(press + "[[schedule]]")));
+        let (asked, ended) = run_in(&folder, &commit, std::slice::from_ref(&prepared));
+        let says = "tank.plc is the image of press in the partition plc too";
+        ended.expect(5, "nothing is ordered").expect(5, says).expect(5, "copy the file");
+        assert_eq!(asked.len(), 1);
+        let (_, ended) = run_in(&folder, &keep, std::slice::from_ref(&held));
+        ended.expect(5, says);
+        assert!(fs::read(folder.path().join("tank.plc")).unwrap() == old);
+        // What is there already changes nothing.
+        let words = ["load", "plant.toml", "press", image];
+        let answers = [done(), versions("prepared").replace("tank", "press")];
+        let ended = run_in(&folder, &words, &answers).1.expect(0, "prepared");
+        assert!(!ended.text.contains("no start"), "{}", ended.text);
+        fs::write(folder.path().join("tank.plc.loaded"), &new).unwrap();
+    }
+    fs::remove_file(folder.path().join("link.plc")).unwrap();
+    fs::write(folder.path().join("link.plc"), &old).unwrap();
+    run_in(&folder, &keep, &[held]).1.expect(0, "tank.plc is version 0.0.0 (");
+}
+
+#[test]
 fn a_version_with_another_name_does_not_change_that_of_the_program() {
     let (press, folder) = (builder_of("press", 0x90).build().unwrap(), plant());
     fs::write(folder.path().join("press.plc"), &press).unwrap();
