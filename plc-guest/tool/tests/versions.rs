@@ -1,4 +1,5 @@
-//! `takt plc load`, `versions`, `commit`, `rollback`, `keep`, against a socket that answers as Takt does.
+//! `takt plc load`, `versions`, `commit`, `rollback`, `keep`, and `release` before them, against a socket that answers as
+//! Takt does.
 
 mod common;
 
@@ -179,6 +180,14 @@ fn what_is_refused_or_not_there_ends_with_its_status() {
         .takt_plc(&["commit", "plant.toml", "press"])
         .expect(2, "no program is named `press`; there are tank");
     plant.takt_plc(&["versions", "plant.toml"]).expect(6, "no Takt at");
+}
+
+#[test]
+fn all_values_are_released_whatever_version_runs() {
+    // Only the order is answered: what runs is not asked.
+    let (asked, ended) = run(&["release", "plant.toml", "--all"], &[done()]);
+    ended.expect(0, "taken");
+    assert!(asked[0].contains("\"request\":\"release\""), "{asked:?}");
 }
 
 #[test]
