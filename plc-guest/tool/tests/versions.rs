@@ -314,7 +314,7 @@ fn a_version_with_which_the_partition_file_does_not_pass_is_not_put_in_place() {
     fs::write(folder.path().join("new.plc"), &new).unwrap();
     let load = ["load", "plant.toml", "tank", "new.plc"];
     let (_, ended) = run_in(&folder, &load, &[done(), versions("prepared")]);
-    ended.expect(0, "no start could begin with it").expect(0, error);
+    ended.expect(0, "the next start cannot begin with it").expect(0, error);
     assert!(read("tank.plc.loaded") == new);
 
     // Nothing has been ordered when the commit is refused.
@@ -386,7 +386,7 @@ fn an_image_that_two_programs_begin_with_is_not_replaced() {
         let words = ["load", "plant.toml", "press", image];
         let answers = [done(), versions("prepared").replace("tank", "press")];
         let ended = run_in(&folder, &words, &answers).1.expect(0, "prepared");
-        assert!(!ended.text.contains("no start"), "{}", ended.text);
+        assert!(!ended.text.contains("cannot begin"), "{}", ended.text);
         fs::write(folder.path().join("tank.plc.loaded"), &new).unwrap();
     }
     fs::remove_file(folder.path().join("link.plc")).unwrap();

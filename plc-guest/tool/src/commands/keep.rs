@@ -93,7 +93,7 @@ pub fn set_aside(plc: &Plc, program: &Program, bytes: &[u8]) -> Result<(), Failu
         ))?;
     }
     next_start::check(plc, program, bytes)
-        .or_else(|error| print(&format!("no start could begin with it: {error}")))
+        .or_else(|error| print(&format!("the next start cannot begin with it: {error}")))
 }
 
 /// Refuses a version that is prepared and with which no start could begin, while nothing is ordered yet.
@@ -109,7 +109,7 @@ pub fn check_prepared(
     };
     next_start::check(plc, program, &found.bytes).map_err(|error| {
         let message = format!(
-            "nothing is ordered, since no start could begin with the version that is prepared: {error}\n`takt plc commit \
+            "nothing is ordered, since the next start cannot begin with the version that is prepared: {error}\n`takt plc commit \
              --until-restart` enters it, and leaves {} as it is",
             program.path.display()
         );
@@ -160,8 +160,8 @@ fn put(plc: &Plc, program: &Program, image: &Image<'_>, bytes: &[u8]) -> Result<
     let path = program.path.display();
     if let Err(error) = next_start::check(plc, program, bytes) {
         let message = format!(
-            "version {} of {} runs until the next start, and {path} stays as it was, since no start could begin with the \
-             version: {error}",
+            "version {} of {} runs until the next start, and {path} stays as it was, since that start cannot begin with \
+             the version: {error}",
             shown(image),
             program.name
         );
