@@ -136,9 +136,10 @@ fn a_watchdog_counts_from_the_first_instruction_of_its_linux() {
         )
     };
     let outcome = File::new("1ms")
+        .lines("control = \"watchdog-from-start.sock\"")
         .plc("plc", None, "")
         .lines(&linux("watched", "memory = \"64MiB\"\nwatchdog = \"1s\""))
-        .lines(&linux("large", "memory = \"640MiB\"\nhuge_pages = \"none\"\nconsole = \"none\""))
+        .lines(&linux("large", "memory = \"640MiB\"\nhuge_pages = \"none\"\nconsole = \"control\""))
         .schedule("normal")
         .window("plc", 0, 200)
         .run("watchdog-from-start")
