@@ -11,7 +11,7 @@
 use kvm_bindings::kvm_sregs;
 use kvm_ioctls::{Kvm, VcpuFd};
 
-use crate::machine::{MachineError, cannot, empty};
+use crate::machine::{MachineError, cannot, empty, processors_own_apic};
 
 /// The bit of `IA32_APIC_BASE` by which an APIC is there at all (Intel SDM, volume 3A, 11.4.3).
 const ENABLED: u64 = 1 << 11;
@@ -29,7 +29,7 @@ impl ApicSwitches {
     /// See [`MachineError`].
     pub fn hold(kvm: &Kvm) -> Result<Self, MachineError> {
         let vm = empty(kvm)?;
-        vm.create_irq_chip().map_err(cannot("create the interrupt controllers"))?;
+        processors_own_apic(&vm)?;
         // By software it is off from its creation on, as after a reset.
         let vcpu = vm.create_vcpu(0).map_err(cannot("create a vCPU"))?;
         let state = vcpu.get_sregs().map_err(cannot("tell a processor's registers"))?;

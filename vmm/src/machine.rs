@@ -115,16 +115,20 @@ pub fn for_plc(kvm: &Kvm, memory: &GuestMemory, interrupts: bool) -> Result<Mach
     let vm = create(kvm, memory)?;
     registers::refuse(&vm).map_err(cannot("keep a guest from changing registers"))?;
     if interrupts {
-        // In this form KVM keeps the processor's controller, and the board's is left to Takt, which
-        // makes none. The argument is the number of its pins.
-        let split = kvm_enable_cap { cap: KVM_CAP_SPLIT_IRQCHIP, ..Default::default() };
-        vm.enable_cap(&split).map_err(cannot("create an interrupt controller"))?;
+        processors_own_apic(&vm)?;
         switch_polling_off(&vm)?;
     }
     let vcpu = vm.create_vcpu(0).map_err(cannot("create a vCPU"))?;
     vcpu.set_cpuid2(&supported(kvm)?).map_err(cannot("set the CPUID"))?;
     bound_machine_checks(&vcpu)?;
     finish(vm, vec![vcpu])
+}
+
+/// Has KVM keep the processor's interrupt controller. The board's is left to Takt, which makes none.
+pub(crate) fn processors_own_apic(vm: &VmFd) -> Result<(), MachineError> {
+    // The argument is the number of the board's pins.
+    let split = kvm_enable_cap { cap: KVM_CAP_SPLIT_IRQCHIP, ..Default::default() };
+    vm.enable_cap(&split).map_err(cannot("create an interrupt controller"))
 }
 
 /// Leaves a processor one bank of machine checks instead of 32, which no PLC reads and a restart would
