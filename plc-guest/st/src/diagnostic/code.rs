@@ -81,7 +81,7 @@ codes! {
     InvalidConstant Error "invalid-constant" "A value that must be known when the program is built and is not.";
     InvalidRange Error "invalid-range" "Bounds of an array, subrange or string that cannot be.";
     InvalidTask Error "invalid-task" "A task or program instance that cannot run as configured.";
-    AddressConflict Error "address-conflict" "Two variables at one output address.";
+    AddressConflict Error "address-conflict" "Two variables or tasks at one output address.";
     NoTask Error "no-task" "A program without a task, so that nothing of it would run.";
     Internal Error "internal" "The compiler could not compile what it accepts: a mistake of its own, or no room on this machine.";
     StackTooLarge Error "stack-too-large" "A task that needs more stack than it can have.";
