@@ -122,3 +122,36 @@ fn a_project_without_a_task_has_no_image() {
     );
     assert!(matches!(build(&program), Err(BuildError::NoTask)));
 }
+
+/// A program whose parameter stands for a marker that is assigned by another name and type.
+const TWO_TYPES: &str = "FUNCTION SumIo : INT\n\
+    VAR_IN_OUT x : INT; END_VAR\n\
+    VAR i : INT; END_VAR\n\
+    FOR i := 1 TO 3 DO %MW0 := INT_TO_WORD(i); SumIo := SumIo + x; END_FOR;\n\
+    END_FUNCTION\n\
+    FUNCTION SumBoth : INT\n\
+    VAR_IN_OUT x : INT; w : WORD; END_VAR\n\
+    VAR i : INT; END_VAR\n\
+    FOR i := 1 TO 3 DO w := INT_TO_WORD(i); SumBoth := SumBoth + x; END_FOR;\n\
+    END_FUNCTION\n\
+    FUNCTION SumThrough : INT\n\
+    VAR_IN_OUT x : INT; END_VAR\n\
+    VAR_INPUT r : REF_TO WORD; END_VAR\n\
+    VAR i : INT; END_VAR\n\
+    FOR i := 1 TO 3 DO r^ := INT_TO_WORD(i); SumThrough := SumThrough + x; END_FOR;\n\
+    END_FUNCTION\n\
+    PROGRAM Main\n\
+    VAR mi AT %MW0 : INT; mw AT %MW0 : WORD; q AT %QW0 : ARRAY[0..2] OF INT; END_VAR\n\
+    mi := 100; q[0] := SumIo(x := mi);\n\
+    mi := 100; q[1] := SumBoth(x := mi, w := mw);\n\
+    mi := 100; q[2] := SumThrough(x := mi, r := REF(mw));\n\
+    END_PROGRAM\n\
+    CONFIGURATION C TASK t (INTERVAL := T#100ms, PRIORITY := 1); PROGRAM p WITH t : Main; END_CONFIGURATION\n";
+
+#[test]
+fn a_parameter_may_stand_for_a_marker_that_has_another_type_too() {
+    let mut plant = Plant::start(TWO_TYPES);
+    plant.cycle().unwrap();
+    let sums = plant.output::<6>(0);
+    assert_eq!(sums.as_chunks::<2>().0, [6i16; 3].map(i16::to_le_bytes));
+}

@@ -17,6 +17,7 @@ pub struct Knowledge {
     /// Stretches that more than one task uses. A register must not hide a write of another task, nor write back what
     /// that task has changed since.
     shared: Vec<(Area, u32, u32)>,
+    /// How many tasks there are, without that of the tests.
     tasks: usize,
 }
 
@@ -33,14 +34,17 @@ impl Knowledge {
         }
         let mut shared = Vec::new();
         let of_task = |index: usize| &summaries[program.tasks[index].entry.0 as usize];
-        for first in 0..program.tasks.len() {
-            for second in first + 1..program.tasks.len() {
+        // The task of tests is the last. It runs between the jobs of the others only, and its program must be the one
+        // that is tested.
+        let tasks = program.tasks.len() - usize::from(program.tests.wanted.is_some());
+        for first in 0..tasks {
+            for second in first + 1..tasks {
                 overlaps(of_task(first), of_task(second), &mut shared);
             }
         }
         shared.sort_unstable();
         shared.dedup();
-        Knowledge { summaries, instances: instances(program), shared, tasks: program.tasks.len() }
+        Knowledge { summaries, instances: instances(program), shared, tasks }
     }
 
     /// The cells that `effects`, of a loop of `routine`, let live in registers.
@@ -97,7 +101,7 @@ impl Knowledge {
             }
             Target::Range { base, start, end, ty } => (base, start, end, ty),
             Target::Indirect(ty) => {
-                return same_type(cell, ty);
+                return may_refer(cell, ty);
             }
         };
         let overlap = cell.offset < end && start < cell.offset + cell.ty.size();
@@ -114,15 +118,20 @@ impl Knowledge {
                     .any(|(low, high)| cell.offset < *high && *low < end)
             }
             (Base::Instance, Base::Area(_)) | (Base::Area(_), Base::Instance) => false,
-            _ => same_type(cell, ty),
+            // What lies in the state has one type.
+            (Base::Pointer(_), Base::Area(Area::State) | Base::Instance) => {
+                ty.is_none_or(|ty| ty == cell.ty)
+            }
+            _ => may_refer(cell, ty),
         }
     }
 }
 
-/// Whether a reference to type `ty` may refer to the cell. Addresses in %I, %Q and %M may have several types.
-fn same_type(cell: &Cell, ty: Option<Elementary>) -> bool {
+/// Whether a reference to type `ty`, or a parameter or an address of it, may stand for the cell. What lies in %I, %Q and
+/// %M may have several types, and a parameter may stand for such a place.
+fn may_refer(cell: &Cell, ty: Option<Elementary>) -> bool {
     match cell.base {
-        Base::Area(Area::Input | Area::Output | Area::Marker) => true,
+        Base::Area(Area::Input | Area::Output | Area::Marker) | Base::Pointer(_) => true,
         _ => ty.is_none_or(|ty| ty == cell.ty),
     }
 }
