@@ -53,7 +53,8 @@ impl Knowledge {
         for (target, uses) in &effects.accesses {
             if let Target::Cell(cell) = target {
                 let written = uses.writes > 0;
-                if !self.is_shared(routine, cell) && !self.hidden(routine, effects, cell, written) {
+                if !self.is_shared(routine, target) && !self.hidden(routine, effects, cell, written)
+                {
                     cells.push((*cell, uses.total, written));
                 }
             }
@@ -63,21 +64,27 @@ impl Knowledge {
         cells.into_iter().map(|(cell, _, written)| (cell, written)).collect()
     }
 
-    fn is_shared(&self, routine: &Routine, cell: &Cell) -> bool {
-        let end = cell.offset + cell.ty.size();
-        match cell.base {
+    /// Whether another task may use what an access of a routine touches.
+    pub fn is_shared(&self, routine: &Routine, target: &Target) -> bool {
+        let (base, start, end) = match *target {
+            Target::Cell(Cell { base, offset, ty }) => (base, offset, offset + ty.size()),
+            Target::Range { base, start, end, .. } => (base, start, end),
+            Target::Indirect(_) => return self.tasks > 1,
+        };
+        let shared = |area: Area, start: u32, end: u32| {
+            self.shared
+                .iter()
+                .any(|(other, low, high)| *other == area && start < *high && *low < end)
+        };
+        match base {
             Base::Local(_) => false,
             _ if self.tasks < 2 => false,
             Base::Pointer(_) => true,
-            Base::Area(area) => self
-                .shared
+            Base::Area(area) => shared(area, start, end),
+            Base::Instance => self
+                .instances_of(routine)
                 .iter()
-                .any(|(other, low, high)| *other == area && cell.offset < *high && *low < end),
-            Base::Instance => self.instances_of(routine).iter().any(|(start, stop)| {
-                self.shared
-                    .iter()
-                    .any(|(area, low, high)| *area == Area::State && start < high && low < stop)
-            }),
+                .any(|(low, high)| shared(Area::State, *low, *high)),
         }
     }
 
