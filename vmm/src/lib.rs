@@ -4,6 +4,7 @@
 //! on one machine, neither trusting the other. `docs/architecture.md` tells the whole story.
 
 pub mod account;
+mod apic_switches;
 pub mod appliance;
 pub mod boot;
 pub mod channels;

@@ -189,14 +189,19 @@ fn switch_polling_off(vm: &VmFd) -> Result<(), MachineError> {
     vm.enable_cap(&no_polling).map_err(cannot("switch halt polling off"))
 }
 
-fn create(kvm: &Kvm, memory: &GuestMemory) -> Result<VmFd, MachineError> {
+/// A machine without memory, processors or devices.
+pub(crate) fn empty(kvm: &Kvm) -> Result<VmFd, MachineError> {
     // The call is interrupted by any signal that is pending, and then simply has to be repeated.
-    let vm = loop {
+    loop {
         match kvm.create_vm() {
             Err(e) if e.errno() == libc::EINTR => {}
-            result => break result.map_err(cannot("create a virtual machine"))?,
+            result => return result.map_err(cannot("create a virtual machine")),
         }
-    };
+    }
+}
+
+fn create(kvm: &Kvm, memory: &GuestMemory) -> Result<VmFd, MachineError> {
+    let vm = empty(kvm)?;
     cpuid::switch_counters_off(&vm).map_err(cannot("switch performance counters off"))?;
     vm.set_tss_address(TASK_STATE_SEGMENT as usize)
         .map_err(cannot("place its task state segment"))?;

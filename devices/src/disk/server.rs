@@ -168,7 +168,9 @@ impl<M: Medium> Disk<M> {
                 }
             }
             VIRTIO_BLK_T_FLUSH if from == 0 && into == 0 => Answer::of(&self.medium.flush(), 0),
-            VIRTIO_BLK_T_DISCARD if into == 0 && !self.shape.read_only => self.discard(body),
+            VIRTIO_BLK_T_DISCARD if into == 0 && !self.shape.read_only => {
+                self.discard(guest.touch(|| body.discarded())?)
+            }
             VIRTIO_BLK_T_GET_ID if from == 0 => guest.touch(|| self.tell_id(body))?,
             VIRTIO_BLK_T_IN | VIRTIO_BLK_T_OUT | VIRTIO_BLK_T_FLUSH | VIRTIO_BLK_T_DISCARD
             | VIRTIO_BLK_T_GET_ID => Answer::error(VIRTIO_BLK_S_IOERR),
@@ -184,8 +186,8 @@ impl<M: Medium> Disk<M> {
     }
 
     /// One piece, as the driver was told. All flags are reserved here (virtio 1.2, section 5.2.6.2).
-    fn discard(&mut self, body: &Body<'_>) -> Answer {
-        let Some((sector, sectors, flags)) = body.discarded() else {
+    fn discard(&mut self, named: Option<(u64, u32, u32)>) -> Answer {
+        let Some((sector, sectors, flags)) = named else {
             return Answer::error(VIRTIO_BLK_S_IOERR);
         };
         if flags != 0 {

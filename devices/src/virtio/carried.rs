@@ -17,7 +17,7 @@ use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use virtio_bindings::virtio_config::{VIRTIO_F_ANY_LAYOUT, VIRTIO_F_VERSION_1};
+use virtio_bindings::virtio_config::VIRTIO_F_VERSION_1;
 use virtio_bindings::virtio_ring::{VIRTIO_RING_F_EVENT_IDX, VIRTIO_RING_F_INDIRECT_DESC};
 use virtio_queue::{Queue, QueueT};
 use vm_memory::{GuestAddress, GuestMemoryBackend, GuestMemoryMmap};
@@ -30,8 +30,11 @@ pub const QUEUES: usize = 2;
 pub const QUEUE_SIZE: u16 = 256;
 
 /// What a carrier has to be able to do, and may, of rings of any kind.
-pub(crate) const RINGS: [u32; 4] =
-    [VIRTIO_F_VERSION_1, VIRTIO_F_ANY_LAYOUT, VIRTIO_RING_F_INDIRECT_DESC, VIRTIO_RING_F_EVENT_IDX];
+///
+/// Not `VIRTIO_F_ANY_LAYOUT`: its bit means something else to vhost-net (`VHOST_NET_F_VIRTIO_NET_HDR`), and
+/// a driver of version 1 has it anyway.
+pub(crate) const RINGS: [u32; 3] =
+    [VIRTIO_F_VERSION_1, VIRTIO_RING_F_INDIRECT_DESC, VIRTIO_RING_F_EVENT_IDX];
 
 /// A queue that can be worked on: each of its parts lies in one region of the guest's RAM.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

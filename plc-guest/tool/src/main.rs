@@ -35,7 +35,7 @@ const AFTER_HELP: &str = "\
 Exit status: 0 good; 1 a test failed or the program ran, but not as the table expects, an image is not signed as asked,
 a part of a project was refused, a source is not formatted (`fmt --check`), a change needs a restart
 (`diff`, `shadow`), or an output is out of tolerance (`shadow`); 2 bad file or usage; 3 the program faulted, stopped itself or did not end; 4 this machine cannot;
-5 Takt refuses; 6 no Takt answers.";
+5 Takt refuses, or a change of a running program did not come about or is not kept; 6 no Takt answers.";
 
 /// Makes, inspects, signs and tests control programs.
 #[derive(Parser)]

@@ -66,6 +66,27 @@ fn order_and_removal_move_nothing() {
 }
 
 #[test]
+fn what_goes_or_moves_leaves_nothing_that_forbids_the_next_change() {
+    let version = |number: u32, globals: &str, previous: Option<u32>, folder: &Folder| {
+        folder.write(&format!("{number}.st"), &source(globals, OLD[1], OLD[2]));
+        let (from, to) = (format!("{number}.st"), format!("{number}.plc"));
+        let mut words = vec!["build", &from, "-o", &to];
+        let before = previous.map(|previous| format!("{previous}.plc"));
+        words.extend(before.iter().flat_map(|before| ["--previous", before]));
+        folder.takt_plc(&words).expect(0, &to);
+    };
+    let folder = Folder::new();
+    version(1, "first : INT; wide : ARRAY[1..20] OF REAL; last : LREAL;", None, &folder);
+    version(2, "first : INT; last : LREAL;", Some(1), &folder);
+    version(3, "first : INT; last : LREAL; fresh : DINT;", Some(2), &folder);
+    for (old, new) in [(1, 2), (2, 3)] {
+        let files = [format!("{old}.plc"), format!("{new}.plc")];
+        let told = folder.takt_plc(&["diff", &files[0], &files[1]]).expect(0, "").text;
+        assert!(!told.contains("moved") && !told.contains("last "), "{told}");
+    }
+}
+
+#[test]
 fn what_outgrows_its_room_moves_alone() {
     let new = [OLD[0], "VAR sum : DINT; row : ARRAY[1..20] OF LREAL; END_VAR", OLD[2]];
     let with = change(new, true);

@@ -1,6 +1,6 @@
 //! What the health monitor makes of errors.
 
-use takt_tests::{File, initrd_of, long, plc_image, restarting_kernel, target};
+use takt_tests::{File, initrd_of, long, plc_image, restarting_kernel, silent_kernel, target};
 
 #[test]
 fn a_plc_starts_again_as_its_table_says_until_it_does_so_too_often() {
@@ -123,6 +123,33 @@ fn restarts_cost_a_neighbour_nothing_and_takt_does_not_grow() {
     outcome.assert_kept_its_time("good", 100 * starts);
     outcome.assert_punctual("good");
     outcome.assert_not_grown(1 << 20);
+}
+
+/// What is prepared behind a Linux, such as another one with much memory, takes nothing of the time that its watchdog gives it.
+#[test]
+fn a_watchdog_counts_from_the_first_instruction_of_its_linux() {
+    let linux = |name: &str, more: &str| {
+        format!(
+            "[[partition]]\nname = {name:?}\nkind = \"linux\"\ncpu = 0\nbackground = true\n\
+             kernel = {:?}\n{more}",
+            silent_kernel()
+        )
+    };
+    let outcome = File::new("1ms")
+        .lines("control = \"watchdog-from-start.sock\"")
+        .plc("plc", None, "")
+        .lines(&linux("watched", "memory = \"64MiB\"\nwatchdog = \"1s\""))
+        .lines(&linux("large", "memory = \"640MiB\"\nhuge_pages = \"none\"\nconsole = \"control\""))
+        .schedule("normal")
+        .window("plc", 0, 200)
+        .run("watchdog-from-start")
+        .lasting("500ms")
+        .run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    let prepared = outcome.report["process"]["starting"]["first_release_ns"].as_u64().unwrap_or(0);
+    assert!(prepared > 1_100_000_000, "{prepared}");
+    assert!(!outcome.output.contains("partition-silent"), "{}", outcome.output);
+    outcome.assert_kept_its_time("plc", 490);
 }
 
 #[test]

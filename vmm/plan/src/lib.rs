@@ -455,6 +455,36 @@ pub enum FileError {
 /// # Errors
 /// [`FileError`]: the file cannot be read, or the first defect in it.
 pub fn load(path: &Path, host_cpus: Option<usize>) -> Result<PartitionFile, FileError> {
+    load_and_check(path, host_cpus, None)
+}
+
+/// An image of a program that is not in its place yet.
+#[derive(Clone, Copy, Debug)]
+pub struct Replacement<'a> {
+    /// Absolute path of the program's image, as [`Program`] has it.
+    pub path: &'a Path,
+    /// What is to be there.
+    pub bytes: &'a [u8],
+}
+
+/// Reads and checks a partition file as [`load`] would if another image were in its place: what no start would take is
+/// known before a file is replaced.
+///
+/// # Errors
+/// [`FileError`], as [`load`].
+pub fn load_with(
+    path: &Path,
+    host_cpus: Option<usize>,
+    replacement: Replacement<'_>,
+) -> Result<PartitionFile, FileError> {
+    load_and_check(path, host_cpus, Some(replacement))
+}
+
+fn load_and_check(
+    path: &Path,
+    host_cpus: Option<usize>,
+    replacement: Option<Replacement<'_>>,
+) -> Result<PartitionFile, FileError> {
     let unreadable = |reason: Unreadable| FileError::Unreadable { path: path.into(), reason };
     let bytes = read(path).map_err(unreadable)?;
     if bytes.len() as u64 > FILE_MAX {
@@ -465,7 +495,8 @@ pub fn load(path: &Path, host_cpus: Option<usize>) -> Result<PartitionFile, File
         let (shown, defect) = syntax::not_utf8(&bytes, error);
         FileError::Defect(defect.render(path, &shown))
     })?;
-    check(text, absolute, host_cpus).map_err(|defect| FileError::Defect(defect.render(path, text)))
+    check(text, absolute, host_cpus, replacement)
+        .map_err(|defect| FileError::Defect(defect.render(path, text)))
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, Unreadable> {
@@ -484,7 +515,12 @@ fn absolute(path: &Path) -> io::Result<PathBuf> {
     }
 }
 
-fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<PartitionFile, Diagnostic> {
+fn check(
+    text: &str,
+    path: PathBuf,
+    host_cpus: Option<usize>,
+    replacement: Option<Replacement<'_>>,
+) -> Result<PartitionFile, Diagnostic> {
     let file = syntax::parse(text)?;
     let Keys(system) = file.system.get_ref();
     let name = names::check_name(&system.name)?.to_owned();
@@ -495,7 +531,7 @@ fn check(text: &str, path: PathBuf, host_cpus: Option<usize>) -> Result<Partitio
     let viewers = system.viewers.as_ref();
     let viewers = viewers.map(|group| values::viewers(group, control.is_some())).transpose()?;
     let watchdog = system.watchdog.as_ref().map(values::host_watchdog).transpose()?;
-    let around = Surroundings { folder, host_cpus, frame: &system.major_frame };
+    let around = Surroundings { folder, host_cpus, frame: &system.major_frame, replacement };
     let header = file.system.span();
     let mut partitions = partition::check_all(&file.partition.0, &header, around)?;
     let draft = Draft::new(&file.schedule.0, system, &header, &partitions)?;

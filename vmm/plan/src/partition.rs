@@ -27,7 +27,7 @@ use super::tasks::{self, CheckedTasks};
 use super::units::{Duration, Guard};
 use super::values;
 use super::vsock;
-use super::{Kind, Partition};
+use super::{Kind, Partition, Replacement};
 
 /// Most partitions of one file.
 pub const PARTITIONS_MAX: usize = 32;
@@ -65,6 +65,8 @@ pub struct Surroundings<'a> {
     pub host_cpus: Option<usize>,
     /// The major frame.
     pub frame: &'a Spanned<Duration>,
+    /// The image of a program that counts instead of the file that is there.
+    pub replacement: Option<Replacement<'a>>,
 }
 
 /// Checks all partitions, in the order of the file.

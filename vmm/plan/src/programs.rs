@@ -5,7 +5,6 @@
 //! stranger until its hash has been compared and, where the file names keys, its signature.
 
 use std::fmt;
-use std::fs::File;
 use std::io::{self, Read};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -17,7 +16,7 @@ use takt_program::{Area, Image, ObjectKind, limit};
 use toml::Spanned;
 
 use super::diagnostic::{Diagnostic, Span, quote};
-use super::images;
+use super::images::{self, Unreadable};
 use super::names::check_word;
 use super::partition::Surroundings;
 use super::raw::{self, Keys};
@@ -156,7 +155,11 @@ fn check_one(
     retained: &mut retain::Sum,
 ) -> Result<CheckedProgram, Diagnostic> {
     let file = images::resolve(around.folder, &raw.image)?;
-    let bytes = images::open(&file.path).and_then(|opened| Ok(read(opened)?));
+    let replacement = around.replacement.filter(|replacement| replacement.path == file.path);
+    let bytes = match replacement {
+        Some(replacement) => read(replacement.bytes).map_err(Unreadable::from),
+        None => images::open(&file.path).and_then(|opened| Ok(read(opened)?)),
+    };
     let bytes = bytes.map_err(|error| images::unreadable(&file, &error))?;
     let image = Image::verify(&bytes).map_err(|error| {
         let found = format!("{} is no program image: {error}", file.path.display());
@@ -206,11 +209,11 @@ fn check_watch(watch: Option<&Spanned<Bytes>>) -> Result<Bytes, Diagnostic> {
 }
 
 /// All of an image; of another file, which may have any length, only what shows that.
-fn read(mut file: File) -> io::Result<Vec<u8>> {
+fn read(mut file: impl Read) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    (&file).take(takt_program::HEADER_BYTES as u64).read_to_end(&mut bytes)?;
+    file.by_ref().take(takt_program::HEADER_BYTES as u64).read_to_end(&mut bytes)?;
     if bytes.starts_with(&takt_program::MAGIC) {
-        (&mut file).take(IMAGE_MAX).read_to_end(&mut bytes)?;
+        file.take(IMAGE_MAX).read_to_end(&mut bytes)?;
     }
     Ok(bytes)
 }

@@ -41,13 +41,19 @@ pub struct Sum {
 impl Sum {
     /// Takes a program. Returns what its block needs of the guest's memory.
     pub fn add(&mut self, raw: &raw::Program, image: &Image<'_>) -> Result<u64, Diagnostic> {
-        let layout = Layout::of(image);
-        let bytes = layout.initial().len() as u64;
+        let bytes = Layout::block_bytes(image);
         self.bytes += bytes;
+        if self.bytes > RETAINED_MAX {
+            let found =
+                format!("up to this program, {} bytes are RETAIN or PERSISTENT", self.bytes);
+            let allowed = format!("at most {} in a partition", Bytes(RETAINED_MAX));
+            return Err(Diagnostic::new(raw.image.span(), found, allowed));
+        }
+        let layout = Layout::of(image);
         self.pieces += layout.pieces();
         let refuse =
             |found: String, allowed: String| Err(Diagnostic::new(raw.image.span(), found, allowed));
-        if self.bytes > RETAINED_MAX || self.pieces > PIECES_MAX {
+        if self.pieces > PIECES_MAX {
             let found = format!(
                 "up to this program, {} bytes in {} separate pieces of memory are RETAIN or PERSISTENT",
                 self.bytes, self.pieces

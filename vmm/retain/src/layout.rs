@@ -69,6 +69,13 @@ impl Layout {
         layout
     }
 
+    /// Bytes of the block that [`of`](Self::of) would make. An image may have any number, and each element of an array gets a
+    /// name there: this is to be looked at first.
+    #[must_use]
+    pub fn block_bytes(image: &Image<'_>) -> u64 {
+        image.retained().map(|variable| u64::from(variable.bytes)).sum()
+    }
+
     fn open(
         &mut self,
         image: &Image<'_>,

@@ -70,7 +70,10 @@ impl Link {
     /// # Errors
     /// See [`NotSent`].
     pub fn send(&mut self, order: &Order) -> Result<u32, NotSent> {
-        if self.orders.status().peer_epoch == 0 {
+        // One that has started since the last turn has yet to be told what was kept for it, and orders that were meant for the one
+        // before are void.
+        let epoch = self.orders.status().peer_epoch;
+        if epoch == 0 || epoch != self.epoch {
             return Err(NotSent::NoGuest);
         }
         // 0 is the number of an answer that was not asked for.

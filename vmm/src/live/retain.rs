@@ -114,7 +114,7 @@ impl Retaining {
         let Some(keeper) = self.programs.get_mut(place) else { return };
         if keeper.layout.image() != image.hash() {
             keeper.layout = Layout::of(image).into();
-            (keeper.watches, keeper.newest) = (false, None);
+            (keeper.watches, keeper.told_unseen, keeper.newest) = (false, false, None);
             // Values that are the same byte by byte are another version's all the same.
             keeper.file.iter_mut().for_each(|file| file.handed.clear());
         }
@@ -139,10 +139,14 @@ impl Retaining {
                 Range { program: place, area: Area::State, offset, bytes }
             };
             let ranges = keeper.layout.variables().map(range).collect();
-            (keeper.watches, keeper.seen, keeper.told_unseen) = (true, now, false);
-            if let Err(text) = watching.watch(client, ranges, INTERVAL, limits) {
-                keeper.told_unseen = true;
-                news.push(format!("{}: its values are not retained: {text}", keeper.name));
+            match watching.watch(client, ranges, INTERVAL, limits) {
+                Ok(_) => (keeper.watches, keeper.seen, keeper.told_unseen) = (true, now, false),
+                // Others have taken the room while a change went on. It is tried again until they have gone.
+                Err(text) if !keeper.told_unseen => {
+                    keeper.told_unseen = true;
+                    news.push(format!("{}: its values are not retained: {text}", keeper.name));
+                }
+                Err(_) => {}
             }
         }
     }

@@ -106,6 +106,27 @@ fn only_whole_values_of_one_cycle_are_kept() {
 }
 
 #[test]
+fn what_found_no_room_is_asked_for_again_and_told_once() {
+    let file = plant("no-room");
+    let programs = file.partitions()[0].programs();
+    let limits: Vec<ProgramLimits> = programs.iter().map(ProgramLimits::new).collect();
+    let changes = ProgramChanges::of(programs, Admission::default());
+    let mut retaining = retaining(&file, &Files::default());
+    let (mut watching, mut news) = (Watching::default(), Vec::new());
+    for _ in 0..3 {
+        // Without a program's limits nothing of it can be watched.
+        retaining.watch(&mut watching, &[], &changes, at(0), &mut news);
+    }
+    assert_eq!(news.len(), 1, "{news:?}");
+    assert!(!retaining.programs[0].watches);
+    retaining.watch(&mut watching, &limits, &changes, at(20_000), &mut news);
+    assert!(retaining.programs[0].watches && news.len() == 1, "{news:?}");
+    // The time without values counts from here.
+    retaining.save(None, at(25_000), &mut news);
+    assert_eq!(news.len(), 1, "{news:?}");
+}
+
+#[test]
 fn values_are_written_when_they_change_and_not_too_often() {
     let file = plant("written");
     let mut files = Files::open(&file).unwrap();

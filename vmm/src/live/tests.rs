@@ -1,8 +1,8 @@
 //! Takt's ends against a guest that behaves, and one that writes anything into its pages.
 
 use takt_abi::live::{
-    ANSWERS, Answer, MESSAGE_BYTES, ORDERS, ORDERS_DEPTH, Order, ProgramRecord, ProgramState,
-    decode_order,
+    ANSWERS, Answer, Area, MESSAGE_BYTES, ORDERS, ORDERS_DEPTH, Order, ProgramRecord, ProgramState,
+    Range, decode_order,
 };
 use takt_abi::program::PROGRAMS_MAX;
 use takt_channel::{Load, Policy, QueuingDestination, QueuingSource, Store, Tsc};
@@ -10,6 +10,8 @@ use takt_plan::Admission;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::Nanos;
 
+use super::limits::ProgramLimits;
+use super::watching::Watching;
 use super::{Link, NotSent, ProgramChanges, Running, Turn};
 use crate::channels::Channels;
 use crate::config::{Channel, ChannelKind, End, Owner, WhenFull};
@@ -79,6 +81,8 @@ fn nothing_is_sent_to_a_guest_that_is_not_there_and_no_more_than_it_takes() {
     let order = Order::Status { part: 0 };
     assert_eq!(case.running.link.send(&order), Err(NotSent::NoGuest));
     let (mut orders, _answers) = case.guest();
+    // One that has just started is noticed first.
+    assert_eq!(case.running.link.send(&order), Err(NotSent::NoGuest));
     assert!(case.running.link.has_restarted());
     for number in 1..=ORDERS_DEPTH {
         assert_eq!(case.running.link.send(&order), Ok(number));
@@ -88,6 +92,42 @@ fn nothing_is_sent_to_a_guest_that_is_not_there_and_no_more_than_it_takes() {
     let message = orders.receive(&mut buffer).unwrap();
     assert_eq!(decode_order(message.bytes), Ok((1, order)));
     assert_eq!(case.running.link.send(&order), Ok(ORDERS_DEPTH + 1));
+}
+
+#[test]
+fn a_list_that_finds_no_room_goes_on_where_it_has_stopped() {
+    let mut case = Case::new();
+    let (mut orders, _answers) = case.guest();
+    let link = &mut case.running.link;
+    assert!(link.has_restarted());
+    let areas = [100_000, 0, 0, 0];
+    let limits = [ProgramLimits { name: "a".into(), watch: 60_000, force: true, areas }];
+    let piece = |number: u32| Range { program: 0, area: Area::State, offset: 8 * number, bytes: 4 };
+    let pieces: Vec<Range> = (0..1000).map(piece).collect();
+    let mut watching = Watching::default();
+    watching.watch(1, pieces.clone(), at(0), &limits).unwrap();
+    let (mut buffer, mut kinds, mut told) = ([0; MESSAGE_BYTES], Vec::new(), Vec::new());
+    for _ in 0..6 {
+        // Others fill the queue, and the kernel takes some of it only.
+        while link.send(&Order::Status { part: 0 }).is_ok() {}
+        watching.send(link);
+        for _ in 0..4 {
+            let message = orders.receive(&mut buffer).unwrap();
+            assert_eq!(decode_order(message.bytes).unwrap().1, Order::Status { part: 0 });
+        }
+        watching.send(link);
+        for _ in 4..ORDERS_DEPTH {
+            orders.receive(&mut buffer).unwrap();
+        }
+        while let Ok(message) = orders.receive(&mut buffer) {
+            match decode_order(message.bytes).unwrap().1 {
+                Order::WatchAdd(ranges) => told.extend(ranges.iter()),
+                order => kinds.push(order),
+            }
+        }
+    }
+    assert_eq!(told, pieces);
+    assert!(matches!(kinds[..], [Order::WatchClear, Order::WatchBegin { .. }]), "{kinds:?}");
 }
 
 #[test]

@@ -205,10 +205,14 @@ impl Versions {
                 self.program.place.state_bytes
             )));
         }
+        let (retained, most) = (Layout::block_bytes(&new), self.program.place.retained_bytes);
+        if retained > most {
+            return Err(refused(format!(
+                "the version retains {retained} bytes; the program has room for {most}"
+            )));
+        }
         let layout = Layout::of(&new);
-        let retained = layout.initial().len() as u64;
-        let most = self.program.place.retained_bytes;
-        if retained > most || layout.pieces() > PIECES_MAX || layout.file_bytes() > LENGTH_MAX {
+        if layout.pieces() > PIECES_MAX || layout.file_bytes() > LENGTH_MAX {
             return Err(refused(format!(
                 "the version retains {retained} bytes in {} pieces of memory and {} bytes of a file; the program has room for \
                  {most}, {PIECES_MAX} and {LENGTH_MAX}",

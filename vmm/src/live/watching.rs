@@ -46,8 +46,8 @@ pub struct Watching {
     /// For the kernel: in order, and none touches another.
     layout: Vec<Range>,
     serial: u32,
-    /// The kernel does not know the list yet.
-    unsent: bool,
+    /// How many orders of the list the kernel has been sent, if it does not have all of them.
+    unsent: Option<usize>,
     /// The sample that is coming.
     sample: Vec<u8>,
     parts: u16,
@@ -130,30 +130,34 @@ impl Watching {
 
     /// The kernel has to be told the list: it is new, or the kernel is.
     pub fn send_again(&mut self) {
-        self.unsent = !self.subscriptions.is_empty() || self.serial != 0;
+        let is_news = !self.subscriptions.is_empty() || self.serial != 0;
+        self.unsent = is_news.then_some(0);
         self.sample.clear();
         self.parts = 0;
     }
 
-    /// Tells the kernel the list, if it has to. What finds no room is told all again at the next turn.
+    /// Tells the kernel the list, if it has to. What finds no room follows at the next turn: a list may be longer than the
+    /// queue has room, and than the kernel takes in a window.
     pub fn send(&mut self, link: &mut Link) {
-        if !self.unsent {
-            return;
-        }
+        let Some(sent) = self.unsent else { return };
         let serial = self.serial.wrapping_add(1).max(1);
         let interval = self.subscriptions.iter().map(|s| s.interval.0).min().unwrap_or(0);
         let adds = self.layout.chunks(RANGES_EACH).map(|part| Order::WatchAdd(Ranges::new(part)));
         let told = if self.subscriptions.is_empty() { 0 } else { serial };
         let begin = Order::WatchBegin { serial: told, interval_ns: interval };
-        let mut orders = std::iter::once(Order::WatchClear).chain(adds).chain([begin]);
-        if orders.all(|order| link.send(&order).is_ok()) {
-            (self.serial, self.unsent) = (serial, false);
+        let orders = std::iter::once(Order::WatchClear).chain(adds).chain([begin]);
+        for (number, order) in orders.enumerate().skip(sent) {
+            if link.send(&order).is_err() {
+                self.unsent = Some(number);
+                return;
+            }
         }
+        (self.serial, self.unsent) = (serial, None);
     }
 
     /// Takes a part of a sample; calls `deliver` for each client for which a whole one is due.
     pub fn take(&mut self, head: &SampleHead, payload: &[u8], mut deliver: impl FnMut(Sampled)) {
-        if head.serial != self.serial || self.unsent {
+        if head.serial != self.serial || self.unsent.is_some() {
             return;
         }
         if head.part == 0 {
@@ -328,9 +332,9 @@ mod tests {
         let mut all = Watching::default();
         all.watch(1, vec![range(0, 0, 4), range(1, 0, 4)], Nanos::ZERO, &limits(100)).unwrap();
         all.watch(2, vec![range(1, 8, 4)], Nanos::ZERO, &limits(100)).unwrap();
-        (all.serial, all.unsent) = (5, false);
+        (all.serial, all.unsent) = (5, None);
         assert_eq!(all.leave(0), [1]);
-        assert_eq!((&all.layout[..], all.unsent), (&[range(1, 8, 4)][..], true));
+        assert_eq!((&all.layout[..], all.unsent), (&[range(1, 8, 4)][..], Some(0)));
         assert!(taken(&mut all, head(5, 0, true), &[0; 12], 0).is_empty(), "the list before");
         assert!(all.leave(0).is_empty());
     }
@@ -351,7 +355,7 @@ mod tests {
         let mut all = Watching::default();
         all.watch(1, vec![range(0, 2, 2), range(0, 0, 2)], Nanos::ZERO, &limits(100)).unwrap();
         all.watch(2, vec![range(0, 1, 1)], Nanos::from_millis(100), &limits(100)).unwrap();
-        (all.serial, all.unsent) = (5, false);
+        (all.serial, all.unsent) = (5, None);
         assert!(taken(&mut all, head(4, 0, true), &[1, 2, 3, 4], 0).is_empty(), "another list");
         assert!(taken(&mut all, head(5, 1, true), &[1, 2, 3, 4], 0).is_empty(), "no first part");
         assert!(taken(&mut all, head(5, 0, true), &[1, 2, 3], 0).is_empty(), "too short");
@@ -367,7 +371,7 @@ mod tests {
     fn a_client_misses_no_sample_of_a_kernel_that_keeps_to_its_interval() {
         let mut all = Watching::default();
         all.watch(1, vec![range(0, 0, 1)], Nanos::from_millis(100), &limits(100)).unwrap();
-        (all.serial, all.unsent) = (5, false);
+        (all.serial, all.unsent) = (5, None);
         let mut at = |ms| taken(&mut all, head(5, 0, true), &[7], ms).len();
         assert_eq!([20, 120, 221, 321].map(&mut at), [1; 4]);
         // From a kernel that sends one each ms for another client it has one each 100 ms.

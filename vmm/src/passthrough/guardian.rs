@@ -67,6 +67,13 @@ impl Guardian {
     }
 }
 
+impl AsRawFd for Guardian {
+    /// Takt's end of the pipe. Nothing comes by it, but when the guardian is gone it has an error.
+    fn as_raw_fd(&self) -> RawFd {
+        self.pipe.as_raw_fd()
+    }
+}
+
 impl Drop for Guardian {
     fn drop(&mut self) {
         // One that is gone needs no word.

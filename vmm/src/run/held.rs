@@ -6,12 +6,14 @@ use std::path::{Path, PathBuf};
 
 use super::spawner;
 use super::{Options, own_process};
+use crate::apic_switches::ApicSwitches;
 use crate::appliance::expedited_rcu::ExpeditedRcu;
 use crate::channels::Channels;
 use crate::config::{Channel, HostPort, PartitionFile, Program};
 use crate::control::{Door, Operators};
 use crate::cpuset::Domains;
 use crate::hooks::Steps;
+use crate::machine;
 use crate::passthrough::guardian::Guardian;
 use crate::passthrough::{Devices, emergency_stop};
 use crate::resctrl::Groups;
@@ -34,9 +36,10 @@ pub(super) struct Held<'a> {
     /// The memory between partitions.
     pub channels: Channels<'a>,
     /// Dropped after all threads have written their safe values.
-    _guardian: Option<Guardian>,
+    pub guardian: Option<Guardian>,
     /// Devices of partitions.
     pub devices: Devices,
+    _apic_switches: ApicSwitches,
 }
 
 /// What the next stage takes over.
@@ -68,6 +71,7 @@ impl<'a> Held<'a> {
         })?;
         let signals = take_signals()?;
         own_process::stay_alive();
+        own_process::outlive_a_full_file();
         own_process::lock_memory()?;
         steps.pass()?;
         kick::install().map_err(|e| io::Error::from_raw_os_error(e.errno())).map_err(|source| {
@@ -94,8 +98,17 @@ impl<'a> Held<'a> {
         steps.pass()?;
         let groups = Groups::set_up(file.partitions())?;
         steps.pass()?;
+        let apic_switches = ApicSwitches::hold(&machine::open_kvm()?)?;
         let saver = retained.start(&spawner(options))?;
-        let held = Self { groups, domains, retained, channels, _guardian: guardian, devices };
+        let held = Self {
+            groups,
+            domains,
+            retained,
+            channels,
+            guardian,
+            devices,
+            _apic_switches: apic_switches,
+        };
         Ok((held, Begun { signals, operators, saver, expedited, steps }))
     }
 

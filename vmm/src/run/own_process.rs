@@ -26,6 +26,13 @@ pub fn stay_alive() {
     }
 }
 
+/// What is written beyond a limit on the size of files (`ulimit -f`) is an error as any other, and not the end of the process:
+/// a guest decides where on its disk it writes.
+pub fn outlive_a_full_file() {
+    // SAFETY: the signal has no handler that could be lost.
+    unsafe { libc::signal(libc::SIGXFSZ, libc::SIG_IGN) };
+}
+
 /// Locks all memory, now and later: no page of a guest or of Takt is ever missing.
 ///
 /// # Errors

@@ -1,5 +1,6 @@
 //! The third stage, from threads that wait to guests that run: the last door, the epoch, and who is told first.
 
+use std::os::fd::AsRawFd;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -19,6 +20,7 @@ use crate::disk::DiskThread;
 use crate::host_clock::HostClock;
 use crate::host_watchdog::HostWatchdog;
 use crate::huge_pages;
+use crate::linux_machine;
 use crate::memory::Pages;
 use crate::outlet::{LaneWriter, Outlet, Trace};
 use crate::passthrough::emergency_stop::Armed;
@@ -149,6 +151,11 @@ impl<'a> Waiting<'a> {
             aligning_ns: epoch.aligning.0,
         };
         let base = epoch.base;
+        // Its time counts from here, however long others were prepared behind it.
+        accounts
+            .iter()
+            .filter_map(|a| a.watchdog.as_ref())
+            .for_each(|w| w.start(linux_machine::clock()));
         // A window may begin only once the enforcer of its end has started, and a thread without windows
         // may take the processor from this one as soon as it is started.
         let threads = enforcers.into_iter().chain(windowed).chain(others);
@@ -166,6 +173,7 @@ impl<'a> Waiting<'a> {
         supervisor.operators = self.operators;
         supervisor.interrupts = interrupts;
         supervisor.watchdog = watchdog;
+        supervisor.guardian = held.guardian.as_ref().map(AsRawFd::as_raw_fd);
         supervisor.clock = Some(clock);
         supervisor.quiet = this_cpu().and_then(|cpu| schedules.quiet_on(cpu, None));
         let enforcers = of_cpus;

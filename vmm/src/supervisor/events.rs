@@ -33,6 +33,10 @@ impl MutEventSubscriber for Supervisor {
                 self.running = false;
             }
         }
+        // Of an error one is told without asking.
+        if let Some(guardian) = self.guardian {
+            self.running &= ops.add(Events::new_raw(guardian, EventSet::empty())).is_ok();
+        }
         // Not every standard input can be waited for: /dev/null and files cannot. Then nothing
         // is typed.
         self.listens = ops.add(Events::new_raw(STDIN, EventSet::IN)).is_ok();
@@ -77,6 +81,9 @@ impl MutEventSubscriber for Supervisor {
                 // It came too early, by a clock that is steered. The tick ends the run if this fails.
                 let _ = self.arm_end();
             }
+        } else if self.guardian == Some(fd) {
+            let _ = ops.remove(events);
+            self.miss_guardian();
         } else if self.host_ports.as_ref().is_some_and(|ports| fd == ports.as_raw_fd()) {
             self.serve_host_ports(HostPorts::on_ready);
         } else if self.interrupts.as_ref().is_some_and(|i| fd == i.as_raw_fd()) {

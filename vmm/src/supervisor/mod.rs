@@ -20,6 +20,7 @@ mod sources;
 mod typing;
 
 use std::io::{self, IsTerminal};
+use std::os::fd::RawFd;
 use std::time::Duration;
 
 use event_manager::{EventManager, SubscriberOps};
@@ -59,6 +60,8 @@ pub struct Supervisor {
     pub host_ports: Option<HostPorts>,
     /// The host's watchdog, if it is served.
     pub watchdog: Option<HostWatchdog>,
+    /// What has an error when the guardian is gone, if there is one. It stays open for longer than this lives.
+    pub guardian: Option<RawFd>,
     /// The control socket, if there is one.
     pub operators: Option<Operators>,
     /// What may interrupt PLC guests.
@@ -103,6 +106,7 @@ impl Supervisor {
             trace,
             host_ports: None,
             watchdog: None,
+            guardian: None,
             operators: None,
             interrupts: None,
             clock: None,
@@ -274,6 +278,13 @@ impl Supervisor {
                 tell(&mut self.operators, now, EventKind::Health, Some(&name), line);
             });
         }
+    }
+
+    /// Says that the guardian has ended. The run goes on: its outputs are not safe only if Takt dies as well.
+    fn miss_guardian(&mut self) {
+        let text = "the guardian has ended: no safe values are written any more if takt is killed";
+        self.screen.line("takt", text);
+        tell(&mut self.operators, self.desk.now(), EventKind::Health, None, text);
     }
 
     /// Says when a switch of the schedule has taken effect.

@@ -52,9 +52,26 @@ pub(super) fn place(vhost: &Vhost, whose: &str, place: Place) -> Result<(), Vhos
     })
 }
 
-/// The threads of this name: those of this process, and what the kernel shows as processes.
+/// `PF_KTHREAD` of the kernel's `include/linux/sched.h`.
+const KERNEL_THREAD: u32 = 0x0020_0000;
+
+/// The threads of this name: those of this process, or else those of the kernel. Any user's process can have the name.
 fn find(name: &str) -> Vec<i32> {
-    ["/proc/self/task", "/proc"].into_iter().flat_map(|folder| named(folder, name)).collect()
+    let own = named("/proc/self/task", name);
+    if !own.is_empty() {
+        return own;
+    }
+    named("/proc", name).into_iter().filter(|thread| is_the_kernels(*thread)).collect()
+}
+
+fn is_the_kernels(thread: i32) -> bool {
+    let stat = fs::read_to_string(format!("/proc/{thread}/stat")).unwrap_or_default();
+    flags(&stat).is_some_and(|flags| flags & KERNEL_THREAD != 0)
+}
+
+/// The flags of a process, the ninth field of proc(5). The second is its name in brackets, which may have any in itself.
+fn flags(stat: &str) -> Option<u32> {
+    stat.rsplit_once(')')?.1.split_ascii_whitespace().nth(6)?.parse().ok()
 }
 
 fn named(folder: &str, name: &str) -> Vec<i32> {
@@ -71,6 +88,15 @@ fn named(folder: &str, name: &str) -> Vec<i32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_process_passes_for_a_thread_of_the_kernels_by_its_name() {
+        assert_eq!(flags("7 (vhost-1) S 2 0 0 0 -1 2129984 0"), Some(2_129_984));
+        assert_eq!(flags("7 (a) S 2 0 0 0 -1 2129984) S 1 7 7 0 -1 4194304 0"), Some(4_194_304));
+        assert_eq!(flags("7 (a"), None);
+        // Process 1 is a program, wherever this runs.
+        assert!(!is_the_kernels(1) && !is_the_kernels(-1));
+    }
 
     #[test]
     fn a_thread_of_this_process_is_found_by_its_name() {

@@ -66,6 +66,9 @@ pub fn compare(old: &Image<'_>, new: &Image<'_>) -> (Vec<Note>, Vec<Refusal>) {
     ] {
         found.must_be(what, &old.area_bytes(area), &new.area_bytes(area));
     }
+    // The kernel has found its place at the start of the guest, where it is added as a task.
+    let there = |image: &Image<'_>| if image.init().is_some() { "there" } else { "not there" };
+    found.must_be("init", &there(old), &there(new));
     found.tasks(old, new);
     found.objects(old, new);
     found.ports(old, new);

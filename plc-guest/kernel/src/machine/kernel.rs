@@ -547,6 +547,8 @@ impl Kernel {
     /// What the partition file wants after an error of a task.
     pub fn act(&mut self, id: TaskId, wanted: u32) {
         let place = self.places[id.index()];
+        // A version that has failed is about to go back. To stop or start it now would lose the way back.
+        let wanted = if self.change.is_leaving(place.program) { action::LOG } else { wanted };
         match wanted {
             action::LOG => {}
             action::SKIP if self.scheduler.task(id).settings().release != Release::Start => {

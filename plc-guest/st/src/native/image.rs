@@ -50,6 +50,18 @@ pub fn image(program: &Program, native: &Native) -> Result<Vec<u8>, takt_program
             builder.variable(built);
         }
     }
+    for (offset, bytes) in unused(program) {
+        let element = builder.elementary(takt_program::Elementary::Byte);
+        let upper = i64::from(bytes) - 1;
+        let kind = Kind::Array { element, lower: 0, upper };
+        let ty = builder.ty(build::Type { name: String::new(), bytes, kind });
+        builder.variable(build::Variable::new(
+            &format!("unused.{offset}"),
+            ty,
+            Area::State,
+            offset,
+        ));
+    }
     for (task, stack) in program.tasks.iter().zip(&native.stacks) {
         let entry = CodeOffset(native.routines[task.entry.0 as usize]);
         let mut built = build::Task::new(&name(&task.name), when(&task.kind), entry);
@@ -89,6 +101,29 @@ pub fn image(program: &Program, native: &Native) -> Result<Vec<u8>, takt_program
         }
     }
     builder.build()
+}
+
+/// What no variable has of the state, as (place, bytes): where an older version had something that this one has not. It gets a name,
+/// since state without one is taken for data that cannot be carried over.
+fn unused(program: &Program) -> Vec<(u32, u32)> {
+    let of = |global: &&Global| global.storage.area == hir::Area::State;
+    let types = &program.types;
+    let mut taken: Vec<_> = program
+        .globals
+        .iter()
+        .filter(of)
+        .map(|global| (global.storage.offset, types.size(global.ty), types.align(global.ty)))
+        .collect();
+    taken.sort_unstable();
+    let (mut end, mut unused) = (0, Vec::new());
+    for (offset, bytes, align) in taken {
+        // Less is a gap of alignment.
+        if offset >= end + align {
+            unused.push((end, offset - end));
+        }
+        end = end.max(offset + bytes);
+    }
+    unused
 }
 
 /// A name as images have them. Only names that the compiler made have other characters: that of an

@@ -2,8 +2,9 @@
 
 use std::env;
 use std::io::{BufRead, BufReader};
-use std::os::unix::fs::{PermissionsExt, symlink};
+use std::os::unix::fs::{PermissionsExt, chown, symlink};
 use std::process::{Command, Stdio};
+use std::thread;
 
 use super::*;
 
@@ -36,6 +37,102 @@ fn the_old_content_stays_beside_the_new_one() {
         assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
     }
+}
+
+/// The user and the group that own no file of a system.
+const OVERFLOW: u32 = 65534;
+
+/// Whether the test may give files away, as root may.
+fn may_give_away(folder: &Path) -> bool {
+    let file = folder.join("given");
+    let given = fs::write(&file, []).and_then(|()| chown(&file, Some(OVERFLOW), None));
+    fs::remove_file(&file).unwrap();
+    given.is_ok()
+}
+
+#[test]
+fn the_new_content_belongs_to_the_owner_of_the_old_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.plc");
+    fs::write(&path, content(1)).unwrap();
+    if !may_give_away(folder.path()) {
+        println!("not tested: only root can");
+        return;
+    }
+    chown(&path, Some(OVERFLOW), Some(OVERFLOW)).unwrap();
+    fs::set_permissions(&path, PermissionsExt::from_mode(0o640)).unwrap();
+    replace(&path, &content(2)).unwrap();
+    let found = fs::metadata(&path).unwrap();
+    assert_eq!((found.uid(), found.gid(), found.mode() & 0o7777), (OVERFLOW, OVERFLOW, 0o640));
+    assert_eq!(whole(&path), Some(2));
+}
+
+#[test]
+fn a_content_that_could_not_belong_to_the_owner_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.plc");
+    fs::write(&path, content(1)).unwrap();
+    if !may_give_away(folder.path()) {
+        println!("not tested: only root can");
+        return;
+    }
+    // Another user may write to the folder, and so could move files in it.
+    fs::set_permissions(folder.path(), PermissionsExt::from_mode(0o777)).unwrap();
+    fs::set_permissions(&path, PermissionsExt::from_mode(0o666)).unwrap();
+    let place = path.clone();
+    let other_user = thread::spawn(move || {
+        // SAFETY: the call takes numbers only. It changes the user of this thread, which ends soon: that of the process
+        // is changed by the function of the C library, which asks all threads.
+        let changed = unsafe { libc::syscall(libc::SYS_setresuid, -1, OVERFLOW, -1) };
+        assert_eq!(changed, 0);
+        replace(&place, &content(2)).unwrap_err()
+    });
+    let error = other_user.join().unwrap();
+    assert!(matches!(error, Unwritten::Owner { user: 0, group: 0, .. }), "{error:?}");
+    assert!(error.to_string().starts_with("it would not belong to user 0 and group 0 any more: "));
+    assert_eq!(whole(&path), Some(1));
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn clients_that_replace_a_file_at_the_same_time_put_whole_ones_in_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.plc");
+    fs::write(&path, content(0)).unwrap();
+    let previous = replace(&path, &content(1)).unwrap();
+    let clients: Vec<_> = (1..=4)
+        .map(|client| {
+            let path = path.clone();
+            thread::spawn(move || {
+                for _ in 0..25 {
+                    // The old content can be gone before it gets its second name. Then nothing is replaced.
+                    let replaced = replace(&path, &content(client)).map(drop);
+                    match replaced {
+                        Ok(()) => {}
+                        Err(Unwritten::Step(error)) if error.kind() == io::ErrorKind::NotFound => {}
+                        Err(error) => panic!("{error}"),
+                    }
+                }
+            })
+        })
+        .collect();
+    while clients.iter().any(|client| !client.is_finished()) {
+        assert!(whole(&path).is_some() && whole(&previous).is_some());
+    }
+    clients.into_iter().for_each(|client| client.join().unwrap());
+    assert!(whole(&path).is_some() && whole(&previous).is_some());
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+}
+
+#[test]
+fn a_replacement_that_fails_leaves_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.plc");
+    fs::write(&path, content(1)).unwrap();
+    fs::create_dir(folder.path().join("a.plc.previous")).unwrap();
+    replace(&path, &content(2)).unwrap_err();
+    assert_eq!(whole(&path), Some(1));
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
 }
 
 /// Replaces the file that is named by the environment for ever. It is no test of its own.

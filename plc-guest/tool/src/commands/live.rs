@@ -158,11 +158,14 @@ pub struct Release {
 impl Release {
     pub fn run(self) -> Result<(), Failure> {
         let plc = self.which.load()?;
+        if self.all {
+            // It names no place, so it is the same in each version: an operator need not find the image that runs.
+            let mut connected = plc.reach()?;
+            let all = Request::Release(connected.name(), None);
+            return done(&mut connected, &all);
+        }
         let mut connected = plc.connect()?;
         let partition = connected.name();
-        if self.all {
-            return done(&mut connected, &Request::Release(partition, None));
-        }
         for name in &self.names {
             let point = one(&plc.points(std::slice::from_ref(name))?)?;
             let place = takt_protocol::Point::new(point.range, point.bit);

@@ -12,6 +12,7 @@ pub mod keygen;
 pub mod live;
 pub mod lsp;
 pub mod new;
+mod next_start;
 pub mod record;
 pub mod shadow;
 pub mod sign;

@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 use takt_client::versions::{load, shown};
 use takt_plan::Program;
 use takt_points::{Connected, Plc};
-use takt_protocol::{Answer, Request, VersionStatus};
+use takt_protocol::{Answer, ImageVersion, Request, VersionStatus};
 
-use super::keep::{keep_running, set_aside};
+use super::keep::{Found, check_prepared, image_of, keep_running, set_aside};
 use super::live::print;
 use super::read;
 use crate::Failure;
@@ -73,7 +73,7 @@ impl Load {
             }
         }
         follow(&mut connected, &self.program, "preparing", &["prepared"])?;
-        set_aside(program, &read(&self.image)?)
+        set_aside(&plc, program, &read(&self.image)?)
     }
 }
 
@@ -93,38 +93,84 @@ impl Order {
     /// Enters the version that was loaded; the next start begins with it if it passes its trial.
     pub fn commit(self) -> Result<(), Failure> {
         let good = if self.until_restart { &["trial", "held"][..] } else { &["held"] };
-        self.run(Request::Commit, "committing", good)
+        let plc = self.which.load()?;
+        let program = find(&plc, &self.program)?;
+        let mut connected = plc.reach()?;
+        if !self.until_restart {
+            check_prepared(&plc, program, &version(&mut connected, &self.program)?)?;
+        }
+        order(&mut connected, Request::Commit, &self.program)?;
+        let entered = [good, &["trial"]].concat();
+        let mut stands = follow(&mut connected, &self.program, "committing", &entered)?;
+        if !good.contains(&stands.phase.as_str()) {
+            stands = follow(&mut connected, &self.program, "trial", good)?;
+        }
+        if self.until_restart {
+            return Ok(());
+        }
+        keep_running(&plc, program, &stands.running)
     }
 
     /// Goes back; the next start begins with the version that runs again.
     pub fn roll_back(self) -> Result<(), Failure> {
-        self.run(Request::RollBack, "rolling-back", &["rolled-back", "none"])
-    }
-
-    fn run(
-        self,
-        request: fn(String, String) -> Request,
-        during: &str,
-        good: &[&str],
-    ) -> Result<(), Failure> {
         let plc = self.which.load()?;
         let program = find(&plc, &self.program)?;
         let mut connected = plc.reach()?;
-        let order = request(connected.name(), self.program.clone());
-        if let Answer::Done { text } = connected.ask(&order)? {
-            print(&takt_client::plain(&text))?;
+        // The phase at the end does not tell which version runs: after a stop of the program it is that of a version
+        // that was given up.
+        let before = version(&mut connected, &self.program)?;
+        // Whether a start could begin with it is asked when it runs again: a way back does not wait for a file.
+        order(&mut connected, Request::RollBack, &self.program)?;
+        let stands = outlast(&mut connected, &self.program, &GOING_BACK)?;
+        print(shown(&stands).trim_end())?;
+        let was_entered = matches!(before.phase.as_str(), "trial" | "held");
+        let wanted = if was_entered { before.other } else { Some(before.running) };
+        let runs = wanted.as_ref().is_some_and(|wanted| wanted.hash == stands.running.hash);
+        match stands.phase.as_str() {
+            // What was only prepared has changed nothing.
+            "none" if runs && !was_entered => Ok(()),
+            "none" | "rolled-back" if runs && self.until_restart => Ok(()),
+            "none" | "rolled-back" if runs => keep_running(&plc, program, &stands.running),
+            "none" | "rolled-back" => Err(not_back(program, &stands.running, wanted)),
+            phase if GOING_BACK.contains(&phase) => Err(still(&stands, "")),
+            phase => Err(refused(format!("{} is now {}", self.program, takt_client::plain(phase)))),
         }
-        let mut stands =
-            follow(&mut connected, &self.program, during, &[good, &["trial"]].concat())?;
-        if !good.contains(&stands.phase.as_str()) {
-            stands = follow(&mut connected, &self.program, "trial", good)?;
-        }
-        // What was only prepared has changed nothing.
-        if self.until_restart || stands.phase == "none" {
-            return Ok(());
-        }
-        keep_running(program, &stands.running)
     }
+}
+
+/// The phases in which a roll-back is not carried out yet. Takt leaves a version that was not entered in its phase until
+/// the kernel has told that it is given up.
+const GOING_BACK: [&str; 4] = ["preparing", "prepared", "committing", "rolling-back"];
+
+/// Gives an order, and tells that Takt has taken it.
+fn order(
+    connected: &mut Connected<'_>,
+    request: fn(String, String) -> Request,
+    program: &str,
+) -> Result<(), Failure> {
+    match connected.ask(&request(connected.name(), program.to_owned()))? {
+        Answer::Done { text } => print(&takt_client::plain(&text)),
+        _ => Ok(()),
+    }
+}
+
+/// That another version runs than the one to which a roll-back was to lead, and what leads there now.
+fn not_back(program: &Program, running: &ImageVersion, wanted: Option<ImageVersion>) -> Failure {
+    let image = wanted.and_then(|wanted| image_of(program, &wanted.hash));
+    let (in_place, image) = match image {
+        Some(Found { path, is_in_place, .. }) => (is_in_place, path.display().to_string()),
+        None => (false, "its image".to_owned()),
+    };
+    let start = match in_place {
+        true => "start Takt anew, which begins with it".to_owned(),
+        false => format!("put it in the place of {} and start Takt anew", program.path.display()),
+    };
+    refused(format!(
+        "version {} of {} stays, and the version before did not come back: the kernel had forgotten it, since the program has \
+         stopped or was started anew. `takt plc load` and `commit` {image}, or {start}",
+        takt_client::plain(&running.version),
+        program.name
+    ))
 }
 
 /// That the partition has this program is known before anything is asked.
@@ -158,18 +204,35 @@ fn follow(
         return Ok(version);
     }
     let waited = PATIENCE.as_secs();
-    let message = match during {
-        _ if version.phase != during => format!("{program} is now {}", version.phase),
-        "trial" => format!(
+    Err(match during {
+        _ if version.phase != during => refused(format!("{program} is now {}", version.phase)),
+        "trial" => refused(format!(
             "{program} is still on trial, and has had no job for {waited} s: the next start begins with the version before. \
              `takt plc keep` changes that when `takt plc versions` shows it held"
-        ),
-        _ => format!(
-            "{program} is still {during} after {waited} s: the PLC's kernel has no time between two jobs for it. `takt plc \
-             versions` tells how it stands, `takt plc rollback` takes the order back"
-        ),
-    };
-    Err(Failure { status: status::REFUSED, message })
+        )),
+        _ => still(&version, ", `takt plc rollback` takes the order back"),
+    })
+}
+
+/// An order was not carried out in time.
+fn still(version: &VersionStatus, way_out: &str) -> Failure {
+    refused(format!(
+        "{} is still {} after {} s: the PLC's kernel has no time between two jobs for it. `takt plc versions` tells how it \
+         stands{way_out}",
+        takt_client::plain(&version.program),
+        takt_client::plain(&version.phase),
+        PATIENCE.as_secs()
+    ))
+}
+
+fn refused(message: String) -> Failure {
+    Failure { status: status::REFUSED, message }
+}
+
+/// How the versions of a program stand.
+fn version(connected: &mut Connected<'_>, program: &str) -> Result<VersionStatus, Failure> {
+    let found = versions(connected)?.into_iter().find(|version| version.program == program);
+    found.ok_or_else(|| Failure::input(format!("the Takt that answers runs no program {program}")))
 }
 
 /// How a program's change stands when it is in none of these phases any more, or has had no job for [`PATIENCE`] in one:
@@ -181,10 +244,7 @@ pub fn outlast(
 ) -> Result<VersionStatus, Failure> {
     let (mut end, mut jobs) = (Instant::now() + PATIENCE, None);
     loop {
-        let all = versions(connected)?;
-        let Some(version) = all.into_iter().find(|version| version.program == program) else {
-            return Err(Failure::input(format!("the Takt that answers runs no program {program}")));
-        };
+        let version = version(connected, program)?;
         if jobs.replace(version.jobs) != Some(version.jobs) {
             end = Instant::now() + PATIENCE;
         }

@@ -1,5 +1,9 @@
 //! What is refused: wrong images, above all, since they come from elsewhere.
 
+use std::path::Path;
+
+use takt_plan::Replacement;
+
 use super::Case;
 use super::images::{PRIVATE, builder, image, public, signed};
 
@@ -119,4 +123,22 @@ fn a_program_with_no_state_is_taken() {
     none.state_bytes = 0;
     let case = with_image("stateless", &none.build().unwrap(), "");
     assert_eq!(case.good().partitions()[0].programs()[0].place.state_bytes, 0);
+}
+
+#[test]
+fn another_image_is_checked_as_if_it_were_in_its_place() {
+    let case = with_image("replaced", &image("a"), "");
+    let path = case.good().partitions()[0].programs()[0].path.clone();
+    let with = |path: &Path, bytes: &[u8]| {
+        let file = case.folder.join("case.toml");
+        takt_plan::load_with(&file, None, Replacement { path, bytes })
+    };
+    let file = with(&path, &image("b")).unwrap();
+    let program = &file.partitions()[0].programs()[0];
+    assert_eq!((program.name.as_str(), program.bytes()), ("b", &image("b")[..]));
+    let error = with(&path, &image("b")[1..]).unwrap_err().to_string();
+    assert!(error.contains("case.toml:12:9:") && error.contains("is no program image"), "{error}");
+    // What is in no program's place changes nothing, and the file stays as it is.
+    assert_eq!(with(&case.folder, b"").unwrap().partitions()[0].programs()[0].name, "a");
+    assert_eq!(case.good().partitions()[0].programs()[0].name, "a");
 }

@@ -1,7 +1,7 @@
 //! What a program begins with: of its own image, of another version, and after a cold start.
 
 use crate::common::{Own, block, image, layout};
-use takt_program::{Elementary, Flags};
+use takt_program::{Elementary, Flags, Image};
 use takt_retain::{Generation, Layout, Restored};
 
 const R: Flags = Flags::RETAIN;
@@ -22,10 +22,12 @@ fn part<'b>(layout: &Layout, block: &'b [u8], name: &str) -> &'b [u8] {
 #[test]
 fn the_same_image_gets_all_of_its_values_but_references() {
     let own = [("Main.n", DINT, R), ("mix", Own::Block, P), ("plain", DINT, Flags::NONE)];
-    let layout = layout(&image(0, &own));
+    let file = image(0, &own);
+    let layout = layout(&file);
     let names: Vec<&str> = layout.parts().iter().map(|part| part.name.as_str()).collect();
     assert_eq!(names, ["main.n", "mix.a", "mix.b[]"]);
     assert_eq!(layout.initial().len(), 4 + 16);
+    assert_eq!(Layout::block_bytes(&Image::parse(&file).unwrap()), 4 + 16);
     assert_eq!(layout.initial()[..5], [0xee, 0xee, 0xee, 0xee, 0]);
     assert_eq!(layout.variables().collect::<Vec<_>>(), [(0, 4), (64, 16)]);
     assert_eq!((layout.pieces(), layout.has_persistent()), (2, true));
