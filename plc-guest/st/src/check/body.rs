@@ -6,7 +6,7 @@ use super::Checker;
 use super::unit::{Storage, Variable};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
-    Constant, Elementary, Expr, ExprKind, Local, LocalId, LocalKind, Location, Statement,
+    Constant, Elementary, Expr, ExprKind, Local, LocalId, LocalKind, Location, Place, Statement,
     StatementKind, TypeId,
 };
 use crate::source::Span;
@@ -27,8 +27,8 @@ pub(super) struct Body<'c, 'a> {
     pub(super) loops: u32,
     /// What has to be done behind the statement that is checked. None where nothing can be.
     pub(super) after: Option<Vec<Statement>>,
-    /// The control variables of the FOR loops around the statement; none is the function's result.
-    pub(super) counting: Vec<Option<usize>>,
+    /// The control variables of the FOR loops around the statement.
+    pub(super) counting: Vec<Place>,
     /// Names that were already told to be unknown.
     pub(super) unknown: HashSet<String>,
     /// Whether the function's result is assigned anywhere.

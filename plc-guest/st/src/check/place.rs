@@ -86,14 +86,21 @@ impl<'a> Body<'_, 'a> {
     }
 
     fn named_place(&mut self, name: &'a Name, access: Access) -> Option<Place> {
+        let place = self.any_named_place(name, access)?;
+        if access == Access::Write && self.counting.contains(&place) {
+            let found = format!("`{}` is the control variable of a FOR around it", name.text);
+            let one = Diagnostic::new(Code::NotAssignable, name.span, found);
+            self.tell(one.hint("leave the loop with EXIT, or use WHILE"));
+            return None;
+        }
+        Some(place)
+    }
+
+    fn any_named_place(&mut self, name: &'a Name, access: Access) -> Option<Place> {
         if let Some(index) = self.variable(name) {
             return self.own_variable(index, name, access);
         }
         if self.is_result(name) {
-            if access == Access::Write && self.counting.contains(&None) {
-                self.counted(name);
-                return None;
-            }
             return self.result(name, access);
         }
         match self.checker.names.get(&name.key).cloned() {
@@ -149,13 +156,6 @@ impl<'a> Body<'_, 'a> {
         self.tell(one.allowed("a part of a variable").hint("copy it to a variable first"));
     }
 
-    /// Tells of an assignment of a control variable.
-    fn counted(&mut self, name: &Name) {
-        let found = format!("`{}` is the control variable of a FOR around it", name.text);
-        let one = Diagnostic::new(Code::NotAssignable, name.span, found);
-        self.tell(one.hint("leave the loop with EXIT, or use WHILE"));
-    }
-
     fn own_variable(&mut self, index: usize, name: &Name, access: Access) -> Option<Place> {
         let variable = &mut self.variables[index];
         variable.read |= access == Access::Read;
@@ -172,10 +172,6 @@ impl<'a> Body<'_, 'a> {
                     && matches!(variable.storage, Storage::Field(_)) =>
                 {
                     Some("an input, which comes from outside")
-                }
-                _ if self.counting.contains(&Some(index)) => {
-                    self.counted(name);
-                    return None;
                 }
                 _ => None,
             };

@@ -8,7 +8,7 @@ use super::types::is_integer;
 use super::unit::{Storage, is_part};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
-    Block, CaseArm, Constant, Elementary, Expr, ExprKind, ForLoop as HirFor, Place,
+    Area, Block, CaseArm, Constant, Elementary, Expr, ExprKind, ForLoop as HirFor, Place, Root,
     StatementKind as Hir, StructureKind, Type, TypeId,
 };
 use crate::source::Span;
@@ -173,11 +173,6 @@ impl<'a> Body<'_, 'a> {
             self.looped(body);
             return None;
         };
-        let own = match self.variable(name) {
-            None if self.is_result(name) => Some(None),
-            None => None,
-            index => Some(index),
-        };
         let ty = place.ty;
         let from = self.value_of(from, ty);
         let to = self.value_of(to, ty);
@@ -186,11 +181,9 @@ impl<'a> Body<'_, 'a> {
             Some(by) => self.value_of(by, ty),
             None => Some(self.integer(ty, 1, name.span)),
         };
-        self.counting.extend(own);
+        self.counting.push(place.clone());
         let body = self.looped(body);
-        if own.is_some() {
-            self.counting.pop();
-        }
+        self.counting.pop();
         let (from, to, by) = (from?, to?, by?);
         let constant = |expr: &Expr| match expr.kind {
             ExprKind::Constant(Constant::Integer(value)) => Some(value),
@@ -219,7 +212,6 @@ impl<'a> Body<'_, 'a> {
     /// The place of a loop's variable: of an integer type, without an index or reference on the way.
     fn control_variable(&mut self, name: &'a Name) -> Option<Place> {
         let index = self.variable(name);
-        let around = "the control variable of a FOR around this one";
         let place = match index {
             Some(index) => {
                 let variable = &mut self.variables[index];
@@ -229,7 +221,6 @@ impl<'a> Body<'_, 'a> {
                 let wrong = match &storage {
                     Storage::Reference(..) => Some("a VAR_IN_OUT"),
                     Storage::Constant(..) => Some("a constant"),
-                    _ if self.counting.contains(&Some(index)) => Some(around),
                     _ if variable.kind == crate::syntax::ast::SectionKind::Input => {
                         Some("an input of this unit")
                     }
@@ -241,13 +232,25 @@ impl<'a> Body<'_, 'a> {
                 }
                 self.checker.variable_place(self.unit, &storage, ty)?
             }
-            None if self.is_result(name) && self.counting.contains(&None) => {
-                self.no_control_variable(name, around);
-                return None;
-            }
             None if self.is_result(name) => self.result(name, Access::Write)?,
             None => self.global_control(name)?,
         };
+        let wrong = match place.root {
+            _ if self.counting.contains(&place) => {
+                Some("the control variable of a FOR around this one")
+            }
+            Root::Global(id)
+                if self.checker.program.global(id).storage.area == Area::Input
+                    && !self.in_test() =>
+            {
+                Some("an input, which comes from outside")
+            }
+            _ => None,
+        };
+        if let Some(wrong) = wrong {
+            self.no_control_variable(name, wrong);
+            return None;
+        }
         if !self.plain(place.ty).is_some_and(is_integer) || is_part(&place) {
             let found = format!("a control variable of type {}", self.type_name(place.ty));
             let one = Diagnostic::new(Code::TypeMismatch, name.span, found);
