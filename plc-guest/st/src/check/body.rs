@@ -6,8 +6,8 @@ use super::Checker;
 use super::unit::{Storage, Variable};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
-    Constant, Elementary, Expr, ExprKind, Local, LocalId, LocalKind, Location, Place, Statement,
-    StatementKind, TypeId,
+    Block, Constant, Elementary, Expr, ExprKind, Local, LocalId, LocalKind, Location, Place,
+    Statement, StatementKind, TypeId,
 };
 use crate::source::Span;
 use crate::syntax::ast::{self, Name};
@@ -25,14 +25,21 @@ pub(super) struct Body<'c, 'a> {
     pub(super) locals: Vec<Local>,
     /// How many loops are around the statement.
     pub(super) loops: u32,
-    /// What has to be done behind the statement that is checked. None where nothing can be.
-    pub(super) after: Option<Vec<Statement>>,
+    /// What has to be done around the call that is checked. None within an expression, where nothing can be.
+    pub(super) around: Option<Around>,
     /// The control variables of the FOR loops around the statement.
     pub(super) counting: Vec<Place>,
     /// Names that were already told to be unknown.
     pub(super) unknown: HashSet<String>,
     /// Whether the function's result is assigned anywhere.
     pub(super) result_assigned: bool,
+}
+
+/// Statements of the compiler's own around a call that is a statement, or the whole value of one.
+#[derive(Default)]
+pub(super) struct Around {
+    pub(super) before: Block,
+    pub(super) behind: Block,
 }
 
 impl<'c, 'a> Body<'c, 'a> {
@@ -45,7 +52,7 @@ impl<'c, 'a> Body<'c, 'a> {
             by_key: HashMap::new(),
             locals: Vec::new(),
             loops: 0,
-            after: None,
+            around: None,
             counting: Vec::new(),
             unknown: HashSet::new(),
             result_assigned: false,

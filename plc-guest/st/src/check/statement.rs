@@ -1,7 +1,7 @@
 //! Statements.
 
 use super::Entry;
-use super::body::Body;
+use super::body::{Around, Body};
 use super::loops::Looped;
 use super::place::Access;
 use super::types::is_integer;
@@ -20,11 +20,7 @@ impl<'a> Body<'_, 'a> {
     pub(super) fn block(&mut self, statements: &'a [Statement]) -> Block {
         let mut block = Vec::new();
         for statement in statements {
-            self.after = Some(Vec::new());
             self.one(statement, &mut block);
-            if let Some(after) = self.after.take() {
-                block.extend(after);
-            }
         }
         block
     }
@@ -46,38 +42,31 @@ impl<'a> Body<'_, 'a> {
                 return;
             }
             StatementKind::If { branches, otherwise } => {
-                self.after = None;
                 let mut arms = Vec::new();
                 for (condition, body) in branches {
                     let condition = self.condition(condition);
                     let body = self.block(body);
-                    self.after = None;
                     arms.extend(condition.map(|condition| (condition, body)));
                 }
                 let otherwise = otherwise.as_ref().map(|body| self.block(body));
                 Some(Hir::If(arms, otherwise.unwrap_or_default()))
             }
             StatementKind::Case { selector, branches, otherwise } => {
-                self.after = None;
                 self.case(selector, branches, otherwise.as_deref())
             }
             StatementKind::For(parts) => {
                 let ForLoop { variable, from, to, by, body } = &**parts;
-                self.after = None;
                 self.for_loop(variable, (from, to, by.as_ref()), body)
             }
             StatementKind::While(condition, body) => {
-                self.after = None;
                 self.warn_of_loop(Looped::While, condition, body, span);
                 let condition = self.condition(condition);
                 let body = self.looped(body);
                 condition.map(|condition| Hir::While(condition, body))
             }
             StatementKind::Repeat(body, condition) => {
-                self.after = None;
                 self.warn_of_loop(Looped::Repeat, condition, body, span);
                 let body = self.looped(body);
-                self.after = None;
                 self.condition(condition).map(|condition| Hir::Repeat(body, condition))
             }
             StatementKind::Exit => self.within_loop("EXIT", Hir::Exit, span),
@@ -157,9 +146,34 @@ impl<'a> Body<'_, 'a> {
             self.apart(value);
             return None;
         }
-        let value = self.value_of(value, ty)?;
         let span = target.span;
-        Some(vec![self.statement(Hir::Assign(place, value), span)])
+        // A call that is the whole value may have statements around it.
+        self.around = is_call(value).then(Around::default);
+        let value = self.value_of(value, ty);
+        let Around { before: mut block, behind } = self.around.take().unwrap_or_default();
+        block.extend(self.called_assignment(place, value?, behind, span));
+        Some(block)
+    }
+
+    /// An assignment with what has to be done behind the call that is its value. That comes first: the place on the
+    /// left is evaluated behind the call, and may depend on its outputs or be one.
+    pub(super) fn called_assignment(
+        &mut self,
+        place: Place,
+        mut value: Expr,
+        behind: Block,
+        span: Span,
+    ) -> Block {
+        let mut block = Vec::new();
+        if !behind.is_empty() {
+            let ty = value.ty;
+            let kept = Place::local(self.temporary("'value", ty), ty);
+            block.push(self.statement(Hir::Assign(kept.clone(), value), span));
+            block.extend(behind);
+            value = self.expr(ty, ExprKind::Load(kept), span);
+        }
+        block.push(self.statement(Hir::Assign(place, value), span));
+        block
     }
 
     fn for_loop(
@@ -312,7 +326,6 @@ impl<'a> Body<'_, 'a> {
         for (labels, body) in branches {
             let mut ranges = Vec::new();
             for label in labels {
-                self.after = None;
                 let Some(ty) = ty else {
                     self.label_apart(label);
                     continue;
@@ -370,5 +383,12 @@ impl<'a> Body<'_, 'a> {
                 before = Some((low, high, span));
             }
         }
+    }
+}
+
+fn is_call(value: &Expression) -> bool {
+    match &value.kind {
+        ExpressionKind::Parenthesised(inner) => is_call(inner),
+        kind => matches!(kind, ExpressionKind::Call(..)),
     }
 }

@@ -5,6 +5,7 @@
 //! interpreter of the typed tree and as machine code.
 
 mod blocks;
+mod calls;
 mod functions;
 mod language;
 #[path = "../machine/mod.rs"]
