@@ -46,3 +46,46 @@ fn an_output_of_another_type_comes_before_the_assignment_of_the_value() {
         i := 3; i := Both(a := 0, x => row[i]); IF row[3] <> 1 OR row[0] <> 1 THEN wrong := wrong + 8; END_IF;";
     assert_eq!(wrong(&declarations, statements), 0);
 }
+
+#[test]
+fn a_call_of_an_instance_evaluates_its_index_once() {
+    let declarations = "
+        FUNCTION_BLOCK Node
+            VAR_INPUT id : INT; value : INT; END_VAR
+            VAR_OUTPUT next : INT; doubled : INT; END_VAR
+            next := id + 1; doubled := 2 * value;
+        END_FUNCTION_BLOCK
+        FUNCTION_BLOCK Group
+            VAR_INPUT first : INT; END_VAR
+            VAR_IN_OUT all : ARRAY[0..3] OF Node; END_VAR
+            VAR place : INT; END_VAR
+            place := first;
+            all[place](id := place + 1, value := 4, next => place);
+            place := first;
+            all[place](id := place, value := all[first].doubled, doubled => place);
+        END_FUNCTION_BLOCK
+        VAR_GLOBAL calls : INT; END_VAR
+        FUNCTION Next : INT
+            calls := calls + 1;
+            Next := calls;
+        END_FUNCTION
+        PROGRAM Main
+        VAR n : ARRAY[0..3] OF Node; rows : ARRAY[0..1] OF ARRAY[1..2] OF Node; i, j, v : INT; r : REF_TO Node;
+            group : Group; END_VAR";
+    let statements = "
+        n[i](id := 1, value := 5, next => i, doubled => v); IF i <> 2 OR v <> 10 THEN wrong := wrong + 1; END_IF;
+        n[Next()](id := 1, value := 2);
+        IF calls <> 1 OR n[1].doubled <> 4 OR n[1].next <> 2 THEN wrong := wrong + 2; END_IF;
+        i := 1; j := 2;
+        rows[i, j](id := Next(), value := 3, next => j, doubled => i); IF i <> 6 OR j <> 3 OR calls <> 2
+            THEN wrong := wrong + 4; END_IF;
+        i := 2; n[i].value := 0; n[3].value := 0;
+        n[i](EN := FALSE, id := 1, value := 9, next => i); IF i <> 2 OR n[2].value <> 0 THEN wrong := wrong + 8; END_IF;
+        FOR i := 0 TO 3 DO n[i](id := i, value := i + 1); END_FOR;
+        FOR i := 0 TO 3 DO
+            IF n[i].doubled <> 2 * i + 2 OR n[i].next <> i + 1 THEN wrong := wrong + 16; END_IF;
+        END_FOR;
+        r := REF(n[3]); r^(id := 7, value := 8, next => v); IF v <> 8 OR n[3].doubled <> 16 THEN wrong := wrong + 32; END_IF;
+        group(first := 0, all := n); IF n[0].doubled <> 16 OR n[0].id <> 0 OR n[1].id <> 1 THEN wrong := wrong + 64; END_IF;";
+    assert_eq!(wrong(declarations, statements), 0);
+}

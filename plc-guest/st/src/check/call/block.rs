@@ -25,6 +25,8 @@ impl<'a> Body<'_, 'a> {
             return None;
         };
         let mut block = Vec::new();
+        // One instance gets the inputs, runs and is read, whatever the call changes.
+        let place = self.fixed(place, &mut block, span);
         let mut behind = Vec::new();
         let mut by_call = Vec::new();
         let mut complete = true;
