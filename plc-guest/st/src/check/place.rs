@@ -161,13 +161,21 @@ impl<'a> Body<'_, 'a> {
         variable.read |= access == Access::Read;
         variable.written |= access == Access::Write;
         if access == Access::Write {
-            let instance = variable.ty.is_some_and(|ty| {
-                let structure = self.checker.program.types.structure(ty);
-                structure.is_some_and(|structure| structure.kind != StructureKind::Struct)
-            });
+            let types = &self.checker.program.types;
+            let instance = variable.ty.is_some_and(|ty| types.has_instance(ty));
             let wrong = match variable.kind {
                 _ if variable.constant => Some("a constant"),
-                SectionKind::Input if !instance => Some("an input of this unit"),
+                SectionKind::Input if instance => {
+                    let found = format!(
+                        "`{}` is an input of this unit: a copy, of which each call gets a new one",
+                        name.text
+                    );
+                    let one = Diagnostic::new(Code::NotAssignable, name.span, found);
+                    let one = one.allowed("its outputs to read");
+                    self.tell(one.hint("declare it in VAR_IN_OUT, which stands for the instance"));
+                    return None;
+                }
+                SectionKind::Input => Some("an input of this unit"),
                 _ if variable.address.is_some_and(|address| address.area == ast::Area::Input)
                     && matches!(variable.storage, Storage::Field(_)) =>
                 {
