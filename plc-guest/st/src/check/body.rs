@@ -27,6 +27,8 @@ pub(super) struct Body<'c, 'a> {
     pub(super) loops: u32,
     /// What has to be done around the call that is checked. None within an expression, where nothing can be.
     pub(super) around: Option<Around>,
+    /// Where the expression stands whose value is needed as it is, and not to compute with.
+    pub(super) whole: Option<Span>,
     /// The control variables of the FOR loops around the statement.
     pub(super) counting: Vec<Place>,
     /// Names that were already told to be unknown.
@@ -53,6 +55,7 @@ impl<'c, 'a> Body<'c, 'a> {
             locals: Vec::new(),
             loops: 0,
             around: None,
+            whole: None,
             counting: Vec::new(),
             unknown: HashSet::new(),
             result_assigned: false,

@@ -37,8 +37,10 @@ impl Operand {
 impl<'a> Body<'_, 'a> {
     /// An expression as a value of a type, by an implicit conversion if there is one.
     pub(super) fn value_of(&mut self, expression: &'a Expression, ty: TypeId) -> Option<Expr> {
-        let operand = self.operand(expression, Some(ty))?;
-        self.converted(operand, ty, expression.span)
+        let around = self.whole.replace(without_parentheses(expression).span);
+        let operand = self.operand(expression, Some(ty));
+        self.whole = around;
+        self.converted(operand?, ty, expression.span)
     }
 
     /// An expression with the type that it has by itself. `hint` is what is needed where it stands,
@@ -167,5 +169,12 @@ impl<'a> Body<'_, 'a> {
             operand = Operand::typed(self.converted(operand, ty, inner.span)?);
         }
         self.unary_operator(operator, operand, span)
+    }
+}
+
+pub(super) fn without_parentheses(expression: &Expression) -> &Expression {
+    match &expression.kind {
+        ExpressionKind::Parenthesised(inner) => without_parentheses(inner),
+        _ => expression,
     }
 }

@@ -167,7 +167,7 @@ impl<'a> Body<'_, 'a> {
                 _ if variable.constant => Some("a constant"),
                 SectionKind::Input if instance => {
                     let found = format!(
-                        "`{}` is an input of this unit: a copy, of which each call gets a new one",
+                        "`{}` is an input of this unit, and only a copy of what is given",
                         name.text
                     );
                     let one = Diagnostic::new(Code::NotAssignable, name.span, found);

@@ -2,6 +2,7 @@
 
 use super::Entry;
 use super::body::{Around, Body};
+use super::expression::without_parentheses;
 use super::loops::Looped;
 use super::place::Access;
 use super::types::is_integer;
@@ -148,7 +149,8 @@ impl<'a> Body<'_, 'a> {
         }
         let span = target.span;
         // A call that is the whole value may have statements around it.
-        self.around = is_call(value).then(Around::default);
+        let call = matches!(without_parentheses(value).kind, ExpressionKind::Call(..));
+        self.around = call.then(Around::default);
         let value = self.value_of(value, ty);
         let Around { before: mut block, behind } = self.around.take().unwrap_or_default();
         block.extend(self.called_assignment(place, value?, behind, span));
@@ -383,12 +385,5 @@ impl<'a> Body<'_, 'a> {
                 before = Some((low, high, span));
             }
         }
-    }
-}
-
-fn is_call(value: &Expression) -> bool {
-    match &value.kind {
-        ExpressionKind::Parenthesised(inner) => is_call(inner),
-        kind => matches!(kind, ExpressionKind::Call(..)),
     }
 }

@@ -14,3 +14,4 @@ mod machine;
 #[allow(dead_code, reason = "the interpreter is made for other tests too")]
 mod oracle;
 mod program;
+mod widths;

@@ -110,11 +110,18 @@ impl<'a> Body<'_, 'a> {
                     self.no_conversion(b, a, place);
                     return None;
                 }
+                let longest = match self.checker.program.types.get(given.first()?.0.expr.ty) {
+                    Type::String { capacity } | Type::WString { capacity } => *capacity,
+                    _ => u16::MAX,
+                };
                 let long = self.elementary(Elementary::Lint);
                 let list = given.into_iter().map(|(operand, _)| operand.expr).collect();
-                let measured = self.intrinsic(intrinsic, list, long, span);
-                let ty = self.integer_result(hint);
-                Some(Operand::typed(self.convert(Conversion::Value, measured.expr, ty, span)))
+                let measured = self.intrinsic(intrinsic, list, long, span).expr;
+                let (ty, fits) = self.integer_result(hint, 0..=longest.into(), span);
+                Some(Operand::typed(match fits {
+                    true => self.convert(Conversion::Value, measured, ty, span),
+                    false => self.of_needed_type(measured, Some(ty), span),
+                }))
             }
             Make::LogLine => {
                 let (line, place) = given.pop()?;
@@ -129,7 +136,8 @@ impl<'a> Body<'_, 'a> {
             }
             Make::Truncate => {
                 let (operand, _) = given.pop()?;
-                let ty = self.integer_result(hint);
+                let values = i32::MIN.into()..=i32::MAX.into();
+                let (ty, _) = self.integer_result(hint, values, span);
                 let mut expr = operand.expr;
                 if self.plain(expr.ty).is_some_and(is_integer) {
                     let real = self.elementary(Elementary::Lreal);

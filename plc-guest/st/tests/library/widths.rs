@@ -1,0 +1,45 @@
+//! Values that would fit, but not on the way. On the interpreter and as machine code, as in `language`.
+
+use takt_st::hir::TrapKind;
+
+use crate::language::{program, wrong};
+use crate::oracle::Job;
+use crate::program::Twice;
+
+/// A string of 200 characters and one of 400.
+const TEXTS: &str = "PROGRAM Main
+    VAR s : STRING[255]; long : STRING[400]; short : STRING[100] := 'short'; si, i : SINT; us : USINT; n : INT; r : REAL; END_VAR
+    VAR d : DINT; k : INT; l : LINT; END_VAR";
+const FILL: &str = "FOR k := 1 TO 200 DO s := CONCAT(s, 'x'); long := CONCAT(long, 'xy'); END_FOR;";
+
+#[test]
+fn lengths_do_not_wrap_before_they_are_computed_with() {
+    let statements = format!(
+        "{FILL}
+        si := DINT_TO_SINT(LEN(s) / 10); IF si <> 20 THEN wrong := wrong + 1; END_IF;
+        us := LEN(s) / 10; IF us <> 20 THEN wrong := wrong + 2; END_IF;
+        us := LEN(s); IF us <> 200 THEN wrong := wrong + 4; END_IF;
+        us := DINT_TO_USINT(MIN(LEN(long), 200)); IF us <> 200 THEN wrong := wrong + 8; END_IF;
+        si := LEN(short) - 1; IF si <> 4 THEN wrong := wrong + 16; END_IF;
+        n := LEN(long) - 1; IF n <> 399 THEN wrong := wrong + 32; END_IF;
+        us := FIND(s, 'x') + 1; IF us <> 2 THEN wrong := wrong + 64; END_IF;
+        si := DINT_TO_SINT(TRUNC(200.0) / 10); IF si <> 20 THEN wrong := wrong + 128; END_IF;
+        si := TRUNC(200.0); IF si <> 127 THEN wrong := wrong + 256; END_IF;
+        l := TRUNC(1.0E12) / 10; IF l <> 100000000000 THEN wrong := wrong + 512; END_IF;"
+    );
+    assert_eq!(wrong(TEXTS, &statements), 0);
+}
+
+#[test]
+fn a_length_that_does_not_fit_is_a_trap() {
+    for statement in [
+        "si := LEN(s);",
+        "us := (LEN(long));",
+        "us := FIND(long, 'no'); us := FIND(CONCAT(long, 'no'), 'no');",
+        "FOR si := 1 TO LEN(s) DO d := d + 1; END_FOR;",
+    ] {
+        let program = program(TEXTS, &format!("{FILL} {statement}"));
+        let trap = Twice::start(&program).trap(Job::default());
+        assert_eq!(trap.kind, TrapKind::Subrange, "{statement}");
+    }
+}
