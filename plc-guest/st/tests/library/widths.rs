@@ -43,3 +43,26 @@ fn a_length_that_does_not_fit_is_a_trap() {
         assert_eq!(trap.kind, TrapKind::Subrange, "{statement}");
     }
 }
+
+#[test]
+fn numbers_beside_bits_are_as_wide_whatever_the_order() {
+    let declarations = "PROGRAM Main VAR w, x : WORD := 16#FF01; d : DWORD; b : BYTE := 1; q : BOOL; n : INT := 8; END_VAR";
+    let statements = "
+        w := SHL(16#FF, 8) OR b; IF w <> 16#FF01 THEN wrong := wrong + 1; END_IF;
+        w := b OR SHL(16#FF, 8); IF w <> 16#FF01 THEN wrong := wrong + 2; END_IF;
+        w := b OR NOT 16#0F; IF w <> 16#FFF1 THEN wrong := wrong + 4; END_IF;
+        w := NOT 16#0F OR b; IF w <> 16#FFF1 THEN wrong := wrong + 8; END_IF;
+        w := 16#2;
+        IF (w AND NOT 1) = 0 THEN wrong := wrong + 16; END_IF;
+        IF (NOT 1 AND w) = 0 THEN wrong := wrong + 32; END_IF;
+        IF NOT 1 AND NOT (w = 2) THEN wrong := wrong + 64; END_IF;
+        w := 16#FFFF; IF w <> NOT 0 OR NOT 0 <> w THEN wrong := wrong + 128; END_IF;
+        IF (16#FF AND 3) <> (x AND 16#FF OR 2) THEN wrong := wrong + 256; END_IF;
+        d := w AND NOT 1; IF d <> 16#FFFE THEN wrong := wrong + 512; END_IF;
+        d := NOT 1 XOR w; IF d <> 16#FFFF_0001 THEN wrong := wrong + 1024; END_IF;
+        d := w XOR NOT 1; IF d <> 16#FFFF_0001 THEN wrong := wrong + 2048; END_IF;
+        q := NOT 0; IF NOT q OR q = NOT 1 OR NOT 1 = q THEN wrong := wrong + 4096; END_IF;
+        IF (NOT 1 OR b OR w) <> (w OR b OR NOT 1) OR (NOT 1 OR b) <> (x OR w) THEN wrong := wrong + 16384; END_IF;
+        IF SHL(1, n) <> (x AND 16#100) THEN wrong := wrong + 8192; END_IF;";
+    assert_eq!(wrong(declarations, statements), 0);
+}
