@@ -6,7 +6,7 @@ use super::types::is_bit_string;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Constant, Expr, ExprKind, Type, TypeId};
 use crate::source::Span;
-use crate::syntax::ast::{Expression, ExpressionKind, Name, UnaryOperator};
+use crate::syntax::ast::{Expression, ExpressionKind, Literal, Name, UnaryOperator};
 
 /// A checked expression.
 #[derive(Clone, Debug)]
@@ -160,7 +160,15 @@ impl<'a> Body<'_, 'a> {
         span: Span,
         hint: Option<TypeId>,
     ) -> Option<Operand> {
-        let mut operand = self.operand(inner, hint)?;
+        let mut operand = match &inner.kind {
+            // A sign behind the prefix, as in `INT#-32768`, belongs to the literal.
+            ExpressionKind::Literal(Literal { prefix: Some(prefix), value })
+                if operator == UnaryOperator::Negate && inner.span == span =>
+            {
+                self.typed_literal(prefix, value, true, span)?
+            }
+            _ => self.operand(inner, hint)?,
+        };
         if let (UnaryOperator::Not, Some(ty)) = (operator, hint)
             && operand.untyped
             && self.plain(ty).is_some_and(is_bit_string)

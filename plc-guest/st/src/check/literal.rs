@@ -14,7 +14,7 @@ use crate::syntax::ast::{Literal, LiteralValue};
 impl Body<'_, '_> {
     pub(super) fn literal(&mut self, literal: &Literal, span: Span) -> Option<Operand> {
         if let Some(prefix) = &literal.prefix {
-            return self.typed_literal(prefix, &literal.value, span);
+            return self.typed_literal(prefix, &literal.value, false, span);
         }
         let (elementary, constant) = match &literal.value {
             LiteralValue::Bool(value) => (Elementary::Bool, Constant::Integer((*value).into())),
@@ -90,8 +90,15 @@ impl Body<'_, '_> {
         self.tell(one.allowed("at most 65535 characters"));
     }
 
-    /// `INT#5`, `REAL#1`, `BOOL#1`, `STRING#'a'`, `CHAR#'a'`.
-    fn typed_literal(&mut self, prefix: &str, value: &LiteralValue, span: Span) -> Option<Operand> {
+    /// `INT#5`, `REAL#1`, `BOOL#1`, `STRING#'a'`, `CHAR#'a'`. `negative` if a minus stands behind the prefix, which is
+    /// not yet a part of the value.
+    pub(super) fn typed_literal(
+        &mut self,
+        prefix: &str,
+        value: &LiteralValue,
+        negative: bool,
+        span: Span,
+    ) -> Option<Operand> {
         let wrong = |body: &mut Self, allowed: &str| {
             let found = format!("`{}`", body.checker.sources.text(span));
             let one = Diagnostic::new(Code::InvalidLiteral, span, found);
@@ -129,13 +136,18 @@ impl Body<'_, '_> {
             }
             (_, LiteralValue::Integer(value)) if !has_unit(elementary) => {
                 let value = i128::from(*value);
-                // The sign of `INT#-32768` comes later; an operator checks what becomes of it.
                 let (least, most) = elementary.range()?;
-                let bound = if least < 0 { -least } else { most };
+                let bound = if negative && least < 0 { -least } else { most };
                 if value > bound {
-                    let found = format!("{value} is no {}", elementary.name());
+                    let sign = if negative { "-" } else { "" };
+                    let found = format!("{sign}{value} is no {}", elementary.name());
                     let allowed = format!("{least}..{most}");
-                    self.tell(Diagnostic::new(Code::OutOfRange, span, found).allowed(allowed));
+                    let mut one = Diagnostic::new(Code::OutOfRange, span, found).allowed(allowed);
+                    if value == -least {
+                        one = one
+                            .hint(format!("the sign stands behind the type: `{prefix}#-{value}`"));
+                    }
+                    self.tell(one);
                     return None;
                 }
                 Constant::Integer(value)
@@ -144,6 +156,12 @@ impl Body<'_, '_> {
                 return wrong(self, &format!("a literal of the type {}", elementary.name()));
             }
         };
+        if let Constant::Real(number) = constant
+            && number.is_infinite()
+        {
+            self.error(Code::OutOfRange, span, "a number that is too large for REAL");
+            return None;
+        }
         Some(Operand::typed(self.expr(ty, ExprKind::Constant(constant), span)))
     }
 
