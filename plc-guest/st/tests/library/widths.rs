@@ -66,3 +66,20 @@ fn numbers_beside_bits_are_as_wide_whatever_the_order() {
         IF SHL(1, n) <> (x AND 16#100) THEN wrong := wrong + 8192; END_IF;";
     assert_eq!(wrong(declarations, statements), 0);
 }
+
+#[test]
+fn powers_are_computed_in_lreal_unless_a_side_or_the_target_is_a_real() {
+    let declarations =
+        "PROGRAM Main VAR n : INT := 2; i : INT := 5001; l : LREAL; r : REAL; d : DINT; END_VAR";
+    let statements = "
+        l := 1.1 ** n; IF ABS(l - 1.21) > 1.0E-12 THEN wrong := wrong + 1; END_IF;
+        l := 10.0 ** -n; IF ABS(l - 0.01) > 1.0E-15 THEN wrong := wrong + 2; END_IF;
+        d := LREAL_TO_DINT(i ** 2); IF d <> 25010001 THEN wrong := wrong + 4; END_IF;
+        l := EXPT(1.1, n); IF ABS(l - 1.21) > 1.0E-12 THEN wrong := wrong + 8; END_IF;
+        r := n ** 3 + 2.0 * 3.0 ** n; IF r <> REAL#26.0 THEN wrong := wrong + 16; END_IF;
+        r := 2.0 ** 3.0; IF r <> REAL#8.0 THEN wrong := wrong + 32; END_IF;
+        d := REAL_TO_DINT(n ** 3); IF d <> 8 THEN wrong := wrong + 64; END_IF;
+        l := r ** n; IF l <> 64.0 THEN wrong := wrong + 128; END_IF;
+        d := TRUNC(i ** 2); IF d <> 25010001 THEN wrong := wrong + 256; END_IF;";
+    assert_eq!(wrong(declarations, statements), 0);
+}
