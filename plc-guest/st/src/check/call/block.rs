@@ -137,13 +137,11 @@ impl<'a> Body<'_, 'a> {
         let fits = place.ty == ty
             || match types.get(ty) {
                 Type::OpenArray { element, dimensions } => {
-                    let mut inner = place.ty;
-                    for _ in 0..*dimensions {
-                        if let Type::Array { element, .. } = types.get(inner) {
-                            inner = *element;
-                        }
-                    }
-                    inner == *element && inner != place.ty
+                    let inner = (0..*dimensions).try_fold(place.ty, |ty, _| match types.get(ty) {
+                        Type::Array { element, .. } => Some(*element),
+                        _ => None,
+                    });
+                    inner == Some(*element)
                 }
                 _ => false,
             };
