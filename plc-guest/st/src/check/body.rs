@@ -116,6 +116,12 @@ impl<'c, 'a> Body<'c, 'a> {
 
     /// Declares a variable of the unit, unless its name is taken.
     pub(super) fn declare(&mut self, variable: Variable<'a>) {
+        // In a function its name is the variable of its result.
+        if self.is_result(variable.name) {
+            let function = self.unit.map(|unit| self.checker.units[unit].ast.name.span);
+            self.checker.duplicate(variable.name, function.unwrap_or(variable.name.span));
+            return;
+        }
         if let Some(other) = self.by_key.get(&*variable.name.key) {
             let other = self.variables[*other].name.span;
             self.checker.duplicate(variable.name, other);
