@@ -89,3 +89,19 @@ fn a_call_of_an_instance_evaluates_its_index_once() {
         group(first := 0, all := n); IF n[0].doubled <> 16 OR n[0].id <> 0 OR n[1].id <> 1 THEN wrong := wrong + 64; END_IF;";
     assert_eq!(wrong(declarations, statements), 0);
 }
+
+#[test]
+fn limit_evaluates_its_arguments_in_their_order() {
+    let declarations = "
+        VAR_GLOBAL trace : DINT; END_VAR
+        FUNCTION Note : INT
+            VAR_INPUT digit : INT; END_VAR
+            trace := trace * 10 + digit; Note := digit;
+        END_FUNCTION
+        PROGRAM Main VAR n : INT; END_VAR";
+    let statements = "
+        n := LIMIT(Note(1), Note(2), Note(3)); IF trace <> 123 OR n <> 2 THEN wrong := wrong + 1; END_IF;
+        trace := 0;
+        n := LIMIT(MX := Note(3), IN := Note(9), MN := Note(1)); IF trace <> 193 OR n <> 3 THEN wrong := wrong + 2; END_IF;";
+    assert_eq!(wrong(declarations, statements), 0);
+}
