@@ -83,3 +83,17 @@ fn powers_are_computed_in_lreal_unless_a_side_or_the_target_is_a_real() {
         d := TRUNC(i ** 2); IF d <> 25010001 THEN wrong := wrong + 256; END_IF;";
     assert_eq!(wrong(declarations, statements), 0);
 }
+
+#[test]
+fn a_time_of_day_stays_within_its_day() {
+    let declarations = "PROGRAM Main
+        VAR t : TOD := TOD#23:00:00; lt : LTOD := LTOD#01:00:00; h : TIME := T#2h; far : TIME := T#106751d23h; END_VAR";
+    let statements = "
+        IF t + h <> TOD#01:00:00 OR TOD#23:00:00 + T#2h <> TOD#01:00:00 THEN wrong := wrong + 1; END_IF;
+        IF lt - h <> LTOD#23:00:00 OR TOD#01:00:00 - T#2h <> TOD#23:00:00 THEN wrong := wrong + 2; END_IF;
+        IF t - h <> TOD#21:00:00 OR lt + h <> LTOD#03:00:00 THEN wrong := wrong + 4; END_IF;
+        IF t + far <> TOD#22:00:00 OR lt - far <> LTOD#02:00:00 THEN wrong := wrong + 8; END_IF;
+        IF t + T#24h <> t OR t - T#48h <> t OR t + -h <> TOD#21:00:00 THEN wrong := wrong + 16; END_IF;
+        IF ADD_TOD_TIME(t, h) <> TOD#01:00:00 OR SUB_TOD_TIME(t, T#24h) <> t THEN wrong := wrong + 32; END_IF;";
+    assert_eq!(wrong(declarations, statements), 0);
+}
