@@ -129,7 +129,7 @@ impl Body<'_, '_> {
             (Elementary::Real, LiteralValue::Real(value)) => real(elementary, *value),
             (Elementary::Lreal, LiteralValue::Real(value)) => Constant::Real(*value),
             (Elementary::Real | Elementary::Lreal, LiteralValue::Integer(value)) => {
-                real(elementary, *value as f64)
+                real_of(elementary, i128::from(*value))
             }
             (Elementary::Char | Elementary::Wchar, _) => {
                 return wrong(self, "one character: `CHAR#'a'`, `WCHAR#\"a\"`");
@@ -169,7 +169,7 @@ impl Body<'_, '_> {
     pub(super) fn fitted(&mut self, value: &Constant, ty: TypeId) -> Option<Constant> {
         let scalar = self.scalar(ty)?;
         match (value, scalar.class()) {
-            (Constant::Integer(value), Class::Float) => Some(real(scalar, *value as f64)),
+            (Constant::Integer(value), Class::Float) => Some(real_of(scalar, *value)),
             (Constant::Real(value), Class::Float) => Some(real(scalar, *value)),
             (Constant::Integer(value), _) if fits(scalar, *value) => {
                 Some(Constant::Integer(*value))
@@ -184,6 +184,14 @@ pub(super) fn real(elementary: Elementary, value: f64) -> Constant {
     match elementary {
         Elementary::Real => Constant::Real(f64::from(value as f32)),
         _ => Constant::Real(value),
+    }
+}
+
+/// An integer as a value of REAL or LREAL. It is rounded once, not to an LREAL before.
+pub(super) fn real_of(elementary: Elementary, value: i128) -> Constant {
+    match elementary {
+        Elementary::Real => Constant::Real(f64::from(value as f32)),
+        _ => Constant::Real(value as f64),
     }
 }
 

@@ -97,3 +97,17 @@ fn a_time_of_day_stays_within_its_day() {
         IF ADD_TOD_TIME(t, h) <> TOD#01:00:00 OR SUB_TOD_TIME(t, T#24h) <> t THEN wrong := wrong + 32; END_IF;";
     assert_eq!(wrong(declarations, statements), 0);
 }
+
+#[test]
+fn a_constant_is_rounded_to_a_real_once() {
+    // Between two values of REAL, a little above the middle, which an LREAL does not tell from the middle.
+    let declarations = "
+        PROGRAM Main
+        VAR l : LINT := 16#4000_0040_0000_0001; u : ULINT := 16#8000_0080_0000_0001; r : REAL; END_VAR";
+    let statements = "
+        r := LINT_TO_REAL(l); IF r <> LINT_TO_REAL(16#4000_0040_0000_0001) THEN wrong := wrong + 1; END_IF;
+        r := ULINT_TO_REAL(u); IF r <> ULINT_TO_REAL(16#8000_0080_0000_0001) THEN wrong := wrong + 2; END_IF;
+        r := LINT_TO_REAL(l); IF r <> REAL#4611686293305294849 THEN wrong := wrong + 4; END_IF;
+        r := 4611686293305294849; IF r <> LINT_TO_REAL(l) THEN wrong := wrong + 8; END_IF;";
+    assert_eq!(wrong(declarations, statements), 0);
+}
