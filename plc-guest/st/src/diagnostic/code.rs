@@ -61,7 +61,7 @@ codes! {
     NoSource Error "no-source" "Something that has no Structured Text in it.";
     FolderLoop Warning "folder-loop" "A link to a folder around it, which is not followed.";
     // The text.
-    InvalidCharacter Error "invalid-character" "A character that no Structured Text has outside of comments and strings.";
+    InvalidCharacter Error "invalid-character" "A character that no Structured Text has outside of comments and strings, or a carriage return that hides a line.";
     Unterminated Error "unterminated" "A comment, a string or a pragma that does not end.";
     InvalidLiteral Error "invalid-literal" "A number, string, duration or date of wrong form, or out of its type's range.";
     InvalidAddress Error "invalid-address" "A direct address of wrong form or outside of its area.";
