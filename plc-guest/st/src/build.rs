@@ -91,6 +91,14 @@ impl BuildError {
                     .hint(hint)
                     .related(at(*largest), format!("`{name}` is declared here"))
             }
+            Self::Native(NativeError::ReferredOutput { location, .. }) => {
+                tell(Code::AddressConflict, *location)
+                    .allowed("one task that assigns through references of this type")
+                    .hint(
+                        "assign the output by its name, or hand it on as a VAR_IN_OUT: both tell \
+                         which task writes it",
+                    )
+            }
             Self::Native(NativeError::Internal { .. } | NativeError::Thread(_)) => {
                 tell(Code::Internal, Location::default())
             }

@@ -122,3 +122,93 @@ fn a_project_without_a_task_has_no_image() {
     );
     assert!(matches!(build(&program), Err(BuildError::NoTask)));
 }
+
+/// A program whose parameter stands for a marker that is assigned by another name and type.
+const TWO_TYPES: &str = "FUNCTION SumIo : INT\n\
+    VAR_IN_OUT x : INT; END_VAR\n\
+    VAR i : INT; END_VAR\n\
+    FOR i := 1 TO 3 DO %MW0 := INT_TO_WORD(i); SumIo := SumIo + x; END_FOR;\n\
+    END_FUNCTION\n\
+    FUNCTION SumBoth : INT\n\
+    VAR_IN_OUT x : INT; w : WORD; END_VAR\n\
+    VAR i : INT; END_VAR\n\
+    FOR i := 1 TO 3 DO w := INT_TO_WORD(i); SumBoth := SumBoth + x; END_FOR;\n\
+    END_FUNCTION\n\
+    FUNCTION SumThrough : INT\n\
+    VAR_IN_OUT x : INT; END_VAR\n\
+    VAR_INPUT r : REF_TO WORD; END_VAR\n\
+    VAR i : INT; END_VAR\n\
+    FOR i := 1 TO 3 DO r^ := INT_TO_WORD(i); SumThrough := SumThrough + x; END_FOR;\n\
+    END_FUNCTION\n\
+    PROGRAM Main\n\
+    VAR mi AT %MW0 : INT; mw AT %MW0 : WORD; q AT %QW0 : ARRAY[0..2] OF INT; END_VAR\n\
+    mi := 100; q[0] := SumIo(x := mi);\n\
+    mi := 100; q[1] := SumBoth(x := mi, w := mw);\n\
+    mi := 100; q[2] := SumThrough(x := mi, r := REF(mw));\n\
+    END_PROGRAM\n\
+    CONFIGURATION C TASK t (INTERVAL := T#100ms, PRIORITY := 1); PROGRAM p WITH t : Main; END_CONFIGURATION\n";
+
+#[test]
+fn a_parameter_may_stand_for_a_marker_that_has_another_type_too() {
+    let mut plant = Plant::start(TWO_TYPES);
+    plant.cycle().unwrap();
+    let sums = plant.output::<6>(0);
+    assert_eq!(sums.as_chunks::<2>().0, [6i16; 3].map(i16::to_le_bytes));
+}
+
+/// The machine code of the program `Slow`, which runs beside `Fast`.
+fn slow(globals: &str, fast: &str, slow: &str) -> String {
+    let program = checked(&format!(
+        "VAR_GLOBAL {globals} END_VAR\n\
+         PROGRAM Fast {fast} END_PROGRAM\nPROGRAM Slow {slow} END_PROGRAM\n\
+         CONFIGURATION c\n\
+         TASK often (INTERVAL := T#1ms, PRIORITY := 1); TASK seldom (INTERVAL := T#9ms, PRIORITY := 2);\n\
+         PROGRAM fast WITH often : Fast; PROGRAM slow WITH seldom : Slow;\n\
+         END_CONFIGURATION"
+    ));
+    let all = takt_st::native::assembly(&program);
+    let (_, from) = all.split_once("; Slow\n").unwrap();
+    from.split("\n; ").next().unwrap().to_owned()
+}
+
+#[test]
+fn a_bit_that_lies_beside_those_of_another_task_is_assigned_by_one_instruction() {
+    let globals = "a AT %MX0.0 : BOOL; b AT %MX0.1 : BOOL; w : WORD; alone AT %MX9.0 : BOOL; lamp AT %QX0.0 : BOOL;";
+    let (fast, input) = ("b := TRUE; w.4 := b;", "VAR i AT %IX0.0 : BOOL; END_VAR ");
+    let locked = |text: &str| {
+        let code = slow(globals, fast, &format!("{input}{text}"));
+        code.lines().filter(|line| line.trim_start().starts_with("lock ")).count()
+    };
+    // A constant needs one, another value one that sets and one that clears.
+    assert_eq!(locked("a := TRUE;"), 1);
+    assert_eq!(locked("a := FALSE;"), 1);
+    assert_eq!(locked("a := i;"), 2);
+    assert_eq!(locked("w.3 := TRUE;"), 1);
+    // No other task uses this byte, and a task has its outputs for itself.
+    assert_eq!(locked("alone := i; lamp := i;"), 0);
+}
+
+#[test]
+fn a_bit_that_two_tasks_use_leaves_the_bits_beside_it() {
+    let program = checked(
+        "PROGRAM One VAR a AT %MX0.0 : BOOL; i AT %IX0.0 : BOOL; END_VAR a := i; END_PROGRAM\n\
+         PROGRAM Two VAR b AT %MX0.3 : BOOL; i AT %IX0.1 : BOOL; END_VAR b := NOT i; END_PROGRAM\n\
+         CONFIGURATION c\n\
+         TASK one (INTERVAL := T#1ms, PRIORITY := 1); TASK two (INTERVAL := T#9ms, PRIORITY := 2);\n\
+         PROGRAM p WITH one : One; PROGRAM q WITH two : Two;\n\
+         END_CONFIGURATION",
+    );
+    let native = build(&program).unwrap().native;
+    let mut machine = machine::Machine::load(&native);
+    machine.start();
+    machine.write(address::MARKER, &[0b1010_0010]);
+    for (input, expected) in
+        [(0u8, 0b1010_1010u8), (1, 0b1010_1011), (3, 0b1010_0011), (2, 0b1010_0010)]
+    {
+        machine.write(address::INPUT, &[input]);
+        for task in &program.tasks {
+            machine.run(task.entry.0 as usize, 0, 0, 0).unwrap();
+        }
+        assert_eq!(machine.read(address::MARKER, 1), [expected], "input {input}");
+    }
+}

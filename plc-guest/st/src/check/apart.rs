@@ -4,7 +4,7 @@
 //! one run shows every mistake.
 
 use super::Entry;
-use super::body::Body;
+use super::body::{Around, Body};
 use super::place::Access;
 use crate::syntax::ast::{
     Argument, ArrayElement, Binding, Expression, ExpressionKind, Initial, Label, Name,
@@ -18,7 +18,10 @@ impl<'a> Body<'_, 'a> {
             // A whole array or a value of an enumeration may be right there.
             ExpressionKind::Name(name) => self.name_apart(name),
             _ => {
+                // What may stand around a call is not known either.
+                self.around = Some(Around::default());
                 self.operand(expression, None);
+                self.around = None;
             }
         }
     }

@@ -6,8 +6,8 @@ use super::Checker;
 use super::unit::{Storage, Variable};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
-    Constant, Elementary, Expr, ExprKind, Local, LocalId, LocalKind, Location, Statement,
-    StatementKind, TypeId,
+    Block, Constant, Elementary, Expr, ExprKind, Local, LocalId, LocalKind, Location, Place,
+    Statement, StatementKind, TypeId,
 };
 use crate::source::Span;
 use crate::syntax::ast::{self, Name};
@@ -25,14 +25,23 @@ pub(super) struct Body<'c, 'a> {
     pub(super) locals: Vec<Local>,
     /// How many loops are around the statement.
     pub(super) loops: u32,
-    /// What has to be done behind the statement that is checked. None where nothing can be.
-    pub(super) after: Option<Vec<Statement>>,
-    /// The control variables of the FOR loops around the statement; none is the function's result.
-    pub(super) counting: Vec<Option<usize>>,
+    /// What has to be done around the call that is checked. None within an expression, where nothing can be.
+    pub(super) around: Option<Around>,
+    /// Where the expression stands whose value is needed as it is, and not to compute with.
+    pub(super) whole: Option<Span>,
+    /// The control variables of the FOR loops around the statement.
+    pub(super) counting: Vec<Place>,
     /// Names that were already told to be unknown.
     pub(super) unknown: HashSet<String>,
     /// Whether the function's result is assigned anywhere.
     pub(super) result_assigned: bool,
+}
+
+/// Statements of the compiler's own around a call that is a statement, or the whole value of one.
+#[derive(Default)]
+pub(super) struct Around {
+    pub(super) before: Block,
+    pub(super) behind: Block,
 }
 
 impl<'c, 'a> Body<'c, 'a> {
@@ -45,7 +54,8 @@ impl<'c, 'a> Body<'c, 'a> {
             by_key: HashMap::new(),
             locals: Vec::new(),
             loops: 0,
-            after: None,
+            around: None,
+            whole: None,
             counting: Vec::new(),
             unknown: HashSet::new(),
             result_assigned: false,
@@ -106,6 +116,12 @@ impl<'c, 'a> Body<'c, 'a> {
 
     /// Declares a variable of the unit, unless its name is taken.
     pub(super) fn declare(&mut self, variable: Variable<'a>) {
+        // In a function its name is the variable of its result.
+        if self.is_result(variable.name) {
+            let function = self.unit.map(|unit| self.checker.units[unit].ast.name.span);
+            self.checker.duplicate(variable.name, function.unwrap_or(variable.name.span));
+            return;
+        }
         if let Some(other) = self.by_key.get(&*variable.name.key) {
             let other = self.variables[*other].name.span;
             self.checker.duplicate(variable.name, other);

@@ -6,7 +6,7 @@ use super::types::is_bit_string;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Constant, Expr, ExprKind, Type, TypeId};
 use crate::source::Span;
-use crate::syntax::ast::{Expression, ExpressionKind, Name, UnaryOperator};
+use crate::syntax::ast::{Expression, ExpressionKind, Literal, Name, UnaryOperator};
 
 /// A checked expression.
 #[derive(Clone, Debug)]
@@ -37,8 +37,10 @@ impl Operand {
 impl<'a> Body<'_, 'a> {
     /// An expression as a value of a type, by an implicit conversion if there is one.
     pub(super) fn value_of(&mut self, expression: &'a Expression, ty: TypeId) -> Option<Expr> {
-        let operand = self.operand(expression, Some(ty))?;
-        self.converted(operand, ty, expression.span)
+        let around = self.whole.replace(without_parentheses(expression).span);
+        let operand = self.operand(expression, Some(ty));
+        self.whole = around;
+        self.converted(operand?, ty, expression.span)
     }
 
     /// An expression with the type that it has by itself. `hint` is what is needed where it stands,
@@ -158,7 +160,15 @@ impl<'a> Body<'_, 'a> {
         span: Span,
         hint: Option<TypeId>,
     ) -> Option<Operand> {
-        let mut operand = self.operand(inner, hint)?;
+        let mut operand = match &inner.kind {
+            // A sign behind the prefix, as in `INT#-32768`, belongs to the literal.
+            ExpressionKind::Literal(Literal { prefix: Some(prefix), value })
+                if operator == UnaryOperator::Negate && inner.span == span =>
+            {
+                self.typed_literal(prefix, value, true, span)?
+            }
+            _ => self.operand(inner, hint)?,
+        };
         if let (UnaryOperator::Not, Some(ty)) = (operator, hint)
             && operand.untyped
             && self.plain(ty).is_some_and(is_bit_string)
@@ -167,5 +177,12 @@ impl<'a> Body<'_, 'a> {
             operand = Operand::typed(self.converted(operand, ty, inner.span)?);
         }
         self.unary_operator(operator, operand, span)
+    }
+}
+
+pub(super) fn without_parentheses(expression: &Expression) -> &Expression {
+    match &expression.kind {
+        ExpressionKind::Parenthesised(inner) => without_parentheses(inner),
+        _ => expression,
     }
 }

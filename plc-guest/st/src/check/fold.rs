@@ -1,7 +1,7 @@
 //! The values of constant expressions, computed as the program would.
 
 use super::body::Body;
-use super::literal::real;
+use super::literal::{real, real_of};
 use super::types::is_real;
 use crate::hir::{Arithmetic, Comparison, Constant, Conversion, Elementary, Type, TypeId};
 
@@ -24,7 +24,7 @@ impl Body<'_, '_> {
                 _ => None,
             },
             Conversion::Value => match (value, is_real(target)) {
-                (Constant::Integer(number), true) => Some(real(target, *number as f64)),
+                (Constant::Integer(number), true) => Some(real_of(target, *number)),
                 (Constant::Real(number), true) => Some(real(target, *number)),
                 (Constant::Integer(number), false) => Some(Constant::Integer(target.wrap(*number))),
                 (Constant::Real(number), false) if target == Elementary::Bool => {

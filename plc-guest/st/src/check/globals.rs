@@ -229,6 +229,20 @@ impl<'a> Checker<'a> {
         while let Type::Array { element: inner, .. } = self.program.types.get(element) {
             element = *inner;
         }
+        if let (ast::Area::Input, Type::Subrange { base, .. }) =
+            (address.area, self.program.types.get(element))
+        {
+            let base = base.name();
+            let address_text = self.sources.text(address.span);
+            let found =
+                format!("{} at `{address_text}`, where any {base} may come", self.type_name(ty));
+            self.tell(
+                Diagnostic::new(Code::TypeMismatch, address.span, found)
+                    .allowed(base)
+                    .hint("assign the input to a variable of the subrange: that is checked"),
+            );
+            return None;
+        }
         let scalar = match self.program.types.get(element) {
             Type::Reference { .. } => None,
             _ => self.program.types.scalar(element),

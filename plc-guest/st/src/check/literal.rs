@@ -14,7 +14,7 @@ use crate::syntax::ast::{Literal, LiteralValue};
 impl Body<'_, '_> {
     pub(super) fn literal(&mut self, literal: &Literal, span: Span) -> Option<Operand> {
         if let Some(prefix) = &literal.prefix {
-            return self.typed_literal(prefix, &literal.value, span);
+            return self.typed_literal(prefix, &literal.value, false, span);
         }
         let (elementary, constant) = match &literal.value {
             LiteralValue::Bool(value) => (Elementary::Bool, Constant::Integer((*value).into())),
@@ -90,8 +90,15 @@ impl Body<'_, '_> {
         self.tell(one.allowed("at most 65535 characters"));
     }
 
-    /// `INT#5`, `REAL#1`, `BOOL#1`, `STRING#'a'`, `CHAR#'a'`.
-    fn typed_literal(&mut self, prefix: &str, value: &LiteralValue, span: Span) -> Option<Operand> {
+    /// `INT#5`, `REAL#1`, `BOOL#1`, `STRING#'a'`, `CHAR#'a'`. `negative` if a minus stands behind the prefix, which is
+    /// not yet a part of the value.
+    pub(super) fn typed_literal(
+        &mut self,
+        prefix: &str,
+        value: &LiteralValue,
+        negative: bool,
+        span: Span,
+    ) -> Option<Operand> {
         let wrong = |body: &mut Self, allowed: &str| {
             let found = format!("`{}`", body.checker.sources.text(span));
             let one = Diagnostic::new(Code::InvalidLiteral, span, found);
@@ -122,20 +129,25 @@ impl Body<'_, '_> {
             (Elementary::Real, LiteralValue::Real(value)) => real(elementary, *value),
             (Elementary::Lreal, LiteralValue::Real(value)) => Constant::Real(*value),
             (Elementary::Real | Elementary::Lreal, LiteralValue::Integer(value)) => {
-                real(elementary, *value as f64)
+                real_of(elementary, i128::from(*value))
             }
             (Elementary::Char | Elementary::Wchar, _) => {
                 return wrong(self, "one character: `CHAR#'a'`, `WCHAR#\"a\"`");
             }
             (_, LiteralValue::Integer(value)) if !has_unit(elementary) => {
                 let value = i128::from(*value);
-                // The sign of `INT#-32768` comes later; an operator checks what becomes of it.
                 let (least, most) = elementary.range()?;
-                let bound = if least < 0 { -least } else { most };
+                let bound = if negative && least < 0 { -least } else { most };
                 if value > bound {
-                    let found = format!("{value} is no {}", elementary.name());
+                    let sign = if negative { "-" } else { "" };
+                    let found = format!("{sign}{value} is no {}", elementary.name());
                     let allowed = format!("{least}..{most}");
-                    self.tell(Diagnostic::new(Code::OutOfRange, span, found).allowed(allowed));
+                    let mut one = Diagnostic::new(Code::OutOfRange, span, found).allowed(allowed);
+                    if value == -least {
+                        one = one
+                            .hint(format!("the sign stands behind the type: `{prefix}#-{value}`"));
+                    }
+                    self.tell(one);
                     return None;
                 }
                 Constant::Integer(value)
@@ -144,6 +156,12 @@ impl Body<'_, '_> {
                 return wrong(self, &format!("a literal of the type {}", elementary.name()));
             }
         };
+        if let Constant::Real(number) = constant
+            && number.is_infinite()
+        {
+            self.error(Code::OutOfRange, span, "a number that is too large for REAL");
+            return None;
+        }
         Some(Operand::typed(self.expr(ty, ExprKind::Constant(constant), span)))
     }
 
@@ -151,7 +169,7 @@ impl Body<'_, '_> {
     pub(super) fn fitted(&mut self, value: &Constant, ty: TypeId) -> Option<Constant> {
         let scalar = self.scalar(ty)?;
         match (value, scalar.class()) {
-            (Constant::Integer(value), Class::Float) => Some(real(scalar, *value as f64)),
+            (Constant::Integer(value), Class::Float) => Some(real_of(scalar, *value)),
             (Constant::Real(value), Class::Float) => Some(real(scalar, *value)),
             (Constant::Integer(value), _) if fits(scalar, *value) => {
                 Some(Constant::Integer(*value))
@@ -166,6 +184,14 @@ pub(super) fn real(elementary: Elementary, value: f64) -> Constant {
     match elementary {
         Elementary::Real => Constant::Real(f64::from(value as f32)),
         _ => Constant::Real(value),
+    }
+}
+
+/// An integer as a value of REAL or LREAL. It is rounded once, not to an LREAL before.
+pub(super) fn real_of(elementary: Elementary, value: i128) -> Constant {
+    match elementary {
+        Elementary::Real => Constant::Real(f64::from(value as f32)),
+        _ => Constant::Real(value as f64),
     }
 }
 

@@ -14,6 +14,7 @@ mod configuration;
 mod convert;
 mod declare;
 mod expression;
+mod fixed;
 mod fold;
 mod globals;
 mod initial;

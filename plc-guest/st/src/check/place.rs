@@ -86,14 +86,21 @@ impl<'a> Body<'_, 'a> {
     }
 
     fn named_place(&mut self, name: &'a Name, access: Access) -> Option<Place> {
+        let place = self.any_named_place(name, access)?;
+        if access == Access::Write && self.counting.contains(&place) {
+            let found = format!("`{}` is the control variable of a FOR around it", name.text);
+            let one = Diagnostic::new(Code::NotAssignable, name.span, found);
+            self.tell(one.hint("leave the loop with EXIT, or use WHILE"));
+            return None;
+        }
+        Some(place)
+    }
+
+    fn any_named_place(&mut self, name: &'a Name, access: Access) -> Option<Place> {
         if let Some(index) = self.variable(name) {
             return self.own_variable(index, name, access);
         }
         if self.is_result(name) {
-            if access == Access::Write && self.counting.contains(&None) {
-                self.counted(name);
-                return None;
-            }
             return self.result(name, access);
         }
         match self.checker.names.get(&name.key).cloned() {
@@ -149,33 +156,30 @@ impl<'a> Body<'_, 'a> {
         self.tell(one.allowed("a part of a variable").hint("copy it to a variable first"));
     }
 
-    /// Tells of an assignment of a control variable.
-    fn counted(&mut self, name: &Name) {
-        let found = format!("`{}` is the control variable of a FOR around it", name.text);
-        let one = Diagnostic::new(Code::NotAssignable, name.span, found);
-        self.tell(one.hint("leave the loop with EXIT, or use WHILE"));
-    }
-
     fn own_variable(&mut self, index: usize, name: &Name, access: Access) -> Option<Place> {
         let variable = &mut self.variables[index];
         variable.read |= access == Access::Read;
         variable.written |= access == Access::Write;
         if access == Access::Write {
-            let instance = variable.ty.is_some_and(|ty| {
-                let structure = self.checker.program.types.structure(ty);
-                structure.is_some_and(|structure| structure.kind != StructureKind::Struct)
-            });
+            let types = &self.checker.program.types;
+            let instance = variable.ty.is_some_and(|ty| types.has_instance(ty));
             let wrong = match variable.kind {
                 _ if variable.constant => Some("a constant"),
-                SectionKind::Input if !instance => Some("an input of this unit"),
+                SectionKind::Input if instance => {
+                    let found = format!(
+                        "`{}` is an input of this unit, and only a copy of what is given",
+                        name.text
+                    );
+                    let one = Diagnostic::new(Code::NotAssignable, name.span, found);
+                    let one = one.allowed("its outputs to read");
+                    self.tell(one.hint("declare it in VAR_IN_OUT, which stands for the instance"));
+                    return None;
+                }
+                SectionKind::Input => Some("an input of this unit"),
                 _ if variable.address.is_some_and(|address| address.area == ast::Area::Input)
                     && matches!(variable.storage, Storage::Field(_)) =>
                 {
                     Some("an input, which comes from outside")
-                }
-                _ if self.counting.contains(&Some(index)) => {
-                    self.counted(name);
-                    return None;
                 }
                 _ => None,
             };

@@ -52,7 +52,7 @@ impl<'a> Body<'_, 'a> {
 
     /// Whether a place is what a VAR_IN_OUT of this function block stands for, or a part of that. What a reference in it
     /// refers to is none: that was made by REF.
-    fn is_in_out(&self, place: &Place) -> bool {
+    pub(super) fn is_in_out(&self, place: &Place) -> bool {
         let Root::Deref(reference) = &place.root else { return false };
         let ExprKind::Load(Place { root: Root::Instance, path, .. }) = &reference.kind else {
             return false;

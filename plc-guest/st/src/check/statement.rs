@@ -1,14 +1,15 @@
 //! Statements.
 
 use super::Entry;
-use super::body::Body;
+use super::body::{Around, Body};
+use super::expression::without_parentheses;
 use super::loops::Looped;
 use super::place::Access;
 use super::types::is_integer;
 use super::unit::{Storage, is_part};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
-    Block, CaseArm, Constant, Elementary, Expr, ExprKind, ForLoop as HirFor, Place,
+    Area, Block, CaseArm, Constant, Elementary, Expr, ExprKind, ForLoop as HirFor, Place, Root,
     StatementKind as Hir, StructureKind, Type, TypeId,
 };
 use crate::source::Span;
@@ -20,11 +21,7 @@ impl<'a> Body<'_, 'a> {
     pub(super) fn block(&mut self, statements: &'a [Statement]) -> Block {
         let mut block = Vec::new();
         for statement in statements {
-            self.after = Some(Vec::new());
             self.one(statement, &mut block);
-            if let Some(after) = self.after.take() {
-                block.extend(after);
-            }
         }
         block
     }
@@ -46,38 +43,31 @@ impl<'a> Body<'_, 'a> {
                 return;
             }
             StatementKind::If { branches, otherwise } => {
-                self.after = None;
                 let mut arms = Vec::new();
                 for (condition, body) in branches {
                     let condition = self.condition(condition);
                     let body = self.block(body);
-                    self.after = None;
                     arms.extend(condition.map(|condition| (condition, body)));
                 }
                 let otherwise = otherwise.as_ref().map(|body| self.block(body));
                 Some(Hir::If(arms, otherwise.unwrap_or_default()))
             }
             StatementKind::Case { selector, branches, otherwise } => {
-                self.after = None;
                 self.case(selector, branches, otherwise.as_deref())
             }
             StatementKind::For(parts) => {
                 let ForLoop { variable, from, to, by, body } = &**parts;
-                self.after = None;
                 self.for_loop(variable, (from, to, by.as_ref()), body)
             }
             StatementKind::While(condition, body) => {
-                self.after = None;
                 self.warn_of_loop(Looped::While, condition, body, span);
                 let condition = self.condition(condition);
                 let body = self.looped(body);
                 condition.map(|condition| Hir::While(condition, body))
             }
             StatementKind::Repeat(body, condition) => {
-                self.after = None;
                 self.warn_of_loop(Looped::Repeat, condition, body, span);
                 let body = self.looped(body);
-                self.after = None;
                 self.condition(condition).map(|condition| Hir::Repeat(body, condition))
             }
             StatementKind::Exit => self.within_loop("EXIT", Hir::Exit, span),
@@ -157,9 +147,35 @@ impl<'a> Body<'_, 'a> {
             self.apart(value);
             return None;
         }
-        let value = self.value_of(value, ty)?;
         let span = target.span;
-        Some(vec![self.statement(Hir::Assign(place, value), span)])
+        // A call that is the whole value may have statements around it.
+        let call = matches!(without_parentheses(value).kind, ExpressionKind::Call(..));
+        self.around = call.then(Around::default);
+        let value = self.value_of(value, ty);
+        let Around { before: mut block, behind } = self.around.take().unwrap_or_default();
+        block.extend(self.called_assignment(place, value?, behind, span));
+        Some(block)
+    }
+
+    /// An assignment with what has to be done behind the call that is its value. That comes first: the place on the
+    /// left is evaluated behind the call, and may depend on its outputs or be one.
+    pub(super) fn called_assignment(
+        &mut self,
+        place: Place,
+        mut value: Expr,
+        behind: Block,
+        span: Span,
+    ) -> Block {
+        let mut block = Vec::new();
+        if !behind.is_empty() {
+            let ty = value.ty;
+            let kept = Place::local(self.temporary("'value", ty), ty);
+            block.push(self.statement(Hir::Assign(kept.clone(), value), span));
+            block.extend(behind);
+            value = self.expr(ty, ExprKind::Load(kept), span);
+        }
+        block.push(self.statement(Hir::Assign(place, value), span));
+        block
     }
 
     fn for_loop(
@@ -173,11 +189,6 @@ impl<'a> Body<'_, 'a> {
             self.looped(body);
             return None;
         };
-        let own = match self.variable(name) {
-            None if self.is_result(name) => Some(None),
-            None => None,
-            index => Some(index),
-        };
         let ty = place.ty;
         let from = self.value_of(from, ty);
         let to = self.value_of(to, ty);
@@ -186,11 +197,9 @@ impl<'a> Body<'_, 'a> {
             Some(by) => self.value_of(by, ty),
             None => Some(self.integer(ty, 1, name.span)),
         };
-        self.counting.extend(own);
+        self.counting.push(place.clone());
         let body = self.looped(body);
-        if own.is_some() {
-            self.counting.pop();
-        }
+        self.counting.pop();
         let (from, to, by) = (from?, to?, by?);
         let constant = |expr: &Expr| match expr.kind {
             ExprKind::Constant(Constant::Integer(value)) => Some(value),
@@ -219,7 +228,6 @@ impl<'a> Body<'_, 'a> {
     /// The place of a loop's variable: of an integer type, without an index or reference on the way.
     fn control_variable(&mut self, name: &'a Name) -> Option<Place> {
         let index = self.variable(name);
-        let around = "the control variable of a FOR around this one";
         let place = match index {
             Some(index) => {
                 let variable = &mut self.variables[index];
@@ -229,7 +237,6 @@ impl<'a> Body<'_, 'a> {
                 let wrong = match &storage {
                     Storage::Reference(..) => Some("a VAR_IN_OUT"),
                     Storage::Constant(..) => Some("a constant"),
-                    _ if self.counting.contains(&Some(index)) => Some(around),
                     _ if variable.kind == crate::syntax::ast::SectionKind::Input => {
                         Some("an input of this unit")
                     }
@@ -241,13 +248,25 @@ impl<'a> Body<'_, 'a> {
                 }
                 self.checker.variable_place(self.unit, &storage, ty)?
             }
-            None if self.is_result(name) && self.counting.contains(&None) => {
-                self.no_control_variable(name, around);
-                return None;
-            }
             None if self.is_result(name) => self.result(name, Access::Write)?,
             None => self.global_control(name)?,
         };
+        let wrong = match place.root {
+            _ if self.counting.contains(&place) => {
+                Some("the control variable of a FOR around this one")
+            }
+            Root::Global(id)
+                if self.checker.program.global(id).storage.area == Area::Input
+                    && !self.in_test() =>
+            {
+                Some("an input, which comes from outside")
+            }
+            _ => None,
+        };
+        if let Some(wrong) = wrong {
+            self.no_control_variable(name, wrong);
+            return None;
+        }
         if !self.plain(place.ty).is_some_and(is_integer) || is_part(&place) {
             let found = format!("a control variable of type {}", self.type_name(place.ty));
             let one = Diagnostic::new(Code::TypeMismatch, name.span, found);
@@ -309,7 +328,6 @@ impl<'a> Body<'_, 'a> {
         for (labels, body) in branches {
             let mut ranges = Vec::new();
             for label in labels {
-                self.after = None;
                 let Some(ty) = ty else {
                     self.label_apart(label);
                     continue;

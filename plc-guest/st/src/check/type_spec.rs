@@ -4,6 +4,7 @@ use super::body::Body;
 use super::types::{Resolved, STATE_BYTES, STRING_LENGTH, is_bit_string, is_integer};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Constant, Elementary, Type};
+use crate::limits;
 use crate::source::Span;
 use crate::syntax::ast::{self, ArrayRange, Name, TypeKind, TypeSpec};
 
@@ -31,6 +32,13 @@ impl<'a> Body<'_, 'a> {
                     TypeKind::Named(name) => self.checker.named_type(name, true)?,
                     _ => self.type_spec(target, None)?,
                 };
+                if matches!(self.checker.program.types.get(target.ty), Type::OpenArray { .. }) {
+                    // It would have to keep the bounds, too.
+                    let found = "a reference to an ARRAY[*]";
+                    let one = Diagnostic::new(Code::InvalidDeclaration, spec.span, found);
+                    self.checker.tell(one.allowed("bounds, or ARRAY[*] for a parameter"));
+                    return None;
+                }
                 Some(self.checker.program.types.reference(target.ty).into())
             }
             TypeKind::Subrange { base, low, high } => {
@@ -81,6 +89,12 @@ impl<'a> Body<'_, 'a> {
         element: &'a TypeSpec,
         span: Span,
     ) -> Option<Resolved> {
+        if ranges.len() > limits::DEPTH as usize {
+            let found = format!("an array of {} dimensions", ranges.len());
+            let allowed = format!("at most {} dimensions", limits::DEPTH);
+            self.checker.tell(Diagnostic::new(Code::TooDeep, span, found).allowed(allowed));
+            return None;
+        }
         let resolved = self.type_spec(element, None)?;
         if matches!(self.checker.program.types.get(resolved.ty), Type::OpenArray { .. }) {
             self.checker.error(Code::InvalidDeclaration, element.span, "an array of ARRAY[*]");

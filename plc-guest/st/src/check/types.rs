@@ -4,7 +4,7 @@ use super::body::Body;
 use super::names::{elementary, similar};
 use super::{Checker, Entry, Progress};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::hir::{Class, Constant, Elementary, Retention, Section, StructureKind, TypeId};
+use crate::hir::{Class, Constant, Elementary, Retention, Section, StructureKind, Type, TypeId};
 use crate::source::Span;
 use crate::syntax::ast::{self, Name, TypeKind, UnitKind};
 
@@ -116,6 +116,12 @@ impl<'a> Checker<'a> {
             }
             let mut constants = Body::of_constants(self);
             let Some(resolved) = constants.variable_type(variables) else { continue };
+            if matches!(self.program.types.get(resolved.ty), Type::OpenArray { .. }) {
+                let span = variables.spec.span;
+                let one = Diagnostic::new(Code::InvalidDeclaration, span, "ARRAY[*] for a field");
+                self.tell(one.allowed("bounds, or ARRAY[*] for a parameter"));
+                continue;
+            }
             for name in &variables.names {
                 if let Some(other) = seen.iter().find(|other| other.key == name.key) {
                     let other = other.span;

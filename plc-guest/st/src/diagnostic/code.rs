@@ -61,7 +61,7 @@ codes! {
     NoSource Error "no-source" "Something that has no Structured Text in it.";
     FolderLoop Warning "folder-loop" "A link to a folder around it, which is not followed.";
     // The text.
-    InvalidCharacter Error "invalid-character" "A character that no Structured Text has outside of comments and strings.";
+    InvalidCharacter Error "invalid-character" "A character that no Structured Text has outside of comments and strings, or a carriage return that hides a line.";
     Unterminated Error "unterminated" "A comment, a string or a pragma that does not end.";
     InvalidLiteral Error "invalid-literal" "A number, string, duration or date of wrong form, or out of its type's range.";
     InvalidAddress Error "invalid-address" "A direct address of wrong form or outside of its area.";
@@ -81,7 +81,7 @@ codes! {
     InvalidConstant Error "invalid-constant" "A value that must be known when the program is built and is not.";
     InvalidRange Error "invalid-range" "Bounds of an array, subrange or string that cannot be.";
     InvalidTask Error "invalid-task" "A task or program instance that cannot run as configured.";
-    AddressConflict Error "address-conflict" "Two variables at one output address.";
+    AddressConflict Error "address-conflict" "Two variables or tasks at one output address.";
     NoTask Error "no-task" "A program without a task, so that nothing of it would run.";
     Internal Error "internal" "The compiler could not compile what it accepts: a mistake of its own, or no room on this machine.";
     StackTooLarge Error "stack-too-large" "A task that needs more stack than it can have.";

@@ -17,6 +17,7 @@ pub struct Knowledge {
     /// Stretches that more than one task uses. A register must not hide a write of another task, nor write back what
     /// that task has changed since.
     shared: Vec<(Area, u32, u32)>,
+    /// How many tasks there are, without that of the tests.
     tasks: usize,
 }
 
@@ -33,14 +34,17 @@ impl Knowledge {
         }
         let mut shared = Vec::new();
         let of_task = |index: usize| &summaries[program.tasks[index].entry.0 as usize];
-        for first in 0..program.tasks.len() {
-            for second in first + 1..program.tasks.len() {
+        // The task of tests is the last. It runs between the jobs of the others only, and its program must be the one
+        // that is tested.
+        let tasks = program.tasks.len() - usize::from(program.tests.wanted.is_some());
+        for first in 0..tasks {
+            for second in first + 1..tasks {
                 overlaps(of_task(first), of_task(second), &mut shared);
             }
         }
         shared.sort_unstable();
         shared.dedup();
-        Knowledge { summaries, instances: instances(program), shared, tasks: program.tasks.len() }
+        Knowledge { summaries, instances: instances(program), shared, tasks }
     }
 
     /// The cells that `effects`, of a loop of `routine`, let live in registers.
@@ -49,7 +53,8 @@ impl Knowledge {
         for (target, uses) in &effects.accesses {
             if let Target::Cell(cell) = target {
                 let written = uses.writes > 0;
-                if !self.is_shared(routine, cell) && !self.hidden(routine, effects, cell, written) {
+                if !self.is_shared(routine, target) && !self.hidden(routine, effects, cell, written)
+                {
                     cells.push((*cell, uses.total, written));
                 }
             }
@@ -59,21 +64,27 @@ impl Knowledge {
         cells.into_iter().map(|(cell, _, written)| (cell, written)).collect()
     }
 
-    fn is_shared(&self, routine: &Routine, cell: &Cell) -> bool {
-        let end = cell.offset + cell.ty.size();
-        match cell.base {
+    /// Whether another task may use what an access of a routine touches.
+    pub fn is_shared(&self, routine: &Routine, target: &Target) -> bool {
+        let (base, start, end) = match *target {
+            Target::Cell(Cell { base, offset, ty }) => (base, offset, offset + ty.size()),
+            Target::Range { base, start, end, .. } => (base, start, end),
+            Target::Indirect(_) => return self.tasks > 1,
+        };
+        let shared = |area: Area, start: u32, end: u32| {
+            self.shared
+                .iter()
+                .any(|(other, low, high)| *other == area && start < *high && *low < end)
+        };
+        match base {
             Base::Local(_) => false,
             _ if self.tasks < 2 => false,
             Base::Pointer(_) => true,
-            Base::Area(area) => self
-                .shared
+            Base::Area(area) => shared(area, start, end),
+            Base::Instance => self
+                .instances_of(routine)
                 .iter()
-                .any(|(other, low, high)| *other == area && cell.offset < *high && *low < end),
-            Base::Instance => self.instances_of(routine).iter().any(|(start, stop)| {
-                self.shared
-                    .iter()
-                    .any(|(area, low, high)| *area == Area::State && start < high && low < stop)
-            }),
+                .any(|(low, high)| shared(Area::State, *low, *high)),
         }
     }
 
@@ -97,7 +108,7 @@ impl Knowledge {
             }
             Target::Range { base, start, end, ty } => (base, start, end, ty),
             Target::Indirect(ty) => {
-                return same_type(cell, ty);
+                return may_refer(cell, ty);
             }
         };
         let overlap = cell.offset < end && start < cell.offset + cell.ty.size();
@@ -114,15 +125,20 @@ impl Knowledge {
                     .any(|(low, high)| cell.offset < *high && *low < end)
             }
             (Base::Instance, Base::Area(_)) | (Base::Area(_), Base::Instance) => false,
-            _ => same_type(cell, ty),
+            // What lies in the state has one type.
+            (Base::Pointer(_), Base::Area(Area::State) | Base::Instance) => {
+                ty.is_none_or(|ty| ty == cell.ty)
+            }
+            _ => may_refer(cell, ty),
         }
     }
 }
 
-/// Whether a reference to type `ty` may refer to the cell. Addresses in %I, %Q and %M may have several types.
-fn same_type(cell: &Cell, ty: Option<Elementary>) -> bool {
+/// Whether a reference to type `ty`, or a parameter or an address of it, may stand for the cell. What lies in %I, %Q and
+/// %M may have several types, and a parameter may stand for such a place.
+fn may_refer(cell: &Cell, ty: Option<Elementary>) -> bool {
     match cell.base {
-        Base::Area(Area::Input | Area::Output | Area::Marker) => true,
+        Base::Area(Area::Input | Area::Output | Area::Marker) | Base::Pointer(_) => true,
         _ => ty.is_none_or(|ty| ty == cell.ty),
     }
 }

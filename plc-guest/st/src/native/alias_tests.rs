@@ -45,3 +45,23 @@ fn what_another_task_assigns_by_its_name_is_in_no_register() {
 fn what_another_task_may_assign_through_a_reference_is_in_no_register() {
     assert_eq!(promoted("r := REF(marker); r^ := 1;"), []);
 }
+
+/// The machine code of the program's only task, compiled with the given tests.
+fn code(tests: &str) -> String {
+    let text = "VAR_GLOBAL sum, n : INT; END_VAR\n\
+        PROGRAM Main VAR i : INT; END_VAR FOR i := 1 TO n DO sum := sum + i; END_FOR; END_PROGRAM\n\
+        CONFIGURATION c TASK t (INTERVAL := T#1ms, PRIORITY := 1); PROGRAM p WITH t : Main; END_CONFIGURATION";
+    let mut sources = Sources::new();
+    sources.add("main.st", text.as_bytes()).unwrap();
+    sources.add("tests.st", tests.as_bytes()).unwrap();
+    let program = project::check_tests("test", &mut sources).unwrap().program.unwrap();
+    let all = crate::native::assembly(&program);
+    let (_, from) = all.split_once("; Main\n").unwrap();
+    from.split("\n; ").next().unwrap().to_owned()
+}
+
+#[test]
+fn a_test_runs_the_code_of_the_image() {
+    let test = "TEST 'the sum' n := 3; sum := 0; RUN(T#1ms); ASSERT(sum = 6); END_TEST";
+    assert_eq!(code(test), code(""));
+}

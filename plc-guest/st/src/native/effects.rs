@@ -5,7 +5,7 @@
 //!
 //! - An index is anywhere in its array, but not outside: bounds are checked.
 //! - References and VAR_IN_OUT refer to variables of exactly their type, so a store of a REAL through one changes no
-//!   DINT.
+//!   DINT in the state. What lies at addresses may have several types.
 //! - A call changes what its callee's summary says, and what it is given by reference.
 
 use std::collections::BTreeMap;

@@ -6,8 +6,6 @@ use takt_program::build::{self, Builder, Kind, Place};
 use takt_program::{Area, CodeOffset, Flags, Nanoseconds, ObjectKind, TaskId, TrapKind};
 
 use super::Native;
-use super::alias::Knowledge;
-use super::effects::{Base, Target};
 use super::retained::Retained;
 use crate::hir::{
     self, Elementary, Global, Location, Program, Retention, StructureKind, TaskKind, Type, TypeId,
@@ -41,7 +39,7 @@ pub fn image(program: &Program, native: &Native) -> Result<Vec<u8>, takt_program
         variable.bit = global.storage.bit;
         let (retention, parts) = retained.of(global, takt_program::limit::VARIABLES as usize);
         variable.flags = flags(global).with(kept(retention));
-        variable.writer = native.writers.only(program, global);
+        variable.writer = native.writers.only(program, global).map(TaskId);
         variable.declared = place(program, global.location);
         builder.variable(variable);
         for part in parts {
@@ -190,42 +188,6 @@ fn object_kind(kind: hir::ObjectKind) -> ObjectKind {
         }
         hir::ObjectKind::Mailbox { bytes } => ObjectKind::Mailbox { bytes },
         hir::ObjectKind::Flags => ObjectKind::Flags,
-    }
-}
-
-/// Which tasks write what.
-pub struct Writers {
-    stretches: Vec<(hir::Area, u32, u32, u16)>,
-}
-
-impl Writers {
-    /// From what is known of a program.
-    pub fn of(program: &Program, knowledge: &Knowledge) -> Writers {
-        let mut stretches = Vec::new();
-        for (number, task) in program.tasks.iter().enumerate() {
-            for (target, uses) in &knowledge.summaries[task.entry.0 as usize].accesses {
-                if let (Target::Range { base: Base::Area(area), start, end, .. }, true) =
-                    (target, uses.writes > 0)
-                {
-                    stretches.push((*area, *start, *end, number as u16));
-                }
-            }
-        }
-        Writers { stretches }
-    }
-
-    /// The task that alone writes an output. Writes through references are not seen, so nothing is said of other areas.
-    fn only(&self, program: &Program, global: &Global) -> Option<TaskId> {
-        if global.storage.area != hir::Area::Output {
-            return None;
-        }
-        let start = global.storage.offset;
-        let end = start + program.types.size(global.ty);
-        let mut writers = self.stretches.iter().filter(|(area, low, high, _)| {
-            *area == hir::Area::Output && start < *high && *low < end
-        });
-        let first = writers.next()?.3;
-        writers.all(|other| other.3 == first).then_some(TaskId(first))
     }
 }
 

@@ -32,6 +32,7 @@ mod text;
 mod trap;
 mod walk;
 mod worst;
+mod writers;
 
 pub use image::image;
 pub use worst::{Cost, Worst, worst};
@@ -63,7 +64,7 @@ pub struct Native {
     /// Where the code of a place in the source begins, ascending.
     pub lines: Vec<(u32, Location)>,
     /// Which tasks write what.
-    writers: image::Writers,
+    writers: writers::Writers,
 }
 
 /// An instruction that ends the program.
@@ -100,6 +101,20 @@ pub enum NativeError {
         limit: u32,
         /// What takes most of it.
         most: Most,
+    },
+    /// A REF of an output, and several tasks that may assign it through one.
+    #[error(
+        "REF of the output `{output}`, and the tasks `{}` and `{}` both assign through references of its type",
+        tasks[0],
+        tasks[1]
+    )]
+    ReferredOutput {
+        /// The output.
+        output: String,
+        /// Where REF stands.
+        location: Location,
+        /// Two of the tasks.
+        tasks: [String; 2],
     },
     /// More stack than a task can have.
     #[error("the task `{task}` needs {bytes} bytes of stack; it has at most {max}", max = takt_program::limit::STACK_BYTES)]
@@ -141,7 +156,8 @@ pub fn compile(program: &Program) -> Result<Native, NativeError> {
             most: largest_variable(program),
         });
     }
-    let Prepared { program, knowledge, compiled } = prepared(program)?;
+    let writers = writers::Writers::of(program)?;
+    let Prepared { program, compiled } = prepared(program)?;
     let program = &program;
     let init = RoutineId(program.routines.len() as u32 - 1);
     let linked = link::link(program, &compiled)?;
@@ -163,7 +179,7 @@ pub fn compile(program: &Program) -> Result<Native, NativeError> {
         stacks: of_tasks,
         traps: linked.traps,
         lines: linked.lines,
-        writers: image::Writers::of(program, &knowledge),
+        writers,
     })
 }
 
@@ -182,7 +198,6 @@ fn largest_variable(program: &Program) -> Most {
 struct Prepared {
     /// With a last routine, which sets the outputs to their initial values.
     program: Program,
-    knowledge: alias::Knowledge,
     /// The code of each routine.
     compiled: Vec<link::Compiled>,
 }
@@ -198,7 +213,7 @@ fn prepared(program: &Program) -> Result<Prepared, NativeError> {
         parallel::map(program.routines.len(), FunctionBuilderContext::new, |frontend, index| {
             routine(&program, &knowledge, &*machine, frontend, RoutineId(index as u32))
         })?;
-    Ok(Prepared { program, knowledge, compiled })
+    Ok(Prepared { program, compiled })
 }
 
 /// Compiles one routine.

@@ -1,14 +1,14 @@
 //! Places: addresses, loads and stores.
 
 use cranelift_codegen::ir::condcodes::IntCC;
-use cranelift_codegen::ir::{InstBuilder, Value, types};
+use cranelift_codegen::ir::{AtomicRmwOp, InstBuilder, InstructionData, Opcode, Value, types};
 use cranelift_frontend::Variable;
 
-use super::effects::{Cell, Target};
+use super::effects::{Base, Cell, Target};
 use super::index::{Distance, Term};
 use super::lower::{Home, Lower};
 use super::target::{MEMORY, register};
-use crate::hir::{Elementary, Place, Root, Step, TrapKind, Type, TypeId};
+use crate::hir::{Area, Elementary, Place, Root, Step, TrapKind, Type, TypeId};
 
 /// A place whose path has been evaluated.
 #[derive(Clone, Copy)]
@@ -17,8 +17,8 @@ pub(super) enum Located {
     Register(Variable),
     /// At an address and an offset from it.
     Memory(Value, i32),
-    /// A bit of the byte at an address and an offset.
-    Bit(Value, i32, u8),
+    /// A bit of the byte at an address and an offset, and whether another task may use the byte.
+    Bit(Value, i32, u8, bool),
 }
 
 impl Lower<'_> {
@@ -89,7 +89,7 @@ impl Lower<'_> {
         }
         match bit {
             None => Located::Memory(base, offset),
-            Some(bit) => Located::Bit(base, offset, bit),
+            Some(bit) => Located::Bit(base, offset, bit, self.is_shared(place)),
         }
     }
 
@@ -160,7 +160,7 @@ impl Lower<'_> {
                 let scalar = self.scalar(ty);
                 self.builder.ins().load(register(scalar), MEMORY, base, offset)
             }
-            Located::Bit(base, offset, bit) => {
+            Located::Bit(base, offset, bit, _) => {
                 let byte = self.builder.ins().load(types::I8, MEMORY, base, offset);
                 let low = self.builder.ins().ushr_imm_u(byte, i64::from(bit));
                 self.builder.ins().band_imm_u(low, 1)
@@ -175,7 +175,11 @@ impl Lower<'_> {
             Located::Memory(base, offset) => {
                 self.builder.ins().store(MEMORY, value, base, offset);
             }
-            Located::Bit(base, offset, bit) => {
+            Located::Bit(base, offset, bit, true) => {
+                let address = self.builder.ins().iadd_imm_s(base, i64::from(offset));
+                self.store_shared_bit(address, bit, value);
+            }
+            Located::Bit(base, offset, bit, false) => {
                 let byte = self.builder.ins().load(types::I8, MEMORY, base, offset);
                 let others = self.builder.ins().band_imm_u(byte, i64::from(!(1u8 << bit)));
                 let mine = self.builder.ins().ishl_imm_u(value, i64::from(bit));
@@ -185,9 +189,42 @@ impl Lower<'_> {
         }
     }
 
+    /// Assigns a bit so that a task in between loses no assignment of a bit beside it, and sees this one before or behind
+    /// it: one instruction sets the bit, or leaves it, and one clears it, or leaves it.
+    fn store_shared_bit(&mut self, address: Value, bit: u8, value: Value) {
+        let constant = self.known(value);
+        let mine = self.builder.ins().ishl_imm_u(value, i64::from(bit));
+        if constant != Some(0) {
+            self.builder.ins().atomic_rmw(types::I8, MEMORY, AtomicRmwOp::Or, address, mine);
+        }
+        if constant.is_none_or(|value| value == 0) {
+            let kept = self.builder.ins().bor_imm_u(mine, i64::from(!(1u8 << bit)));
+            self.builder.ins().atomic_rmw(types::I8, MEMORY, AtomicRmwOp::And, address, kept);
+        }
+    }
+
+    /// What a value is, if it is a constant.
+    fn known(&self, value: Value) -> Option<i64> {
+        let instruction = self.builder.func.dfg.value_def(value).inst()?;
+        match self.builder.func.dfg.insts[instruction] {
+            InstructionData::UnaryImm { opcode: Opcode::Iconst, imm } => Some(imm.bits()),
+            _ => None,
+        }
+    }
+
+    /// Whether another task may use the place. A task has the outputs for itself.
+    fn is_shared(&self, place: &Place) -> bool {
+        let target = self.target(place);
+        let own = matches!(
+            target,
+            Target::Range { base: Base::Area(Area::Output), .. }
+                | Target::Cell(Cell { base: Base::Area(Area::Output), .. })
+        );
+        !own && self.knowledge.is_shared(self.routine, &target)
+    }
+
     /// The address of a cell, whatever holds it now.
     pub(super) fn cell_address(&mut self, cell: &Cell) -> (Value, i32) {
-        use super::effects::Base;
         let offset = cell.offset as i32;
         let base = match cell.base {
             Base::Area(area) => {

@@ -96,11 +96,27 @@ impl<'a> Lexer<'a> {
             }
             b'/' if self.byte(1) == Some(b'/') => {
                 self.at += self.rest().find('\n').unwrap_or(self.rest().len());
+                self.refuse_hidden_line(start, diagnostics);
                 TokenKind::Comment
             }
             b'(' if self.byte(1) == Some(b'*') => self.comment(b"(*", b"*)", start, diagnostics),
             b'/' if self.byte(1) == Some(b'*') => self.comment(b"/*", b"*/", start, diagnostics),
             _ => self.sign(start, diagnostics),
+        }
+    }
+
+    /// Refuses a carriage return within a comment that ends with its line. Editors show it as the end of the line, and
+    /// what follows would be a part of the comment.
+    fn refuse_hidden_line(&self, start: usize, diagnostics: &mut Diagnostics) {
+        let comment = &self.text[start..self.at];
+        let comment = comment.strip_suffix('\r').unwrap_or(comment);
+        if let Some(at) = comment.find('\r') {
+            let found = "a carriage return alone in a comment, which does not end its line";
+            let span = Span { start: (start + at) as u32, ..self.span(start) };
+            diagnostics.push(
+                Diagnostic::new(Code::InvalidCharacter, span, found)
+                    .hint("end the line with LF, or with CR LF"),
+            );
         }
     }
 

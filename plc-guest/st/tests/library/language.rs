@@ -4,7 +4,7 @@ use crate::oracle::Job;
 use crate::program::{CONFIGURATION, Twice, compile};
 use takt_st::hir::{Program, TrapKind};
 
-fn program(declarations: &str, statements: &str) -> Program {
+pub fn program(declarations: &str, statements: &str) -> Program {
     let source = format!(
         "{declarations}\nVAR wrong AT %MD0 : DINT; END_VAR\n{statements}\nEND_PROGRAM\n{CONFIGURATION}"
     );
@@ -12,7 +12,7 @@ fn program(declarations: &str, statements: &str) -> Program {
 }
 
 /// The sum of the failed checks of a program whose declarations and statements these are.
-fn wrong(declarations: &str, statements: &str) -> i32 {
+pub fn wrong(declarations: &str, statements: &str) -> i32 {
     let program = program(declarations, statements);
     let mut machine = Twice::start(&program);
     machine.run(Job::default());

@@ -5,6 +5,7 @@
 //! interpreter of the typed tree and as machine code.
 
 mod blocks;
+mod calls;
 mod functions;
 mod language;
 #[path = "../machine/mod.rs"]
@@ -13,3 +14,4 @@ mod machine;
 #[allow(dead_code, reason = "the interpreter is made for other tests too")]
 mod oracle;
 mod program;
+mod widths;

@@ -25,6 +25,8 @@ impl<'a> Body<'_, 'a> {
             return None;
         };
         let mut block = Vec::new();
+        // One instance gets the inputs, runs and is read, whatever the call changes.
+        let place = self.fixed(place, &mut block, span);
         let mut behind = Vec::new();
         let mut by_call = Vec::new();
         let mut complete = true;
@@ -58,7 +60,9 @@ impl<'a> Body<'_, 'a> {
                     .map(|target| by_call.push(hir::Argument::Reference(target))),
                 (Storage::Field(field), SectionKind::Output) => {
                     let source = place.clone().field(*field, ty);
-                    self.output(source, value, *binding).map(|one| behind.push(one))
+                    self.write_place(value)
+                        .and_then(|target| self.output(source, target, *binding, value.span))
+                        .map(|one| behind.push(one))
                 }
                 _ => None,
             };
@@ -77,22 +81,22 @@ impl<'a> Body<'_, 'a> {
     pub(super) fn output(
         &mut self,
         source: Place,
-        target: &'a Expression,
+        place: Place,
         binding: Binding,
+        span: Span,
     ) -> Option<Statement> {
-        let place = self.write_place(target)?;
         let ty = source.ty;
-        let mut value = self.expr(ty, ExprKind::Load(source), target.span);
+        let mut value = self.expr(ty, ExprKind::Load(source), span);
         if binding == Binding::NegatedOutput {
             let negated = self.unary_operator(
                 crate::syntax::ast::UnaryOperator::Not,
                 Operand::typed(value),
-                target.span,
+                span,
             )?;
             value = negated.expr;
         }
-        let value = self.converted(Operand::typed(value), place.ty, target.span)?;
-        Some(self.statement(StatementKind::Assign(place, value), target.span))
+        let value = self.converted(Operand::typed(value), place.ty, span)?;
+        Some(self.statement(StatementKind::Assign(place, value), span))
     }
 
     /// What is handed on by reference: a place of exactly the parameter's type.
@@ -133,13 +137,11 @@ impl<'a> Body<'_, 'a> {
         let fits = place.ty == ty
             || match types.get(ty) {
                 Type::OpenArray { element, dimensions } => {
-                    let mut inner = place.ty;
-                    for _ in 0..*dimensions {
-                        if let Type::Array { element, .. } = types.get(inner) {
-                            inner = *element;
-                        }
-                    }
-                    inner == *element && inner != place.ty
+                    let inner = (0..*dimensions).try_fold(place.ty, |ty, _| match types.get(ty) {
+                        Type::Array { element, .. } => Some(*element),
+                        _ => None,
+                    });
+                    inner == Some(*element)
                 }
                 _ => false,
             };

@@ -1,7 +1,7 @@
 //! EN and ENO: a call that may not happen, and what tells whether it did.
 
 use super::super::Entry;
-use super::super::body::Body;
+use super::super::body::{Around, Body};
 use super::super::expression::Operand;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Elementary, ExprKind, Statement, StatementKind};
@@ -42,15 +42,17 @@ impl<'a> Body<'_, 'a> {
         };
         let unit = units[0];
         let mut enable = Enable::default();
+        self.around = Some(Around::default());
         let list = self.function_arguments(unit, name, arguments, span, Some(&mut enable));
+        let Around { before: mut run, behind } = self.around.take().unwrap_or_default();
         let place = self.write_place(target);
         let (list, place) = (list?, place?);
         let (_, ty) = self.checker.units[unit].result?;
         let routine = self.checker.units[unit].routine?;
         let call = Operand::typed(self.expr(ty, ExprKind::Call(routine, list), span));
         let value = self.converted(call, place.ty, span)?;
-        let assign = self.statement(StatementKind::Assign(place, value), span);
-        self.enabled(vec![assign], enable, span)
+        run.extend(self.called_assignment(place, value, behind, span));
+        self.enabled(run, enable, span)
     }
 
     /// Statements that run if EN is TRUE; ENO tells whether they did.

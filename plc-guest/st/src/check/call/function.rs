@@ -1,6 +1,6 @@
 //! The arguments of a function, one for each parameter.
 
-use super::super::body::Body;
+use super::super::body::{Around, Body};
 use super::bind::Parameter;
 use super::enable::Enable;
 use crate::diagnostic::{Code, Diagnostic};
@@ -18,6 +18,8 @@ impl<'a> Body<'_, 'a> {
         span: Span,
         enable: Option<&mut Enable<'a>>,
     ) -> Option<Vec<hir::Argument>> {
+        // A call within an argument is one within an expression.
+        let mut around = self.around.take();
         self.note_call(unit, span);
         let parameters = self.parameters(unit);
         let Some(bound) = self.bind(&parameters, name, arguments, span) else {
@@ -78,7 +80,9 @@ impl<'a> Body<'_, 'a> {
                     self.missing(&parameter.name, name, span);
                     None
                 }
-                (_, Some((target, binding))) => self.output_argument(target, *binding, ty),
+                (_, Some((target, binding))) => {
+                    self.output_argument(target, *binding, ty, &mut around)
+                }
                 (_, None) => Some(hir::Argument::Output(None)),
             };
             match argument {
@@ -86,6 +90,7 @@ impl<'a> Body<'_, 'a> {
                 None => complete = false,
             }
         }
+        self.around = around;
         complete.then_some(list)
     }
 
@@ -107,31 +112,35 @@ impl<'a> Body<'_, 'a> {
     }
 
     /// Where an output of a function goes: to the target itself if it has the type, else through a
-    /// variable of the compiler's, which is converted behind the statement.
+    /// variable of the compiler's, which is converted behind the call.
     fn output_argument(
         &mut self,
         target: &'a Expression,
         binding: Binding,
         ty: TypeId,
+        around: &mut Option<Around>,
     ) -> Option<hir::Argument> {
         let place = self.write_place(target)?;
         if place.ty == ty && binding != Binding::NegatedOutput {
             return Some(hir::Argument::Output(Some(place)));
         }
-        let local = self.temporary("'output", ty);
-        let through = Place::local(local, ty);
-        let statement = self.output(through.clone(), target, binding)?;
-        let Some(after) = &mut self.after else {
-            let found = format!(
-                "an output of type {} for a variable of type {} within a condition",
-                self.type_name(ty),
-                self.type_name(place.ty)
-            );
+        let Some(around) = around else {
+            let found = match binding {
+                Binding::NegatedOutput => "`NOT` of an output within an expression".to_owned(),
+                _ => format!(
+                    "an output of type {} for a variable of type {} within an expression",
+                    self.type_name(ty),
+                    self.type_name(place.ty)
+                ),
+            };
             let one = Diagnostic::new(Code::NotSupported, target.span, found);
-            self.tell(one.hint("call the function in a statement before"));
+            self.tell(one.hint("call the function in a statement before, or `variable := f(...)`"));
             return None;
         };
-        after.push(statement);
+        let place = self.fixed(place, &mut around.before, target.span);
+        let through = Place::local(self.temporary("'output", ty), ty);
+        let statement = self.output(through.clone(), place, binding, target.span)?;
+        around.behind.push(statement);
         Some(hir::Argument::Output(Some(through)))
     }
 }

@@ -11,7 +11,7 @@ mod overload;
 
 use enable::Enable;
 
-use super::body::Body;
+use super::body::{Around, Body};
 use super::expression::Operand;
 use super::standard::is_channel;
 use super::{Entry, test};
@@ -48,7 +48,10 @@ impl<'a> Body<'_, 'a> {
                 self.arguments_apart(arguments);
                 return None;
             }
-            None => return self.standard_call(name, arguments, span, hint),
+            None => {
+                self.around = None;
+                return self.standard_call(name, arguments, span, hint);
+            }
         };
         if self.checker.units[units[0]].ast.kind != UnitKind::Function {
             self.not_callable(name, &Entry::Units(units));
@@ -57,7 +60,10 @@ impl<'a> Body<'_, 'a> {
         }
         let (unit, list) = match units[..] {
             [unit] => (unit, self.function_arguments(unit, name, arguments, span, None)?),
-            _ => self.overloaded(&units, name, arguments, span)?,
+            _ => {
+                self.around = None;
+                self.overloaded(&units, name, arguments, span)?
+            }
         };
         let result = self.checker.units[unit].result;
         let Some((_, ty)) = result else {
@@ -160,10 +166,13 @@ impl<'a> Body<'_, 'a> {
             return Some(Vec::new());
         };
         let mut enable = Enable::default();
-        let list = self.function_arguments(unit, name, arguments, span, Some(&mut enable))?;
-        let routine = self.checker.units[unit].routine?;
-        let call = self.statement(StatementKind::Call(routine, list), span);
-        self.enabled(vec![call], enable, span)
+        self.around = Some(Around::default());
+        let list = self.function_arguments(unit, name, arguments, span, Some(&mut enable));
+        let Around { before: mut run, behind } = self.around.take().unwrap_or_default();
+        let (list, routine) = (list?, self.checker.units[unit].routine?);
+        run.push(self.statement(StatementKind::Call(routine, list), span));
+        run.extend(behind);
+        self.enabled(run, enable, span)
     }
 
     fn missing(&mut self, parameter: &str, unit: &Name, span: Span) {

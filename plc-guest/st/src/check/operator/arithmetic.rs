@@ -97,16 +97,15 @@ impl<'a> Body<'_, 'a> {
             self.mismatch(written, a, b, "numbers");
             return None;
         }
-        // In REAL if the base is one or fits one, in LREAL if either side needs it.
-        let real = |elementary: Option<Elementary>, untyped: bool| {
-            untyped
-                || elementary.is_some_and(|elementary| {
-                    elementary == Elementary::Real || widens(elementary, Elementary::Real)
-                })
-        };
-        let in_real = real(base, left.0.untyped)
-            && !(left.0.untyped && right.0.untyped)
-            && exponent != Some(Elementary::Lreal).filter(|_| !right.0.untyped);
+        // In REAL if a side is one or one is needed, and the base fits; else in LREAL.
+        let typed = |elementary: Option<Elementary>, untyped: bool| elementary.filter(|_| !untyped);
+        let sides = [typed(base, left.0.untyped), typed(exponent, right.0.untyped)];
+        let needed = written.needed.is_some_and(|ty| self.plain(ty) == Some(Elementary::Real));
+        let fits =
+            sides[0].is_none_or(|base| base == Elementary::Real || widens(base, Elementary::Real));
+        let in_real = (needed || sides.contains(&Some(Elementary::Real)))
+            && fits
+            && sides[1] != Some(Elementary::Lreal);
         let ty = self.elementary(if in_real { Elementary::Real } else { Elementary::Lreal });
         let as_number = |body: &mut Self, operand: (Operand, Span)| match operand.0.untyped {
             true => body.converted(operand.0, ty, operand.1),

@@ -9,6 +9,9 @@ use crate::hir::{Arithmetic, Conversion, Elementary};
 use crate::source::Span;
 use crate::syntax::ast::BinaryOperator;
 
+/// The nanoseconds of a day.
+const DAY: i128 = 86_400_000_000_000;
+
 impl<'a> Body<'_, 'a> {
     /// Arithmetic of durations and dates (IEC 61131-3:2013, table 30). None if neither side is one.
     #[allow(clippy::option_option)]
@@ -51,6 +54,7 @@ impl<'a> Body<'_, 'a> {
             Op::Divide if is_duration(a) && number(b) => (Arithmetic::Divide, a),
             _ => return None,
         };
+        let wraps = matches!(ty, Elementary::Tod | Elementary::Ltod);
         let ty = self.elementary(ty);
         // By a number with a point: in LREAL, then rounded to nanoseconds.
         let scaled = is_real(a) || is_real(b);
@@ -62,8 +66,19 @@ impl<'a> Body<'_, 'a> {
                 false => self.convert(Conversion::Value, expr, within, operand.1),
             }
         };
-        let (left, right) = (part(left), part(right));
-        let result = self.combine(op, whole, left, right, within, false);
+        let (left, mut right) = (part(left), part(right));
+        // There is no time of day before 0:00 or behind 23:59:59.
+        let day = wraps.then(|| self.integer(ty, DAY, span));
+        if let Some(day) = &day {
+            right = self.combine(Arithmetic::Modulo, whole, right, day.clone(), ty, false)?.expr;
+        }
+        let mut result = self.combine(op, whole, left, right, within, false);
+        if let Some(day) = day {
+            for operator in [Arithmetic::Add, Arithmetic::Modulo] {
+                let (before, day) = (result?.expr, day.clone());
+                result = self.combine(operator, whole, before, day, ty, false);
+            }
+        }
         Some(result.map(|result| match scaled {
             true => Operand::typed(self.convert(Conversion::Value, result.expr, ty, span)),
             false => result,

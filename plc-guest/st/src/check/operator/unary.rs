@@ -74,15 +74,10 @@ impl<'a> Body<'_, 'a> {
                 };
                 Some(Operand::typed(self.integer(ty, value, span)))
             }
-            (Some(Constant::Integer(0 | 1)), hir::UnaryOperator::Not) => {
-                let bool_type = self.elementary(Elementary::Bool);
-                let value = operand.constant() == Some(&Constant::Integer(0));
-                Some(Operand::typed(self.integer(bool_type, value.into(), span)))
-            }
             (Some(Constant::Integer(_)), hir::UnaryOperator::Not) => {
                 let found = "NOT of a number without a type";
                 let one = Diagnostic::new(Code::TypeMismatch, span, found);
-                self.tell(one.hint("write its type: `NOT WORD#16#00FF`"));
+                self.tell(one.hint("write its type: `NOT WORD#16#00FF`, `NOT BOOL#1`"));
                 None
             }
             _ => {

@@ -72,8 +72,8 @@ impl<'a> Body<'_, 'a> {
         None
     }
 
-    /// A bound, which is a LINT, in the integer type that is needed; one that does not fit traps.
-    fn of_needed_type(&mut self, bound: Expr, hint: Option<TypeId>, span: Span) -> Expr {
+    /// A bound or a length, which is a LINT, in the integer type that is needed; one that does not fit traps.
+    pub(super) fn of_needed_type(&mut self, bound: Expr, hint: Option<TypeId>, span: Span) -> Expr {
         let types = &self.checker.program.types;
         let needed = hint
             .and_then(|ty| types.scalar(ty))

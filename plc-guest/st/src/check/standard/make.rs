@@ -3,8 +3,9 @@
 use super::super::body::Body;
 use super::super::expression::Operand;
 use super::super::operator::Written;
-use super::super::types::{is_bit_string, is_integer};
+use super::super::types::{is_bit_string, is_integer, is_real};
 use super::Given;
+use super::repeated::has_call;
 use super::table::{Function, Make};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Conversion, Elementary, Expr, Intrinsic, Type, TypeId};
@@ -46,7 +47,18 @@ impl<'a> Body<'_, 'a> {
             Make::Limit => {
                 let ty = self.same(&given, function, hint)?;
                 let [least, value, most] = <[Expr; 3]>::try_from(self.all_as(given, ty)?).ok()?;
-                let above = self.intrinsic(Intrinsic::Max, vec![value, least], ty, span).expr;
+                // Of NaN the bound is the limit, which the second operand is: so a REAL comes first.
+                let bounds = match self.plain(ty).is_some_and(is_real) {
+                    true if has_call(&least) && has_call(&value) => {
+                        let found = "calls for MN and IN of a `LIMIT` of reals";
+                        let one = Diagnostic::new(Code::NotSupported, span, found);
+                        self.tell(one.hint("assign their results to variables first"));
+                        return None;
+                    }
+                    true => vec![value, least],
+                    false => vec![least, value],
+                };
+                let above = self.intrinsic(Intrinsic::Max, bounds, ty, span).expr;
                 Some(self.intrinsic(Intrinsic::Min, vec![above, most], ty, span))
             }
             Make::Move => {
@@ -110,11 +122,18 @@ impl<'a> Body<'_, 'a> {
                     self.no_conversion(b, a, place);
                     return None;
                 }
+                let longest = match self.checker.program.types.get(given.first()?.0.expr.ty) {
+                    Type::String { capacity } | Type::WString { capacity } => *capacity,
+                    _ => u16::MAX,
+                };
                 let long = self.elementary(Elementary::Lint);
                 let list = given.into_iter().map(|(operand, _)| operand.expr).collect();
-                let measured = self.intrinsic(intrinsic, list, long, span);
-                let ty = self.integer_result(hint);
-                Some(Operand::typed(self.convert(Conversion::Value, measured.expr, ty, span)))
+                let measured = self.intrinsic(intrinsic, list, long, span).expr;
+                let (ty, fits) = self.integer_result(hint, 0..=longest.into(), span);
+                Some(Operand::typed(match fits {
+                    true => self.convert(Conversion::Value, measured, ty, span),
+                    false => self.of_needed_type(measured, Some(ty), span),
+                }))
             }
             Make::LogLine => {
                 let (line, place) = given.pop()?;
@@ -129,7 +148,8 @@ impl<'a> Body<'_, 'a> {
             }
             Make::Truncate => {
                 let (operand, _) = given.pop()?;
-                let ty = self.integer_result(hint);
+                let values = i32::MIN.into()..=i32::MAX.into();
+                let (ty, _) = self.integer_result(hint, values, span);
                 let mut expr = operand.expr;
                 if self.plain(expr.ty).is_some_and(is_integer) {
                     let real = self.elementary(Elementary::Lreal);

@@ -6,7 +6,7 @@ use super::super::operator::Written;
 use super::Given;
 use super::table::Function;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::hir::{Constant, Elementary, Expr, ExprKind, Intrinsic, TypeId};
+use crate::hir::{Constant, Elementary, Expr, ExprKind, Intrinsic, Place, Root, Step, TypeId};
 use crate::source::Span;
 use crate::syntax::ast::{BinaryOperator, Name};
 
@@ -39,18 +39,21 @@ impl<'a> Body<'_, 'a> {
     ) -> Option<Operand> {
         let written = Written { operator, place: name.span, span, needed: None };
         let and = Written { operator: BinaryOperator::And, ..written };
-        let mut result: Option<Operand> = None;
-        for pair in given.windows(2) {
-            let [left, right] = pair else { return None };
-            let one = self.binary_operands(written, left.clone(), right.clone())?;
+        // All but the first and the last are in two comparisons.
+        for (one, place) in given.iter().take(given.len() - 1).skip(1) {
+            self.refuse_copies(&one.expr, name, *place)?;
+        }
+        let mut rest = given.into_iter();
+        let (mut left, mut result) = (rest.next()?, None);
+        while let Some(right) = rest.next() {
+            let next = if rest.len() > 0 { Some(right.clone()) } else { None };
+            let one = self.binary_operands(written, left, right)?;
             result = Some(match result {
                 None => one,
                 Some(before) => self.binary_operands(and, (before, span), (one, span))?,
             });
-        }
-        if given.len() > 2 && given[1..given.len() - 1].iter().any(|(one, _)| has_call(&one.expr)) {
-            self.twice(name, span);
-            return None;
+            let Some(next) = next else { break };
+            left = next;
         }
         result
     }
@@ -65,9 +68,8 @@ impl<'a> Body<'_, 'a> {
     ) -> Option<Operand> {
         let (selector, place) = given.remove(0);
         let selector = self.as_length(selector, place)?;
-        if given.len() > 2 && has_call(&selector) {
-            self.twice(name, span);
-            return None;
+        if given.len() > 2 {
+            self.refuse_copies(&selector, name, place)?;
         }
         if let ExprKind::Constant(Constant::Integer(value)) = selector.kind
             && !(0..given.len() as i128).contains(&value)
@@ -96,19 +98,76 @@ impl<'a> Body<'_, 'a> {
         Some(Operand::typed(result))
     }
 
-    fn twice(&mut self, name: &Name, span: Span) {
-        let found = format!("a call as an argument of `{}` that is used twice", name.text);
+    /// Refuses what cannot be an argument that is used more than once: a call would happen more than once, and copies
+    /// of a large one within another would be more than any memory holds.
+    fn refuse_copies(&mut self, argument: &Expr, name: &Name, span: Span) -> Option<()> {
+        let what = if has_call(argument) {
+            "a call"
+        } else if parts(argument, COPIED) >= COPIED {
+            "a long expression"
+        } else {
+            return Some(());
+        };
+        let found = format!("{what} as an argument of `{}` that is used twice", name.text);
         let one = Diagnostic::new(Code::NotSupported, span, found);
         self.tell(one.hint("assign its result to a variable first"));
+        None
     }
 }
 
+/// How many parts an expression that is copied can have.
+const COPIED: usize = 100;
+
+/// How many parts an expression has, counted up to a bound.
+fn parts(expr: &Expr, bound: usize) -> usize {
+    let mut count = 0;
+    let mut waiting = vec![expr];
+    while let Some(expr) = waiting.pop() {
+        count += 1;
+        if count >= bound {
+            break;
+        }
+        match &expr.kind {
+            ExprKind::Constant(_) => {}
+            ExprKind::Load(place) | ExprKind::Reference(place) | ExprKind::Bound { place, .. } => {
+                waiting.extend(parts_of_place(place));
+            }
+            ExprKind::Unary(_, part) | ExprKind::Convert(_, part) => waiting.push(part),
+            ExprKind::Arithmetic(_, left, right)
+            | ExprKind::Compare(_, left, right)
+            | ExprKind::AndThen(left, right)
+            | ExprKind::OrElse(left, right) => waiting.extend([&**left, &**right]),
+            ExprKind::Intrinsic(_, list) => waiting.extend(list),
+            // It is refused anyway.
+            ExprKind::Call(..) => {}
+        }
+    }
+    count
+}
+
+fn parts_of_place(place: &Place) -> Vec<&Expr> {
+    let mut parts: Vec<&Expr> = Vec::new();
+    if let Root::Deref(reference) = &place.root {
+        parts.push(reference);
+    }
+    for step in &place.path {
+        match step {
+            Step::Index(index) | Step::Unit(index) => parts.push(index),
+            Step::OpenIndex(list) => parts.extend(list),
+            Step::Field(_) | Step::Bit(_) | Step::Part { .. } => {}
+        }
+    }
+    parts
+}
+
 /// Whether an expression calls anything, which must not happen twice.
-fn has_call(expr: &Expr) -> bool {
+pub(super) fn has_call(expr: &Expr) -> bool {
     match &expr.kind {
         ExprKind::Call(..) => true,
-        ExprKind::Constant(_) | ExprKind::Bound { .. } => false,
-        ExprKind::Load(place) | ExprKind::Reference(place) => place_has_call(place),
+        ExprKind::Constant(_) => false,
+        ExprKind::Load(place) | ExprKind::Reference(place) | ExprKind::Bound { place, .. } => {
+            parts_of_place(place).into_iter().any(has_call)
+        }
         ExprKind::Unary(_, part) | ExprKind::Convert(_, part) => has_call(part),
         ExprKind::Arithmetic(_, left, right)
         | ExprKind::Compare(_, left, right)
@@ -120,14 +179,4 @@ fn has_call(expr: &Expr) -> bool {
         ) => true,
         ExprKind::Intrinsic(_, list) => list.iter().any(has_call),
     }
-}
-
-fn place_has_call(place: &crate::hir::Place) -> bool {
-    use crate::hir::{Root, Step};
-    let root = matches!(&place.root, Root::Deref(reference) if has_call(reference));
-    root || place.path.iter().any(|step| match step {
-        Step::Index(index) | Step::Unit(index) => has_call(index),
-        Step::OpenIndex(list) => list.iter().any(has_call),
-        _ => false,
-    })
 }

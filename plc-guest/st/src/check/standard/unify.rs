@@ -1,5 +1,7 @@
 //! The type that all arguments of a group are brought to.
 
+use std::ops::RangeInclusive;
+
 use super::super::body::Body;
 use super::super::convert::common;
 use super::super::expression::Operand;
@@ -126,12 +128,24 @@ impl<'a> Body<'_, 'a> {
         self.as_long(fitting, span)
     }
 
-    /// The integer type that is needed, else DINT.
-    pub(super) fn integer_result(&mut self, hint: Option<TypeId>) -> TypeId {
-        let hinted = hint.filter(|hint| self.plain(*hint).is_some_and(is_integer));
+    /// The integer type that is needed, and whether it has all these values; else DINT. What is computed with takes
+    /// no type that lacks some of them: the result might fit, and would be wrong.
+    pub(super) fn integer_result(
+        &mut self,
+        hint: Option<TypeId>,
+        values: RangeInclusive<i128>,
+        span: Span,
+    ) -> (TypeId, bool) {
+        let whole = self.whole == Some(span);
+        let hinted =
+            hint.and_then(|hint| Some((hint, self.plain(hint).filter(|ty| is_integer(*ty))?)));
+        let hinted = hinted.and_then(|(hint, ty)| {
+            let (least, most) = ty.range()?;
+            Some((hint, least <= *values.start() && *values.end() <= most))
+        });
         match hinted {
-            Some(hinted) => hinted,
-            None => self.elementary(Elementary::Dint),
+            Some((hint, fits)) if whole || fits => (hint, fits),
+            _ => (self.elementary(Elementary::Dint), true),
         }
     }
 }

@@ -1,0 +1,321 @@
+//! Which tasks write which outputs.
+//!
+//! Each task has a view of the outputs for itself, and the kernel takes out of it what the image says the task writes. A
+//! write that is not seen here never leaves a program of several tasks. So what a VAR_IN_OUT stands for counts as
+//! written by the task that hands it on, and what a reference refers to by each task that assigns through references of
+//! that type.
+
+use std::collections::{BTreeMap, BTreeSet, HashSet};
+
+use super::NativeError;
+use super::alias::callees_first;
+use super::effects::{Base, Target, target};
+use super::walk;
+use crate::hir::{
+    Area, Argument, Expr, ExprKind, Global, GlobalId, Intrinsic, LocalId, LocalKind, Location,
+    Place, Program, Root, Routine, RoutineId, Section, Statement, StatementKind, Step, Type,
+    TypeId,
+};
+
+/// Which tasks write each byte of `%Q`: a bit for each task.
+pub struct Writers {
+    bytes: Vec<u16>,
+}
+
+impl Writers {
+    /// Looks at the whole program.
+    ///
+    /// # Errors
+    /// [`NativeError::ReferredOutput`]
+    pub fn of(program: &Program) -> Result<Writers, NativeError> {
+        let facts = facts(program);
+        let tasks: Vec<Task> =
+            program.tasks.iter().map(|task| Task::of(&facts, task.entry)).collect();
+        let mut derived: BTreeMap<TypeId, BTreeSet<TypeId>> = BTreeMap::new();
+        for (whole, part) in facts.iter().flat_map(|facts| &facts.derived) {
+            derived.entry(*whole).or_default().insert(*part);
+        }
+        let mut bytes = vec![0; program.area_size(Area::Output) as usize];
+        let mut add = |(start, end): (u32, u32), task: usize| {
+            let end = bytes.len().min(end as usize);
+            if let Some(part) = bytes.get_mut(start as usize..end) {
+                part.iter_mut().for_each(|byte| *byte |= 1u16 << task);
+            }
+        };
+        // What tests do is no part of the program.
+        let own = program.tasks.len() - usize::from(program.tests.wanted.is_some());
+        let mut by_type: BTreeMap<TypeId, Vec<usize>> = BTreeMap::new();
+        for (number, task) in tasks.iter().enumerate() {
+            task.written.iter().for_each(|stretch| add(*stretch, number));
+            for ((stretch, ty), (output, location)) in &task.referred {
+                let writing = by_type.entry(*ty).or_insert_with(|| {
+                    let types = reached(*ty, &derived);
+                    let writes = |task: &usize| !tasks[*task].through.is_disjoint(&types);
+                    (0..tasks.len()).filter(writes).collect()
+                });
+                if let [first, second, ..] = writing[..]
+                    && number < own
+                    && second < own
+                {
+                    let name = |task: usize| program.tasks[task].name.clone();
+                    return Err(NativeError::ReferredOutput {
+                        output: program.global(*output).name.clone(),
+                        location: *location,
+                        tasks: [name(first), name(second)],
+                    });
+                }
+                writing.iter().for_each(|task| add(*stretch, *task));
+            }
+        }
+        Ok(Writers { bytes })
+    }
+
+    /// The task that alone writes an output, by its number. Nothing is said of other areas, which have no views.
+    pub fn only(&self, program: &Program, global: &Global) -> Option<u16> {
+        if global.storage.area != Area::Output {
+            return None;
+        }
+        let start = global.storage.offset as usize;
+        let bytes = self.bytes.get(start..start + program.types.size(global.ty) as usize)?;
+        let tasks = bytes.iter().fold(0, |all, byte| all | byte);
+        (tasks.count_ones() == 1).then(|| tasks.trailing_zeros() as u16)
+    }
+}
+
+/// The types to which a reference may refer that was made from one to `ty`: such as to an element of an array.
+fn reached(ty: TypeId, derived: &BTreeMap<TypeId, BTreeSet<TypeId>>) -> BTreeSet<TypeId> {
+    let mut found = BTreeSet::from([ty]);
+    let mut waiting = vec![ty];
+    while let Some(whole) = waiting.pop() {
+        let parts = derived.get(&whole).into_iter().flatten().copied();
+        waiting.extend(parts.filter(|part| found.insert(*part)));
+    }
+    found
+}
+
+/// Outputs of which REF is taken, by their stretch of `%Q` and the type of the reference: which, and where first.
+type Referred = BTreeMap<((u32, u32), TypeId), (GlobalId, Location)>;
+
+/// What is known of a routine itself, without its callees.
+#[derive(Default)]
+struct Facts {
+    callees: BTreeSet<RoutineId>,
+    /// Stretches of `%Q`.
+    written: BTreeSet<(u32, u32)>,
+    referred: Referred,
+    /// The types of what it assigns through references.
+    through: BTreeSet<TypeId>,
+    /// The types of what a reference refers to, with that of a part of it to which it makes another reference.
+    derived: BTreeSet<(TypeId, TypeId)>,
+    /// Its parameters that stand for a place of the caller which it assigns, itself or by a callee.
+    parameters: BTreeSet<LocalId>,
+}
+
+/// The facts of all routines.
+fn facts(program: &Program) -> Vec<Facts> {
+    let mut known: Vec<Facts> = Vec::new();
+    known.resize_with(program.routines.len(), Facts::default);
+    for id in callees_first(program) {
+        let routine = program.routine(id);
+        let mut collector = Collector {
+            program,
+            routine,
+            known: &known,
+            facts: Facts::default(),
+            handed_on: HashSet::new(),
+        };
+        walk::statements(&routine.body, &mut |statement| collector.statement(statement));
+        walk::expressions(&routine.body, &mut |expr| collector.expr(expr));
+        known[id.0 as usize] = collector.facts;
+    }
+    known
+}
+
+/// The facts of all routines that a task may call, together.
+#[derive(Default)]
+struct Task {
+    written: BTreeSet<(u32, u32)>,
+    referred: Referred,
+    through: BTreeSet<TypeId>,
+}
+
+impl Task {
+    fn of(facts: &[Facts], entry: RoutineId) -> Task {
+        let mut task = Task::default();
+        let mut seen = BTreeSet::from([entry]);
+        let mut waiting = vec![entry];
+        while let Some(id) = waiting.pop() {
+            let facts = &facts[id.0 as usize];
+            task.written.extend(&facts.written);
+            task.through.extend(&facts.through);
+            for (referred, first) in &facts.referred {
+                task.referred.entry(*referred).or_insert(*first);
+            }
+            waiting.extend(facts.callees.iter().filter(|callee| seen.insert(**callee)));
+        }
+        task
+    }
+}
+
+struct Collector<'p> {
+    program: &'p Program,
+    routine: &'p Routine,
+    /// Of the callees.
+    known: &'p [Facts],
+    facts: Facts,
+    /// The references that are no REF: those for a VAR_IN_OUT and of messages.
+    handed_on: HashSet<*const Expr>,
+}
+
+impl Collector<'_> {
+    fn statement(&mut self, statement: &Statement) {
+        match &statement.kind {
+            StatementKind::Assign(place, value) => {
+                self.written(place);
+                if let ExprKind::Reference(target) = &value.kind
+                    && self.is_in_out(place)
+                {
+                    self.handed_on.insert(value);
+                    self.written(target);
+                }
+            }
+            StatementKind::For(parts) => self.written(&parts.variable),
+            StatementKind::Call(routine, arguments)
+            | StatementKind::Invoke(_, routine, arguments) => self.call(*routine, arguments),
+            _ => {}
+        }
+    }
+
+    fn expr(&mut self, expr: &Expr) {
+        match &expr.kind {
+            ExprKind::Call(routine, arguments) => self.call(*routine, arguments),
+            ExprKind::Intrinsic(intrinsic, arguments) => {
+                let reads = matches!(intrinsic, Intrinsic::ChannelRead(_));
+                if (reads || matches!(intrinsic, Intrinsic::ChannelWrite(_)))
+                    && let Some(message) = arguments.first()
+                    && let ExprKind::Reference(place) = &message.kind
+                {
+                    self.handed_on.insert(message);
+                    if reads {
+                        self.written(place);
+                    }
+                }
+            }
+            ExprKind::Reference(place) if !self.handed_on.contains(&std::ptr::from_ref(expr)) => {
+                self.referred(place, expr);
+            }
+            _ => {}
+        }
+    }
+
+    fn call(&mut self, routine: RoutineId, arguments: &[Argument]) {
+        self.facts.callees.insert(routine);
+        let known = self.known;
+        for ((id, parameter), argument) in self.program.routine(routine).parameters().zip(arguments)
+        {
+            match argument {
+                Argument::Value(_) | Argument::Output(None) => {}
+                Argument::Output(Some(place)) => self.written(place),
+                // An open array may be a VAR_INPUT, which is only read.
+                Argument::Reference(place) => {
+                    let ty = self.program.types.get(parameter.ty);
+                    if !matches!(ty, Type::OpenArray { .. })
+                        || known[routine.0 as usize].parameters.contains(&id)
+                    {
+                        self.written(place);
+                    }
+                }
+            }
+        }
+    }
+
+    fn written(&mut self, place: &Place) {
+        match &place.root {
+            Root::Global(_) => self.facts.written.extend(self.output(place)),
+            Root::Local(id) if self.routine.local(*id).kind == LocalKind::InOut => {
+                self.facts.parameters.insert(*id);
+            }
+            // What a VAR_IN_OUT stands for is written by whoever hands it on.
+            Root::Deref(reference) if !self.loads_in_out(reference) => {
+                self.facts.through.extend(self.referred_type(reference));
+            }
+            _ => {}
+        }
+    }
+
+    fn referred(&mut self, place: &Place, expr: &Expr) {
+        match &place.root {
+            Root::Global(id) => {
+                if let Some(stretch) = self.output(place) {
+                    let first = (*id, expr.location);
+                    self.facts.referred.entry((stretch, place.ty)).or_insert(first);
+                }
+            }
+            Root::Deref(reference) => {
+                let whole = self.referred_type(reference);
+                self.facts.derived.extend(whole.map(|whole| (whole, place.ty)));
+            }
+            _ => {}
+        }
+    }
+
+    /// The stretch of `%Q` in which a place lies.
+    fn output(&self, place: &Place) -> Option<(u32, u32)> {
+        match target(self.program, self.routine, place) {
+            Target::Cell(cell) if cell.base == Base::Area(Area::Output) => {
+                Some((cell.offset, cell.offset + cell.ty.size()))
+            }
+            Target::Range { base: Base::Area(Area::Output), start, end, .. } => Some((start, end)),
+            _ => None,
+        }
+    }
+
+    fn referred_type(&self, reference: &Expr) -> Option<TypeId> {
+        match self.program.types.get(reference.ty) {
+            Type::Reference { target } => Some(*target),
+            _ => None,
+        }
+    }
+
+    fn loads_in_out(&self, reference: &Expr) -> bool {
+        matches!(&reference.kind, ExprKind::Load(place) if self.is_in_out(place))
+    }
+
+    /// Whether a place is the reference that a function block keeps for a VAR_IN_OUT.
+    fn is_in_out(&self, place: &Place) -> bool {
+        let types = &self.program.types;
+        let mut ty = match &place.root {
+            Root::Global(id) => self.program.global(*id).ty,
+            Root::Local(id) => self.routine.local(*id).ty,
+            Root::Instance => match self.routine.instance {
+                Some(ty) => ty,
+                None => return false,
+            },
+            Root::Deref(reference) => match self.referred_type(reference) {
+                Some(ty) => ty,
+                None => return false,
+            },
+        };
+        let mut found = false;
+        for step in &place.path {
+            found = false;
+            ty = match (step, types.get(ty)) {
+                (Step::Field(index), Type::Structure(structure)) => {
+                    let field = &structure.fields[*index as usize];
+                    found = field.section == Section::InOut;
+                    field.ty
+                }
+                (
+                    Step::Index(_) | Step::OpenIndex(_),
+                    Type::Array { element, .. } | Type::OpenArray { element, .. },
+                ) => *element,
+                _ => return false,
+            };
+        }
+        found
+    }
+}
+
+#[cfg(test)]
+#[path = "writers_tests.rs"]
+mod tests;
