@@ -235,7 +235,7 @@ impl Collector<'_> {
             Root::Local(id) if self.routine.local(*id).kind == LocalKind::InOut => {
                 self.facts.parameters.insert(*id);
             }
-            // What a VAR_IN_OUT stands for is written by whoever hands it on.
+            // What a VAR_IN_OUT stands for is written by the one that hands it on.
             Root::Deref(reference) if !self.loads_in_out(reference) => {
                 self.facts.through.extend(self.referred_type(reference));
             }
