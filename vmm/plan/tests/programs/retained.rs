@@ -90,14 +90,11 @@ fn wrong_keys_are_refused() {
 #[test]
 fn more_than_a_sample_has_room_for_is_refused() {
     let refused = |image: &[u8], words: &[&str]| case("much", image, "").refused(words);
-    refused(
-        &retaining("a", 1, 32769),
-        &["32769 bytes in 1 separate pieces", "32KiB in 512 pieces"],
-    );
-    refused(&retaining("a", 513, 1), &["513 bytes in 513 separate pieces"]);
+    refused(&retaining("a", 1, 32769), &["32769 bytes are RETAIN", "at most 32KiB in a partition"]);
+    refused(&retaining("a", 513, 1), &["513 bytes in 513 separate pieces", "32KiB in 512 pieces"]);
     case("enough", &retaining("a", 1, 32768), "").good();
     // Of all programs of a partition together.
     let half = |name| retaining(name, 1, 20_000);
     let both = Case::new("together").file("a.plc", &half("a")).file("b.plc", &half("b"));
-    both.program("a.plc", "").program("b.plc", "").refused(&["40000 bytes in 2 separate pieces"]);
+    both.program("a.plc", "").program("b.plc", "").refused(&["40000 bytes are RETAIN"]);
 }
