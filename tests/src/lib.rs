@@ -26,9 +26,7 @@ use emulator_fault::unless_qemu_failed;
 pub use file::{BUSY, File, SOON, System};
 pub use host::Host;
 pub use initrd::{archive, initrd_and, initrd_of, initrd_with};
-pub use kernel::{
-    Aim, aiming_kernel, apic_switching_kernel, erring_kernel, restarting_kernel, silent_kernel,
-};
+pub use kernel::{Aim, aiming_kernel, erring_kernel, restarting_kernel, silent_kernel};
 pub use serde_json::Value;
 
 /// Real time after which a run is given up, and one of the long form. It is never what a test waits for.

@@ -4,7 +4,6 @@
 //! on one machine, neither trusting the other. `docs/architecture.md` tells the whole story.
 
 pub mod account;
-mod apic_switches;
 pub mod appliance;
 pub mod boot;
 pub mod channels;

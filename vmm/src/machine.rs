@@ -115,20 +115,16 @@ pub fn for_plc(kvm: &Kvm, memory: &GuestMemory, interrupts: bool) -> Result<Mach
     let vm = create(kvm, memory)?;
     registers::refuse(&vm).map_err(cannot("keep a guest from changing registers"))?;
     if interrupts {
-        processors_own_apic(&vm)?;
+        // In this form KVM keeps the processor's controller, and the board's is left to Takt, which
+        // makes none. The argument is the number of its pins.
+        let split = kvm_enable_cap { cap: KVM_CAP_SPLIT_IRQCHIP, ..Default::default() };
+        vm.enable_cap(&split).map_err(cannot("create an interrupt controller"))?;
         switch_polling_off(&vm)?;
     }
     let vcpu = vm.create_vcpu(0).map_err(cannot("create a vCPU"))?;
     vcpu.set_cpuid2(&supported(kvm)?).map_err(cannot("set the CPUID"))?;
     bound_machine_checks(&vcpu)?;
     finish(vm, vec![vcpu])
-}
-
-/// Has KVM keep the processor's interrupt controller. The board's is left to Takt, which makes none.
-pub(crate) fn processors_own_apic(vm: &VmFd) -> Result<(), MachineError> {
-    // The argument is the number of the board's pins.
-    let split = kvm_enable_cap { cap: KVM_CAP_SPLIT_IRQCHIP, ..Default::default() };
-    vm.enable_cap(&split).map_err(cannot("create an interrupt controller"))
 }
 
 /// Leaves a processor one bank of machine checks instead of 32, which no PLC reads and a restart would
@@ -193,19 +189,14 @@ fn switch_polling_off(vm: &VmFd) -> Result<(), MachineError> {
     vm.enable_cap(&no_polling).map_err(cannot("switch halt polling off"))
 }
 
-/// A machine without memory, processors or devices.
-pub(crate) fn empty(kvm: &Kvm) -> Result<VmFd, MachineError> {
+fn create(kvm: &Kvm, memory: &GuestMemory) -> Result<VmFd, MachineError> {
     // The call is interrupted by any signal that is pending, and then simply has to be repeated.
-    loop {
+    let vm = loop {
         match kvm.create_vm() {
             Err(e) if e.errno() == libc::EINTR => {}
-            result => return result.map_err(cannot("create a virtual machine")),
+            result => break result.map_err(cannot("create a virtual machine"))?,
         }
-    }
-}
-
-fn create(kvm: &Kvm, memory: &GuestMemory) -> Result<VmFd, MachineError> {
-    let vm = empty(kvm)?;
+    };
     cpuid::switch_counters_off(&vm).map_err(cannot("switch performance counters off"))?;
     vm.set_tss_address(TASK_STATE_SEGMENT as usize)
         .map_err(cannot("place its task state segment"))?;

@@ -1,13 +1,9 @@
 //! Quiet windows: that neither a Linux's timers nor Takt's own interrupt a PLC from its guard to its
 //! "done", and what is left to a kernel that means harm.
 
-use std::fs;
 use std::path::Path;
 
-use takt_tests::{
-    Aim, File, Host, Outcome, aiming_kernel, apic_switching_kernel, initrd_with, long, parse,
-    silent_kernel, target,
-};
+use takt_tests::{Aim, File, Outcome, aiming_kernel, initrd_with, long, parse};
 
 use crate::evidence::{assert_stressed, stress_until};
 
@@ -163,38 +159,4 @@ fn a_kernel_that_aims_other_timers_at_releases_moves_them_by_one_interrupt() {
             outcome.output
         );
     }
-}
-
-/// The kernel patches its own code with interrupts off, on all processors. What a guest's APIC would have it patch
-/// is patched before the first release.
-#[test]
-fn a_kernel_that_switches_its_apic_off_and_on_changes_no_code_of_the_hosts() {
-    let kernels = [("apic-still", silent_kernel()), ("apic-switches", apic_switching_kernel())];
-    let files: Vec<_> = kernels
-        .iter()
-        .map(|(name, kernel)| {
-            let linux = format!(
-                "[[partition]]\nname = \"linux\"\nkind = \"linux\"\ncpu = 0\nbackground = true\n\
-                 memory = \"64MiB\"\nkernel = {kernel:?}"
-            );
-            let file = File::new("1ms").plc("plc", None, "").lines(&linux);
-            file.schedule("normal").window("plc", 0, 300).save(name)
-        })
-        .collect();
-    let lines: Vec<_> = files.iter().map(|file| format!("{} 2800ms", file.display())).collect();
-    let host = kernels.iter().fold(Host::new(), |host, (_, kernel)| host.with_file(kernel));
-    let outcomes = host.run_lines("code-changes", &lines, &files);
-    let changes = |name: &str| {
-        let left = target(&format!("tests/code-changes.out/{name}.changes"));
-        fs::read_to_string(left).expect("the changes are there").lines().count()
-    };
-    for outcome in &outcomes {
-        assert_eq!(outcome.status, 0, "{}", outcome.output);
-        outcome.assert_kept_its_time("plc", 2_790);
-    }
-    outcomes[1].assert_shows("switched");
-    // Machines that come and go have it changed, so nothing at all would be a trace that sees nothing.
-    let still = changes("apic-still");
-    assert!(still > 0);
-    assert_eq!(changes("apic-switches"), still);
 }

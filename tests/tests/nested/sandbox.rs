@@ -424,8 +424,7 @@ fn check_process(text: &str, threads: &[&str]) {
         ("anon_inode:[eventpoll]", 1),
         ("anon_inode:[signalfd]", 1),
         ("anon_inode:[timerfd]", 2),
-        // Two of them keep the kernel from changing its code.
-        ("anon_inode:kvm-vcpu", 4),
+        ("anon_inode:kvm-vcpu", 2),
         ("anon_inode:kvm-vcpu-stats", 2),
         ("pipe", 1),
         ("socket", 1),

@@ -6,14 +6,12 @@ use std::path::{Path, PathBuf};
 
 use super::spawner;
 use super::{Options, own_process};
-use crate::apic_switches::ApicSwitches;
 use crate::appliance::expedited_rcu::ExpeditedRcu;
 use crate::channels::Channels;
 use crate::config::{Channel, HostPort, PartitionFile, Program};
 use crate::control::{Door, Operators};
 use crate::cpuset::Domains;
 use crate::hooks::Steps;
-use crate::machine;
 use crate::passthrough::guardian::Guardian;
 use crate::passthrough::{Devices, emergency_stop};
 use crate::resctrl::Groups;
@@ -39,7 +37,6 @@ pub(super) struct Held<'a> {
     pub guardian: Option<Guardian>,
     /// Devices of partitions.
     pub devices: Devices,
-    _apic_switches: ApicSwitches,
 }
 
 /// What the next stage takes over.
@@ -98,17 +95,8 @@ impl<'a> Held<'a> {
         steps.pass()?;
         let groups = Groups::set_up(file.partitions())?;
         steps.pass()?;
-        let apic_switches = ApicSwitches::hold(&machine::open_kvm()?)?;
         let saver = retained.start(&spawner(options))?;
-        let held = Self {
-            groups,
-            domains,
-            retained,
-            channels,
-            guardian,
-            devices,
-            _apic_switches: apic_switches,
-        };
+        let held = Self { groups, domains, retained, channels, guardian, devices };
         Ok((held, Begun { signals, operators, saver, expedited, steps }))
     }
 
