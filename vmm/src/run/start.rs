@@ -151,7 +151,8 @@ impl<'a> Waiting<'a> {
             aligning_ns: epoch.aligning.0,
         };
         let base = epoch.base;
-        // Its time counts from here, however long others were prepared behind it.
+        // Each was started with its machine, as at a restart. The time of the first start counts from here, however long others
+        // were prepared meanwhile.
         accounts
             .iter()
             .filter_map(|a| a.watchdog.as_ref())
