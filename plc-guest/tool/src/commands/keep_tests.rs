@@ -50,15 +50,21 @@ fn may_give_away(folder: &Path) -> bool {
     given.is_ok()
 }
 
-#[test]
-fn the_new_content_belongs_to_the_owner_of_the_old_one() {
+/// A folder with an image; `None`, and a word, if the test may not give it away.
+fn image_to_give_away() -> Option<(tempfile::TempDir, PathBuf)> {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.plc");
-    fs::write(&path, content(1)).unwrap();
     if !may_give_away(folder.path()) {
         println!("not tested: only root can");
-        return;
+        return None;
     }
+    let path = folder.path().join("a.plc");
+    fs::write(&path, content(1)).unwrap();
+    Some((folder, path))
+}
+
+#[test]
+fn the_new_content_belongs_to_the_owner_of_the_old_one() {
+    let Some((_folder, path)) = image_to_give_away() else { return };
     chown(&path, Some(OVERFLOW), Some(OVERFLOW)).unwrap();
     fs::set_permissions(&path, PermissionsExt::from_mode(0o640)).unwrap();
     replace(&path, &content(2)).unwrap();
@@ -69,13 +75,7 @@ fn the_new_content_belongs_to_the_owner_of_the_old_one() {
 
 #[test]
 fn a_content_that_could_not_belong_to_the_owner_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.plc");
-    fs::write(&path, content(1)).unwrap();
-    if !may_give_away(folder.path()) {
-        println!("not tested: only root can");
-        return;
-    }
+    let Some((folder, path)) = image_to_give_away() else { return };
     // Another user may write to the folder, and so could move files in it.
     fs::set_permissions(folder.path(), PermissionsExt::from_mode(0o777)).unwrap();
     fs::set_permissions(&path, PermissionsExt::from_mode(0o666)).unwrap();
