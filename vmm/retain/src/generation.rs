@@ -49,6 +49,8 @@ pub enum Damage {
     Number(u64),
     #[error("it is empty, and had a generation")]
     Empty,
+    #[error("it cannot be read: {0}")]
+    Unreadable(String),
 }
 
 /// A value in a file, or an array.

@@ -49,7 +49,8 @@ impl Store {
     /// Opens both files, or makes them, for one process at a time, and reads what they have.
     ///
     /// # Errors
-    /// If a file cannot be opened, read or locked. What is wrong in it is no error.
+    /// If a file cannot be opened or locked, or if one cannot be read and the other has no whole generation: the
+    /// values may be in the first. What is wrong in a file that can be read is no error.
     pub fn open(path: &Path) -> io::Result<(Self, Found)> {
         let paths = Self::paths(path);
         let mut options = OpenOptions::new();
@@ -64,8 +65,7 @@ impl Store {
         // That the files are there must outlive a loss of power, too.
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
         File::open(folder.unwrap_or(Path::new(".")))?.sync_all()?;
-        let read = [contents(&files[0])?, contents(&files[1])?];
-        let (found, next) = choose(&paths, read);
+        let (found, next) = choose(&paths, [contents(&files[0]), contents(&files[1])])?;
         let number = found.newest.as_ref().map_or(0, |newest| newest.number);
         Ok((Self { files, next, number }, found))
     }
@@ -97,23 +97,28 @@ fn contents(file: &File) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The newest whole generation, and the file that may be written over.
-fn choose(paths: &[PathBuf; 2], read: [Vec<u8>; 2]) -> (Found, usize) {
-    let empty = [read[0].is_empty(), read[1].is_empty()];
-    let decoded = read.map(|bytes| Generation::decode(&bytes));
+/// The newest whole generation, and the file that may be written over. An error if a file that could not be read may
+/// have the only one.
+fn choose(paths: &[PathBuf; 2], read: [io::Result<Vec<u8>>; 2]) -> io::Result<(Found, usize)> {
+    let empty = read.each_ref().map(|read| read.as_ref().is_ok_and(Vec::is_empty));
+    let decoded = read.map(|read| match read {
+        Ok(bytes) => Generation::decode(&bytes),
+        Err(error) => Err(Damage::Unreadable(error.to_string())),
+    });
     let number = |slot: usize| decoded[slot].as_ref().map_or(0, |generation| generation.number);
     let newest = usize::from(number(1) > number(0));
     let mut damaged = Vec::new();
     for (slot, result) in decoded.iter().enumerate() {
         let Err(damage) = result else { continue };
-        match (empty[slot], number(1 - slot)) {
+        match (empty[slot], damage, number(1 - slot)) {
+            (_, Damage::Unreadable(why), 0) => return Err(io::Error::other(why.clone())),
             // Nothing was written to it yet.
-            (true, 0 | 1) => {}
-            (true, _) => damaged.push((paths[slot].clone(), Damage::Empty)),
-            (false, _) => damaged.push((paths[slot].clone(), damage.clone())),
+            (true, _, 0 | 1) => {}
+            (true, ..) => damaged.push((paths[slot].clone(), Damage::Empty)),
+            (false, ..) => damaged.push((paths[slot].clone(), damage.clone())),
         }
     }
     let next = if number(newest) == 0 { 0 } else { 1 - newest };
     let newest = decoded.into_iter().nth(newest).and_then(Result::ok);
-    (Found { newest, damaged }, next)
+    Ok((Found { newest, damaged }, next))
 }

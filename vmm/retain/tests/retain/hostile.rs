@@ -1,6 +1,7 @@
 //! Files that are cut, changed, or made up: a whole generation or none, never a mixture.
 
 use std::fs;
+use std::os::unix::fs::symlink;
 use std::path::Path;
 
 use crate::common::{Own, block, files_are_our_own, image, layout};
@@ -89,6 +90,22 @@ fn a_generation_is_written_over_the_older_one_also_after_a_failure() {
     drop(store);
     let (_, found) = Store::open(&folder.path().join("tank")).unwrap();
     assert_eq!((found.newest.unwrap().number, found.damaged.len()), (5, 0));
+}
+
+#[test]
+fn a_file_that_cannot_be_read_leaves_the_other_one_if_that_is_whole() {
+    let _alone = files_are_our_own();
+    let folder = tempfile::tempdir().unwrap();
+    let layout = written(folder.path(), 4);
+    let [older, newer] = Store::paths(&folder.path().join("tank"));
+    // The first page of this process's memory, which is not there: reading it is an error of I/O.
+    fs::remove_file(&newer).unwrap();
+    symlink("/proc/self/mem", &newer).unwrap();
+    assert_eq!(found(folder.path(), &layout), (3, 1));
+    // The values may be in the file that cannot be read: not to start is better than to start without them.
+    fs::write(&older, "").unwrap();
+    let error = Store::open(&folder.path().join("tank")).unwrap_err();
+    assert!(error.to_string().contains("Input/output error"), "{error}");
 }
 
 #[test]
