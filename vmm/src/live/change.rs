@@ -253,12 +253,16 @@ impl ProgramChanges {
         }
     }
 
-    /// Asks how the changes that are under way stand.
+    /// Asks how the changes that are under way stand. One that is prepared is given up by a stop of the program.
     pub fn ask(&mut self, link: &mut Link) {
         for (place, versions) in self.programs.iter_mut().enumerate() {
             let under_way = matches!(
                 versions.record.phase,
-                Phase::Preparing | Phase::Committing | Phase::Trial | Phase::RollingBack
+                Phase::Preparing
+                    | Phase::Prepared
+                    | Phase::Committing
+                    | Phase::Trial
+                    | Phase::RollingBack
             );
             if under_way {
                 // What is not sent is asked for the next time.

@@ -186,6 +186,34 @@ fn a_version_is_checked_brought_into_the_bank_entered_and_left() {
     assert_eq!(plant.phase().2, Some("1.0.2".into()));
 }
 
+#[test]
+fn a_program_that_stops_while_a_version_is_prepared_can_be_loaded_again() {
+    let mut plant = Plant::new("stops");
+    let (mut orders, mut answers) = plant.case.guest();
+    plant.tick();
+    plant.load(&image(1, 2, 10_000)).unwrap();
+    let mut tell = |plant: &mut Plant, phase, reason| {
+        let mut buffer = [0; MESSAGE_BYTES];
+        let message = Answer::Change(ChangeRecord { phase, reason, ..ChangeRecord::default() });
+        let number = plant.case.running.link.last();
+        answers.send(message.encode(number, &mut buffer).unwrap(), takt_channel::Tsc(1)).unwrap();
+        plant.tick()
+    };
+    assert_eq!(tell(&mut plant, Phase::Prepared, Reason::None), ["a: a version is prepared"]);
+    let mut buffer = [0; MESSAGE_BYTES];
+    while orders.receive(&mut buffer).is_ok() {}
+    plant.tick();
+    let mut asked = Vec::new();
+    while let Ok(message) = orders.receive(&mut buffer) {
+        asked.extend(decode_order(message.bytes).map(|(_, order)| order));
+    }
+    let tell_me = Order::Change { program: 0, step: ChangeStep::Tell };
+    assert!(asked.contains(&tell_me), "only the kernel knows of a stop: {asked:?}");
+    let news = tell(&mut plant, Phase::None, Reason::Stopped);
+    assert!(news[0].contains("given up: the program was stopped or started anew"), "{news:?}");
+    plant.load(&image(2, 2, 10_000)).unwrap();
+}
+
 /// A version with so many variables, each at another place than in [`image_of`].
 fn reversed(program: &str, patch: u16, variables: u32) -> Vec<u8> {
     let mut image = Builder::new(program);
