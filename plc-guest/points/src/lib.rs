@@ -84,13 +84,14 @@ pub fn cut<'v>(points: &[Point], bytes: &'v [u8]) -> Option<Vec<&'v [u8]>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use takt_program::Elementary;
+    use takt_program::{Elementary, Flags};
     use takt_protocol::Area;
 
     fn point(area: Area, offset: u32, bytes: u16) -> Point {
         let (name, type_name) = ("p.x".into(), "LWORD".into());
         let range = Range { program: 0, area, offset, bytes };
-        Point { name, type_name, range, bit: None, kind: Kind::Elementary(Elementary::Lword) }
+        let (kind, flags) = (Kind::Elementary(Elementary::Lword), Flags::NONE);
+        Point { name, type_name, range, bit: None, kind, flags }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! Arrays, structures and instances of function blocks open up to their parts: `row[2].level`. What an image says has
 //! been checked, but it may describe millions of values, so each search has an end.
 
-use takt_program::{Area, Elementary, Image, TypeId, TypeKind};
+use takt_program::{Area, Elementary, Flags, Image, TypeId, TypeKind};
 use takt_protocol as protocol;
 
 use crate::Value;
@@ -27,6 +27,8 @@ pub struct Point {
     pub bit: Option<u8>,
     /// What its bytes mean.
     pub kind: Kind,
+    /// What is said of the variable that it is or is a part of.
+    pub flags: Flags,
 }
 
 /// What the bytes of a point mean.
@@ -57,6 +59,8 @@ pub struct Search<'a> {
     /// Its place in the partition.
     place: u8,
     pattern: &'a str,
+    /// Of the variable that is looked at.
+    flags: Flags,
     found: Vec<Point>,
 }
 
@@ -72,13 +76,14 @@ impl<'a> Search<'a> {
         image: &'a Image<'a>,
         pattern: &'a str,
     ) -> Result<Vec<Point>, TooMany> {
-        let mut search = Self { image, place, pattern, found: Vec::new() };
+        let mut search = Self { image, place, pattern, flags: Flags::NONE, found: Vec::new() };
         for variable in image.variables().filter(|variable| !variable.is_part()) {
             let Some(area) = area(variable.area) else { continue };
             let name = format!("{program}.{}", variable.name);
             if !may_match(pattern, &name) {
                 continue;
             }
+            search.flags = variable.flags;
             search.open(name, variable.ty, area, variable.offset, variable.bit)?;
         }
         Ok(search.found)
@@ -146,7 +151,7 @@ impl<'a> Search<'a> {
             Kind::WideText => "WSTRING".to_owned(),
             Kind::Reference => "REF_TO".to_owned(),
         };
-        self.found.push(Point { name, type_name, range, bit, kind });
+        self.found.push(Point { name, type_name, range, bit, kind, flags: self.flags });
         Ok(())
     }
 }
@@ -165,6 +170,18 @@ impl Point {
             Some(bit) => format!("%{area}X{}.{bit}", self.range.offset),
             None => format!("%{area}B{}", self.range.offset),
         }
+    }
+
+    /// Whether the program lets an operator keep it at a value.
+    #[must_use]
+    pub fn is_forceable(&self) -> bool {
+        self.flags.has(Flags::FORCEABLE)
+    }
+
+    /// Whether it has one value for good.
+    #[must_use]
+    pub fn is_constant(&self) -> bool {
+        self.flags.has(Flags::CONSTANT)
     }
 
     /// Its value in these bytes, as text.

@@ -120,17 +120,28 @@ pub struct Put {
 impl Put {
     /// Writes the value once.
     pub fn write(self) -> Result<(), Failure> {
-        self.run(Request::Write)
+        self.run(Request::Write, |point| {
+            point.is_constant().then_some("it is a constant of the program")
+        })
     }
 
     /// Keeps the value from now on.
     pub fn force(self) -> Result<(), Failure> {
-        self.run(Request::Force)
+        self.run(Request::Force, |point| {
+            (!point.is_forceable()).then_some("the program does not declare it as forceable")
+        })
     }
 
-    fn run(self, request: fn(PointValue) -> Request) -> Result<(), Failure> {
+    fn run(
+        self,
+        request: fn(PointValue) -> Request,
+        objection: fn(&Point) -> Option<&'static str>,
+    ) -> Result<(), Failure> {
         let plc = self.which.load()?;
         let point = one(&plc.points(std::slice::from_ref(&self.name))?)?;
+        if let Some(objection) = objection(&point) {
+            return Err(Failure::input(format!("{}: {objection}", point.name)));
+        }
         let (value, text) = written::parse(&point, &self.value)
             .map_err(|error| Failure::input(format!("{}: {error}", point.name)))?;
         let mut connected = plc.connect()?;

@@ -2,7 +2,7 @@
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use takt_points::{Kind, Point};
-use takt_program::Elementary;
+use takt_program::{Elementary, Flags};
 use takt_protocol::{Area, ForcedStatus, Range, Values};
 
 use super::tests::{shown, status};
@@ -16,6 +16,7 @@ fn point(name: &str, offset: u32, elementary: Elementary, bit: Option<u8>) -> Po
         range: Range { program: 0, area: Area::State, offset, bytes },
         bit,
         kind: Kind::Elementary(elementary),
+        flags: Flags::NONE,
     }
 }
 
