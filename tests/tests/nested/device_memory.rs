@@ -3,7 +3,7 @@
 
 use std::fs;
 
-use takt_tests::{File, Host, long, plc_image, target};
+use takt_tests::{File, Host, plc_image, target};
 
 use crate::passthrough::count;
 
@@ -16,11 +16,9 @@ fn memory(source: &str) -> String {
     )
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn memory_of_devices_comes_by_its_address_by_uio_and_from_a_driver_of_the_hosts() {
-    if !long() {
-        return;
-    }
     let outputs = plc_image("outputs");
     let drive = |name: &str, source: &str| {
         let file = File::new("1ms").plc("drive", Some(outputs.clone()), &memory(source));

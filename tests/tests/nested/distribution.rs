@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::{Mutex, PoisonError};
 
-use takt_tests::{Host, Outcome, Value, long, parse, root, save_bytes, target};
+use takt_tests::{Host, Outcome, Value, parse, root, save_bytes, target};
 
 use crate::carried::build_clients;
 
@@ -116,12 +116,10 @@ fn a_debian_starts_serves_ssh_and_switches_itself_off_with_its_file_system_clean
 }
 
 /// The first life installs a package, the second and the last find it.
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_debian_that_starts_a_hundred_times_keeps_what_apt_installed_and_a_clean_file_system() {
     const LIVES: usize = 100;
-    if !long() {
-        return;
-    }
     let source = "1:echo 'deb [trusted=yes] file:/srv/packages ./' > /srv/local.list";
     let update = format!("1:{LOCAL_APT} update");
     let install = format!("1:{LOCAL_APT} -y install hello");

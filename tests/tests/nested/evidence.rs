@@ -47,12 +47,10 @@ fn a_linux_full_of_timers_lives_and_the_plc_keeps_its_time() {
 }
 
 /// The guard is as narrow as the wake-ups of a host whose timers and processes are busy allow, and none is too late for it.
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_guard_that_follows_its_host_is_wide_enough_beside_a_linux_full_of_timers() {
     // It has to narrow first, in steps of seconds.
-    if !long() {
-        return;
-    }
     let outcome = beside_stress("stress-guard", "auto", "60s", 57);
     assert_stressed(&outcome, 57);
     outcome.assert_kept_its_time("plc", 59_990);

@@ -2,12 +2,10 @@
 
 use takt_tests::{File, initrd_of, long, plc_image, restarting_kernel, silent_kernel, target};
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_plc_starts_again_as_its_table_says_until_it_does_so_too_often() {
     // The short form of `health_table` has one start of each kind before it is too often.
-    if !long() {
-        return;
-    }
     // Each of the failing guests lives for 100 cycles: those in each quarter of the frame a fifth of
     // a second, and the one that ends the run four times as long.
     let failing = || Some(plc_image("failing-starts"));
@@ -152,11 +150,9 @@ fn a_watchdog_counts_from_the_first_instruction_of_its_linux() {
     outcome.assert_kept_its_time("plc", 490);
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_debian_that_restarts_a_hundred_times_costs_a_neighbour_nothing_and_takt_does_not_grow() {
-    if !long() {
-        return;
-    }
     // It restarts by the reset register, by a triple fault and by a panic, as it happens, and says which
     // by the kernel's console, which needs no interrupts. The PLC that starts cold and warm in turns
     // lives nearly as long as a start of the kernel takes.
@@ -209,11 +205,9 @@ fn a_debian_that_restarts_a_hundred_times_costs_a_neighbour_nothing_and_takt_doe
     assert!([reset, fault, panic].iter().all(|count| *count > 10), "{reset}, {fault}, {panic}");
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_linux_that_panics_or_whose_programs_hang_is_noticed_by_its_watchdog() {
-    if !long() {
-        return;
-    }
     // It runs for longer than the watchdog waits, and then its kernel panics and stays where it is;
     // after that its feeder is stopped.
     let status = "/sys/class/watchdog/watchdog0/bootstatus";

@@ -142,11 +142,9 @@ fn a_linux_that_writes_to_all_of_its_device_harms_no_other() {
     assert!(outcome.number("linux", "illegal_accesses") > 1_000, "{}", outcome.output);
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn channels_are_compared_with_what_linux_has_of_its_own() {
-    if !long() {
-        return;
-    }
     let exec = "ifconfig lo up; modprobe vsock_loopback; compare 2000; echo status $?";
     let outcome = peer_and_linux("linux-compare", exec, "", "\nstatus ");
     outcome.assert_shows("status 0");

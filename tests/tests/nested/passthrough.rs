@@ -76,12 +76,10 @@ fn outputs_are_what_a_plc_writes_and_a_neighbour_reaches_none_of_them() {
     assert_eq!(outcome.number("sweep", "illegal_accesses"), PLACES);
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn what_a_plc_prints_beside_a_linux_arrives_byte_for_byte() {
     // The test above is the short form.
-    if !long() {
-        return;
-    }
     // The file names it.
     let _ = plc_image("outputs");
     let (printed, device) = printer("parallel.printed");
@@ -141,11 +139,9 @@ fn interrupts_reach_their_plc_also_after_a_restart_and_no_neighbour() {
     assert_eq!(outcome.number("drive", "illegal_accesses"), 0, "{}", outcome.output);
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_storm_of_interrupts_is_bounded_and_moves_no_neighbour() {
-    if !long() {
-        return;
-    }
     let outcome = File::new("500us")
         .plc("storm", Some(plc_image("storm")), &interrupting())
         .plc("neighbour", None, "")
@@ -197,11 +193,9 @@ fn every_can_frame_is_accounted_for() {
     outcome.assert_shows("Active and Active");
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_plc_and_a_driver_of_the_hosts_exchange_every_can_frame() {
-    if !long() {
-        return;
-    }
     const CARD: &str = r#"
 [[partition.port_io]]
 ports = "0x2400-0x247f"

@@ -33,11 +33,9 @@ fn outputs_are_safe_after_takt_was_killed_or_has_panicked() {
     outcome.assert_shows(&format!("killed {kills} times"));
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn the_hosts_watchdog_restarts_the_machine_when_takt_hangs_or_is_killed() {
-    if !long() {
-        return;
-    }
     let file = File::new("1ms")
         .watchdog("2s")
         .plc("plc", None, "")
@@ -58,11 +56,9 @@ fn the_hosts_watchdog_restarts_the_machine_when_takt_hangs_or_is_killed() {
     }
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn the_appliance_finds_its_watchdog_by_itself() {
-    if !long() {
-        return;
-    }
     // That of the chipset, which every machine of QEMU's has here.
     let run = |time: &str| {
         File::new("1ms")

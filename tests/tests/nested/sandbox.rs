@@ -204,11 +204,9 @@ fn the_doors_are_shut_and_trying_them_ends_the_process_with_safe_values() {
     );
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn nothing_is_in_a_list_without_being_called_or_a_reason() {
-    if !long() {
-        return;
-    }
     let disk = target("tests/sandbox-lists.img");
     fs::create_dir_all(target("tests")).expect("the target folder is writable");
     fs::write(&disk, [0; 4096]).expect("the disk can be made");
@@ -301,22 +299,18 @@ fn has_reason(rule: &Value) -> bool {
     rule["comment"].as_str().is_some_and(|comment| comment.starts_with("Unseen: "))
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_start_that_fails_at_any_step_leaves_the_machine_as_it_was() {
-    if !long() {
-        return;
-    }
     let file = root().join("configs/separate-cpus.toml");
     let files = ["vmlinuz", "initrd.img"].map(|name| root().join("target/guest").join(name));
     let options = ["--hooks", "--lane", "emulated", "--cpus", "2", "--memory", "768"];
     fail_at_each_step("failing-starts", &file, &files, &[], &options);
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_start_that_fails_at_any_step_gives_devices_back() {
-    if !long() {
-        return;
-    }
     // The card is its driver's, which has to give it away and gets it back.
     const CARD: &str = r#"
 [[partition.port_io]]

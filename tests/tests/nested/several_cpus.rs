@@ -1,6 +1,6 @@
 //! Partitions on CPUs of their own. The lane has several CPUs and no times that mean anything.
 
-use takt_tests::{File, Host, Run, long};
+use takt_tests::{File, Host, Run};
 
 #[ignore = "takes long: scripts/test --all"]
 #[test]
@@ -22,11 +22,9 @@ fn a_plc_with_a_cpu_to_itself_runs_beside_linux_and_the_cpu_goes_back() {
     assert!(!outcome.output.contains("[takt] CPU 0 "), "{}", outcome.output);
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn the_next_takt_removes_what_a_killed_one_has_left_and_the_cpu_goes_back() {
-    if !long() {
-        return;
-    }
     let file = File::new("1ms")
         .plc_on(1, "plc", "")
         .schedule("normal")

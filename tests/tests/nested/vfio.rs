@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use takt_tests::{File, Host, Outcome, long, plc_image};
+use takt_tests::{File, Host, Outcome, plc_image};
 
 use super::passthrough::numbers;
 
@@ -53,11 +53,9 @@ fn run(name: &str, devices: &[&str]) -> Outcome {
     host.run_as(name, "vfio", &[&text(&broken), &text(&good), "4s"])
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_device_behind_an_iommu_reaches_its_partitions_memory_and_nothing_else() {
-    if !long() {
-        return;
-    }
     let outcome = run("vfio", &["iommu"]);
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     // A start that fails after the device was taken.
@@ -84,11 +82,9 @@ fn a_device_behind_an_iommu_reaches_its_partitions_memory_and_nothing_else() {
     outcome.assert_punctual("neighbour");
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn without_an_iommu_no_device_is_let_master_the_bus() {
-    if !long() {
-        return;
-    }
     let outcome = run("vfio-no-iommu", &[]);
     assert_eq!(outcome.status, 3, "{}", outcome.output);
     outcome.assert_shows("0000:00:06.0 is behind no IOMMU");

@@ -1,7 +1,7 @@
 //! On Intel's VMX, which Bochs emulates: that Takt does there what it does on AMD's SVM, and that a run can
 //! be repeated to the last nanosecond.
 //!
-//! Bochs is slower than QEMU. By default both guests run once, and a PLC alone twice; the rest takes some
+//! Bochs is slower than QEMU. By default both guests run once, and a PLC alone twice; the rest takes more than an
 //! hour of a CPU, most of it two minutes of stress-ng.
 
 use std::process::Command;
@@ -62,11 +62,9 @@ fn two_runs_on_vmx_have_the_same_values_to_the_last_nanosecond() {
     assert!(output.status.success() && told.contains("both runs: the same "), "{told}");
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn three_plcs_and_linux_share_a_cpu() {
-    if !long() {
-        return;
-    }
     let outcome = twice(Run::of("configs/three-plcs.toml"), "4s");
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     for (name, releases) in [("axis", 3_990), ("cell", 1_990), ("climate", 990)] {
@@ -76,11 +74,9 @@ fn three_plcs_and_linux_share_a_cpu() {
     outcome.assert_shows("linux# ");
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn an_overrun_of_a_plc_that_is_never_done_ends_at_its_windows_end() {
-    if !long() {
-        return;
-    }
     let file = File::new("1ms")
         .plc("greedy", Some(plc_image("never-done")), "")
         .plc("plc", None, "")
@@ -98,11 +94,9 @@ fn an_overrun_of_a_plc_that_is_never_done_ends_at_its_windows_end() {
     outcome.assert_shows("/init: Takt Linux guest, kernel ");
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_linux_restarts_beside_a_plc_that_loses_nothing() {
-    if !long() {
-        return;
-    }
     let file = File::new("1ms")
         .plc("plc", None, "")
         .linux("reboot -f")
@@ -117,11 +111,9 @@ fn a_linux_restarts_beside_a_plc_that_loses_nothing() {
     outcome.assert_kept_its_time("plc", 5_980);
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn two_plcs_exchange_whole_records() {
-    if !long() {
-        return;
-    }
     let file = File::new("1ms")
         .plc("left", Some(plc_image("peer")), "")
         .plc("right", Some(plc_image("peer")), "")
@@ -143,6 +135,18 @@ fn two_plcs_exchange_whole_records() {
     }
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
+#[test]
+fn two_runs_beside_stress_ng_are_the_same() {
+    let file = File::new("1ms").plc("plc", None, "");
+    let file = file.stressed_linux("vmx-stress-twice", &stress_until(7));
+    let file = file.schedule("normal").window("plc", 0, 300);
+    let outcome = twice(file.run("vmx-stress-twice"), "10s");
+    assert_stressed(&outcome, 7);
+    outcome.assert_kept_its_time("plc", 9_900);
+    outcome.assert_exact("plc");
+}
+
 /// How long Linux has stress-ng, in seconds, of a minute.
 const STRESSED: u64 = 57;
 
@@ -161,21 +165,17 @@ fn assert_exact_for_a_minute(name: &str, file: &File, plcs: &[(&str, u64)]) {
     }
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_linux_full_of_timers_lives_and_the_plc_keeps_its_time() {
-    if !long() {
-        return;
-    }
     let file = with_stress(File::new("1ms").plc("plc", None, ""), "vmx-stress");
     let file = file.schedule("normal").window("plc", 0, 300);
     assert_exact_for_a_minute("vmx-stress", &file, &[("plc", 1)]);
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn stress_ng_moves_no_release_of_three_plcs() {
-    if !long() {
-        return;
-    }
     let file = beside_three_plcs(|file| with_stress(file, "vmx-stress-three"));
     assert_exact_for_a_minute("vmx-stress-three", &file, &THREE);
 }

@@ -1,7 +1,7 @@
 //! What people run in their Linux all day, in a Debian beside a PLC: a database that is asked over the network, and a
 //! clock that follows the host's.
 
-use takt_tests::{Outcome, long};
+use takt_tests::Outcome;
 
 use super::{ADDRESS, assert_lived_well, debian_with, live_of};
 use crate::linux_guest::{MILLISECOND, ahead, stamp};
@@ -44,12 +44,10 @@ fn stressed(outcome: &Outcome) -> Vec<(&str, u64)> {
 }
 
 /// pgbench is PostgreSQL's own. It runs on the host from the disk that Debian has it on, and asks over the tap device.
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_database_is_asked_over_the_network_under_stress_and_no_release_is_late() {
     // A Debian with a database is some 250 MB of packages, and a minute of this load takes most of an hour.
-    if !long() {
-        return;
-    }
     let listen = format!(
         "1:cd /etc/postgresql/*/main && echo \"listen_addresses = '*'\" > conf.d/network.conf && \
          echo 'host all all 192.168.50.1/32 trust' >> pg_hba.conf && systemctl restart postgresql && \
@@ -82,12 +80,10 @@ fn a_database_is_asked_over_the_network_under_stress_and_no_release_is_late() {
 
 /// chrony steers the guest's clock by the PTP clock of KVM's, while the host's is steered by 200 ppm: 12 ms in
 /// a minute.
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_guest_with_chrony_stays_within_a_millisecond_of_a_host_whose_clock_is_steered() {
     const SAMPLES: usize = 10;
-    if !long() {
-        return;
-    }
     let program = env!("CARGO_BIN_EXE_stamp");
     let samples = format!(
         "1@for n in $(seq {SAMPLES}); do stamp host-$n; on_debian \"/stamp guest-$n\"; sleep 3; done"

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use takt_tests::{Outcome, long, root, target};
+use takt_tests::{Outcome, root, target};
 
 use super::{ADDRESS, assert_lived_well, debian_with, live_of};
 
@@ -50,12 +50,10 @@ fn numbers(outcome: &Outcome) -> Vec<f64> {
     answers.filter_map(number).collect()
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_browser_shows_the_level_of_the_plc_and_sets_what_it_holds_and_no_release_is_late() {
     // A Debian and a browser are some 250 MB of packages.
-    if !long() {
-        return;
-    }
     let folder = debian_with("debian-page", "python3", "600M");
     let (browser, program) = (browser(), program());
     let path = |path: &Path| path.to_string_lossy().into_owned();
