@@ -234,6 +234,13 @@ impl Task {
         self.released
     }
 
+    /// True if its jobs have an end, which the analysis of the tasks knows.
+    #[must_use]
+    #[inline]
+    pub const fn is_bounded(&self) -> bool {
+        matches!(self.class(), Class::Bounded)
+    }
+
     /// True if no job of it is there or to come: what it waits for has not happened since its last release.
     #[must_use]
     pub const fn awaits_event(&self) -> bool {

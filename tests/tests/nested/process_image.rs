@@ -3,6 +3,7 @@
 use std::fs;
 
 use takt_program::Elementary::{Bool, Byte, Lword};
+use takt_program::build::Task;
 use takt_test_programs::{Entry, Program, cyclic, us};
 use takt_tests::{File, Outcome, long, save_bytes, target};
 
@@ -23,12 +24,16 @@ fn alone(test: &str, programs: &[(&str, Program)], more: &str) -> File {
     file.schedule("normal").window("plc", 0, 100)
 }
 
-/// The number of complete jobs of a task, by the last table.
-fn jobs(outcome: &Outcome, task: &str) -> u64 {
+/// A column of the last figures of a task; the first is the number of its complete jobs.
+fn figure(outcome: &Outcome, task: &str, column: usize) -> u64 {
     let rows = outcome.output.lines().filter_map(|line| line.trim().strip_prefix("[plc] "));
     let row = rows.rev().find(|row| row.split_whitespace().next() == Some(task));
     let row = row.unwrap_or_else(|| panic!("no figures of {task}\n{}", outcome.output));
-    row.split_whitespace().nth(1).and_then(|jobs| jobs.parse().ok()).unwrap_or(0)
+    row.split_whitespace().nth(column).and_then(|figure| figure.parse().ok()).unwrap_or(0)
+}
+
+fn jobs(outcome: &Outcome, task: &str) -> u64 {
+    figure(outcome, task, 1)
 }
 
 fn assert_good(outcome: &Outcome) {
@@ -193,4 +198,62 @@ fn outputs_reach_registers_and_safe_values_come_last() {
     assert_eq!(odd, None, "of {}", values.len());
     let releases = outcome.number("plc", "releases");
     assert!((releases / 2).abs_diff(values.len() as u64) <= 5, "{releases} and {}", values.len());
+}
+
+/// A program with so many outputs at I/O ports, each of which is an exit of some 4 us, and what connects them.
+fn with_port_outputs(task: Task, parameter: u64, outputs: u32) -> (Program, String) {
+    let name = |number: u32| format!("out{number}");
+    let program = (0..outputs)
+        .fold(Program::new("many").task(task, parameter), |program, number| {
+            program.output(&name(number), Byte, number, 0)
+        });
+    let connections = (0..outputs).map(|number| {
+        format!(
+            "[[partition.io]]\nprogram = \"many\"\npoint = {:?}\nport = \"{:#x}\"\n",
+            name(number),
+            0x5000 + number
+        )
+    });
+    let ports = "[[partition.port_io]]\nports = \"0x5000-0x50ff\"\n";
+    (program, connections.collect::<String>() + ports)
+}
+
+/// Beside a task of another program that is released with each window.
+fn beside_an_urgent_task(test: &str, many: Program, on_deadline: &str, more: &str) -> Outcome {
+    let urgent = Program::new("urgent").task(cyclic("main", us(1_000), 0, Entry::Work), 1_000);
+    let table = |name: &str, program: &Program| {
+        let image = save_bytes(&format!("{test}-{name}.plc"), &program.image());
+        format!("[[partition.program]]\nimage = {image:?}\nname = {name:?}\n")
+    };
+    let programs = table("many", &many) + on_deadline + &table("urgent", &urgent);
+    let file = File::new("1ms").plc_with("plc", &format!("memory = \"16MiB\"\n{programs}{more}"));
+    let outcome = file.schedule("normal").window("plc", 0, 300).run(test).lasting("2s").run();
+    assert_good(&outcome);
+    // The longest time from a release to the first instruction, in ns.
+    let start = figure(&outcome, "urgent.main", 8);
+    assert!((1..10_000).contains(&start), "{start} ns\n{}", outcome.output);
+    outcome
+}
+
+#[test]
+fn outputs_that_do_not_fit_into_a_window_make_no_release_late() {
+    // 60 exits are some 240 us. They begin 150 us before the window's end, after 150 us of work.
+    let task = Task { deadline: Some(us(9_000)), ..cyclic("main", us(10_000), 5, Entry::Work) };
+    let (many, more) = with_port_outputs(task, 65_000, 60);
+    let outcome = beside_an_urgent_task("io-long-outputs", many, "on_deadline = \"log\"\n", &more);
+    assert!(jobs(&outcome, "many.main") > 90, "{}", outcome.output);
+    assert!(!outcome.output.contains("was not complete"), "{}", outcome.output);
+    // All of them were written, in two windows each time.
+    assert!(outcome.number("plc", "unfinished_windows") > 190, "{}", outcome.output);
+}
+
+#[test]
+fn outputs_that_are_stopped_at_a_release_do_not_make_it_late() {
+    // The deadline is between two windows, so it is found at the start of the next one.
+    let task = cyclic("main", us(1_000_000), 5, Entry::Endless);
+    let task = Task { deadline: Some(us(400_500)), ..task };
+    let (many, more) = with_port_outputs(task, 0, 40);
+    let outcome = beside_an_urgent_task("io-stop", many, "on_deadline = \"stop\"\n", &more);
+    let told = "program many, task main: was not complete at its deadline: the program stops";
+    outcome.assert_shows(told);
 }

@@ -184,6 +184,26 @@ fn a_program_that_always_fails_to_start_fills_neither_the_windows_nor_the_consol
 }
 
 #[test]
+fn a_program_whose_start_never_ends_keeps_no_other_from_starting_anew() {
+    let endless = Program::new("endless").init(Entry::Endless);
+    let endless = endless.task(cyclic("main", us(1_000), 9, Entry::Nothing), 0);
+    let failing = Program::new("failing").task(cyclic("main", us(100_000), 5, Entry::Divide), 0);
+    let good = Program::new("good").task(cyclic("main", us(1_000), 0, Entry::Work), 1_000);
+    let programs = [
+        ("endless", endless, ""),
+        ("failing", failing, "on_fault = \"restart\""),
+        ("good", good, ""),
+    ];
+    let file = plc("tasks-endless-start", 1_000, 300, &programs);
+    let outcome = file.run("tasks-endless-start").lasting("1500ms").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    let started = outcome.output.matches("task main: tank.st:12: division by zero").count();
+    assert!(started > 10, "{started}\n{}", outcome.output);
+    Row::of(&outcome, "good.main").assert_in_time(900);
+    assert_on_time(&outcome, "good.main");
+}
+
+#[test]
 fn a_task_over_its_budget_in_each_job_tells_how_many_lines_are_left_out() {
     let task = cyclic("main", us(1_000), 0, Entry::Work);
     let program = Program::new("p").task(Task { budget: Some(Nanoseconds(1_000)), ..task }, 5_000);
@@ -193,7 +213,7 @@ fn a_task_over_its_budget_in_each_job_tells_how_many_lines_are_left_out() {
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_shows("program p, task main: ");
     // One line each 20 ms, and a job each millisecond.
-    outcome.assert_shows("p: 19 lines were too many");
+    outcome.assert_shows("program p: 19 missed limits were not told");
 }
 
 #[test]

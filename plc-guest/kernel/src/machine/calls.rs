@@ -61,7 +61,11 @@ impl Kernel {
             Some(Call::SemaphoreTake | Call::SemaphoreGive | Call::FlagsSet | Call::FlagsClear) => {
                 self.short_call(task, call, first, second)
             }
-            Some(call) => self.answer(task, call),
+            Some(call) => {
+                let answer = self.answer(task, call);
+                self.charge_work(task, self.stamp, self.entered);
+                answer
+            }
         };
         let result = match answer {
             Ok(None) => return,
@@ -233,7 +237,7 @@ impl Kernel {
                 dropped = 0;
             }
         }
-        // An exit for a line would come before the release of the window that has begun.
+        // As for the line of STOP.
         if self.window.is_over() {
             program.lines.give_back(dropped);
             self.contexts[task.index()].repeat_call();
@@ -246,6 +250,10 @@ impl Kernel {
     /// The program stops itself.
     #[inline(never)]
     fn stop(&mut self, task: TaskId, code: u64) {
+        // An exit for a line would come before the release of the window that has begun.
+        if self.window.is_over() {
+            return self.contexts[task.index()].repeat_call();
+        }
         let place = self.places[task.index()];
         if let Some(program) = &self.programs[usize::from(place.program)] {
             print(format_args!(

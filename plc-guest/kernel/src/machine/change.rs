@@ -135,8 +135,12 @@ impl Change {
 impl Kernel {
     /// Takes the order to prepare what lies in the program's other bank.
     pub fn prepare_change(&mut self, program: u8, bytes: [u64; 3]) -> Result<(), Refusal> {
-        if !self.programs.get(usize::from(program)).is_some_and(Option::is_some) {
+        let Some(Some(changing)) = self.programs.get(usize::from(program)) else {
             return Err(Refusal::NoProgram);
+        };
+        // Its state is about to get initial values, and with them what a change has put there.
+        if changing.is_loading() {
+            return Err(Refusal::NotNow);
         }
         match self.change.record.phase {
             ChangePhase::Committing | ChangePhase::Trial | ChangePhase::RollingBack => {

@@ -9,11 +9,11 @@
 //! and goes back to the task that it found. One that is let in by the kernel is ended when the release of the window is past
 //! and its most urgent job is over, if that begins at the release: the end is an exit, which the guard has no time for.
 
+use super::Scheduler;
 use super::memory::Area;
 use super::ports::{News, Ports};
-use super::program::Program;
-use super::{PROGRAMS, Scheduler};
-use takt_kernel::task::TaskId;
+use takt_kernel::scheduler::Phase;
+use takt_kernel::task::{ProgramId, TaskId};
 use takt_kernel::time::Instant;
 use takt_plc_guest::interrupt;
 
@@ -87,15 +87,15 @@ impl Events {
     }
 
     /// Looks at all sources.
-    pub fn poll(
-        &mut self,
-        scheduler: &mut Scheduler,
-        programs: &[Option<Program>; PROGRAMS],
-        ports: &mut Ports,
-        now: Instant,
-    ) {
+    pub fn poll(&mut self, scheduler: &mut Scheduler, ports: &mut Ports, now: Instant) {
         for (task, program, source) in self.all.iter_mut().map_while(Option::as_mut) {
             let happened = match source {
+                // A job of the program's last life may have read what is there: it is news to this one.
+                Source::Port { number, seen } if !runs(scheduler, *program) => {
+                    *seen = 0;
+                    ports.forget(*program, u64::from(*number));
+                    false
+                }
                 Source::Port { number, seen } => {
                     let tsc = takt_plc_guest::cycle::now();
                     let news = ports.news(*program, u64::from(*number), seen, tsc);
@@ -117,11 +117,10 @@ impl Events {
                     false
                 }
                 Source::Rise { byte, mask, last } => {
-                    let loading =
-                        programs[usize::from(*program)].as_ref().is_none_or(Program::is_loading);
                     let mut value = [0];
                     byte.read(&mut value);
-                    let is = value[0] & *mask != 0 && !loading;
+                    // No task waits for it before the program runs.
+                    let is = value[0] & *mask != 0 && runs(scheduler, *program);
                     let was = core::mem::replace(last, is);
                     is && !was
                 }
@@ -131,4 +130,8 @@ impl Events {
             }
         }
     }
+}
+
+fn runs(scheduler: &Scheduler, program: u8) -> bool {
+    scheduler.phase(ProgramId(program)) == Phase::Running
 }

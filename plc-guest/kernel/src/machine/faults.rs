@@ -28,7 +28,7 @@ impl Program {
     fn allowance(&mut self, error: Untold) -> &mut Allowance {
         match error {
             Untold::Fault(..) => &mut self.fault_lines,
-            Untold::Violation { .. } => &mut self.lines,
+            Untold::Violation { .. } => &mut self.violation_lines,
         }
     }
 
@@ -125,7 +125,7 @@ impl Kernel {
             }
             Untold::Violation { what, wanted, leaves } => {
                 if dropped > 0 {
-                    print(format_args!("{name}: {dropped} lines were too many"));
+                    print(format_args!("program {name}: {dropped} missed limits were not told"));
                 }
                 print(format_args!(
                     "program {name}, task {task}: {what}: {}",

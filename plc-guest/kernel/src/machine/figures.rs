@@ -52,9 +52,9 @@ impl Kernel {
         }
     }
 
-    /// The head, the tasks, the CAN controllers, and the rest.
+    /// The head, the tasks, the CAN controllers, the losses of a port, and the rest.
     fn rows(&self) -> usize {
-        self.scheduler.ids().count() + self.io.controllers() + 2
+        self.scheduler.ids().count() + self.io.controllers() + 3
     }
 
     fn print_row(&mut self, row: u8, now: Instant) {
@@ -80,10 +80,11 @@ impl Kernel {
             }
             Some(row) => {
                 let number = usize::from(row) - self.scheduler.ids().count();
-                if number < self.io.controllers() {
-                    return self.io.print_controller(number);
+                match number.checked_sub(self.io.controllers()) {
+                    None => self.io.print_controller(number),
+                    Some(0) => self.ports.print_losses(),
+                    Some(_) => self.print_rest(now),
                 }
-                self.print_rest(now);
             }
         }
     }
@@ -93,7 +94,7 @@ impl Kernel {
     fn print_rest(&self, now: Instant) {
         let all = self.scheduler.ids().map(|id| self.scheduler.task(id).executed().0);
         let rest = now.0.saturating_sub(all.sum());
-        let per_mille = rest.saturating_mul(1000) / now.0.max(1);
+        let per_mille = per_mille(rest, now);
         print(format_args!(
             "idle {}.{} %, {} switches",
             per_mille / 10,
@@ -116,7 +117,7 @@ impl Kernel {
             State::Dormant if place.number.is_some() => " stopped",
             _ => "",
         };
-        let per_mille = task.executed().0.saturating_mul(1000) / now.0.max(1);
+        let per_mille = per_mille(task.executed().0, now);
         print(format_args!(
             "{:NAME$} {:>8} {:>6} {:>7} {:>7} {:>8} {:>8} {:>8} {:>6} {:>8} {:>6} {:>8} {:>3}.{}{state}",
             name.text(),
@@ -135,6 +136,11 @@ impl Kernel {
             per_mille % 10,
         ));
     }
+}
+
+/// A share of all time, for as many years as the clock counts.
+fn per_mille(span: u64, now: Instant) -> u64 {
+    span / (now.0 / 1000).max(1)
 }
 
 /// A smallest span, or `-` where none has been measured.

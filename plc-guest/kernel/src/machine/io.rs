@@ -3,6 +3,9 @@
 //! Every read and write is one pass over the mappings of one program. There are at most 255, a message has at most 4
 //! KiB, and a register that is an I/O port costs an exit, once for all of its bits. Of a CAN controller a job makes at most
 //! 16 accesses before it for each frame that it may take, and 15 behind it for each that it may hand over.
+//!
+//! A pass that does not fit into the rest of its window stops at the window's end, and goes on when it has the processor
+//! again: a more urgent task's release waits for one place at most.
 
 use super::PROGRAMS;
 use super::memory::Area;
@@ -21,7 +24,7 @@ use takt_kernel::process_image::{
 use takt_kernel::time::{Clock, Instant};
 use takt_plc_guest::console::print;
 use takt_plc_guest::mmio::Register;
-use takt_plc_guest::{cycle, io};
+use takt_plc_guest::{cycle, io, pages};
 use takt_sja1000::Registers;
 
 /// Time that a frame may take behind all jobs, in ticks: 15 accesses.
@@ -123,14 +126,23 @@ impl Io {
         self.of(program).iter().find(releases).and_then(|m| u8::try_from(m.place).ok())
     }
 
-    /// Reads the inputs of a job into its program's image.
-    pub fn read(&mut self, job: Job, programs: &[Option<Program>; PROGRAMS], ports: &mut Ports) {
-        let Some(process) = process(programs, job.program.into()) else { return };
+    /// Reads the inputs of a job into its program's image. False if the window has ended before that.
+    pub fn read(
+        &mut self,
+        job: Job,
+        pass: &mut Pass,
+        programs: &[Option<Program>; PROGRAMS],
+        ports: &mut Ports,
+    ) -> bool {
+        let Some(process) = process(programs, job.program.into()) else { return true };
         // SAFETY: the kernel's own images are seen by no program, and used in this module only from its entry to its
         // return; the outputs that are read are another area.
         let image = unsafe { process.input.slice() };
         let mut polled = [false; CONTROLLERS_MAX];
-        for place in places(self.of(job.program)) {
+        for (at, place) in places(self.of(job.program)).enumerate().skip(pass.next) {
+            if pass.stops_at(at) {
+                return false;
+            }
             let mut wanted = place.iter().filter(|m| is_read_by(m, job.task)).peekable();
             let Some(first) = wanted.peek().copied() else { continue };
             match first.kind {
@@ -166,39 +178,63 @@ impl Io {
                 }),
             }
         }
+        true
     }
 
-    /// Writes the outputs of a job from its program's image.
-    pub fn write(&mut self, job: Job, process: &Process, ports: &mut Ports) {
-        let buses = self.write_places(job.program, process, ports, |m| is_written_by(m, job.task));
+    /// Writes the outputs of a job from its program's image. False if the window has ended before that. CAN objects that
+    /// wait then are sent in time that no task needs.
+    pub fn write(
+        &mut self,
+        job: Job,
+        pass: &mut Pass,
+        process: &Process,
+        ports: &mut Ports,
+    ) -> bool {
+        let mut buses = [false; CONTROLLERS_MAX];
+        let wanted = |m: &Mapping| is_written_by(m, job.task);
+        let done = self.write_places(job.program, pass, process, ports, wanted, &mut buses);
         for number in (0..CONTROLLERS_MAX).filter(|number| buses[*number]) {
-            self.can.send(number, cycle::now());
+            if !pass.is_over() {
+                self.can.send(number, cycle::now());
+            }
         }
+        done
     }
 
-    /// A program has stopped: its outputs take the values that the partition file wants. CAN objects are sent in time
-    /// that no task needs: this time is no task's.
-    pub fn stop(&mut self, program: u8, process: &Process, ports: &mut Ports) {
+    /// A program has stopped: its outputs take the values that the partition file wants. False if the window has ended
+    /// before that. CAN objects are sent in time that no task needs: this time is no task's.
+    pub fn stop(
+        &mut self,
+        program: u8,
+        pass: &mut Pass,
+        process: &Process,
+        ports: &mut Ports,
+    ) -> bool {
         let is_zeroed = |m: &Mapping| m.direction == OUTPUT && m.flags & flag::ZERO != 0;
         // SAFETY: as in `read`; it is not used beyond this loop.
         let image = unsafe { process.output.slice() };
         self.of(program).iter().filter(|m| is_zeroed(m)).for_each(|m| clear(m, image));
-        self.write_places(program, process, ports, is_zeroed);
+        let mut buses = [false; CONTROLLERS_MAX];
+        self.write_places(program, pass, process, ports, is_zeroed, &mut buses)
     }
 
     /// Writes each place of which a mapping is wanted, with the values of all of its mappings; CAN objects wait to be
-    /// sent. Gives the controllers that have such ones.
+    /// sent. Notes the controllers that have such ones.
     fn write_places(
         &mut self,
         program: u8,
+        pass: &mut Pass,
         process: &Process,
         ports: &mut Ports,
         wanted: impl Fn(&Mapping) -> bool,
-    ) -> [bool; CONTROLLERS_MAX] {
+        buses: &mut [bool; CONTROLLERS_MAX],
+    ) -> bool {
         // SAFETY: as in `read`.
         let image = unsafe { process.output.slice() };
-        let mut buses = [false; CONTROLLERS_MAX];
-        for place in places(self.of(program)) {
+        for (at, place) in places(self.of(program)).enumerate().skip(pass.next) {
+            if pass.stops_at(at) {
+                return false;
+            }
             let Some(first) = place.iter().find(|m| wanted(m)) else { continue };
             match first.kind {
                 kind::FIELD => ports.write_for_io(first.place, cycle::now(), |message| {
@@ -219,7 +255,27 @@ impl Io {
                 _ => {}
             }
         }
-        buses
+        true
+    }
+}
+
+/// A pass over the places of a program, which ends with the window of this release.
+#[derive(Clone, Copy, Debug)]
+pub struct Pass {
+    pub release: u64,
+    /// The first place that is still to be read or written.
+    pub next: usize,
+}
+
+impl Pass {
+    fn is_over(&self) -> bool {
+        pages::release() != self.release
+    }
+
+    /// True if it goes on at this place in another window.
+    fn stops_at(&mut self, place: usize) -> bool {
+        self.next = place;
+        self.is_over()
     }
 }
 

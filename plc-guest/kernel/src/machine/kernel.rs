@@ -22,9 +22,10 @@
 use super::change::Change;
 use super::context::{self, Context, Entry, Start};
 use super::events::Events;
+use super::exchange::Exchanges;
 use super::faults::Untold;
 use super::figures::Figures;
-use super::io::{Io, Job};
+use super::io::Io;
 use super::live::Live;
 use super::memory::{Area, Pages};
 use super::ports::Ports;
@@ -46,8 +47,8 @@ use takt_program::{Start as StartMode, TaskInformation};
 /// A release may be this much early. Instants of windows and of tasks are rounded apart, and a task
 /// whose release is a nanosecond after its window's must not wait for the next window.
 const ROUNDING: Span = Span(50);
-/// Time that printing a line may take, in ticks: 60 us at 1 GHz, 12 us at 5 GHz.
-const PRINTING_TICKS: u64 = 60_000;
+/// What is told of a job that has had its budget.
+pub const USED_UP: &str = "has used up its budget";
 /// Exit code of a guest that a program's error has ended, by the partition file's wish.
 const STOPPED_BY_PROGRAM: u32 = 2;
 
@@ -98,16 +99,30 @@ impl Shown {
 /// The window that the kernel is in.
 #[derive(Clone, Copy, Debug)]
 pub struct Window {
-    release: u64,
-    release_tsc: u64,
+    pub release: u64,
+    pub release_tsc: u64,
     /// The same instant.
     start: Instant,
-    end_tsc: u64,
+    pub end_tsc: u64,
     /// Its beginning has been told to the host.
     begun: bool,
+    /// A piece of what idle time is for was done in it beside a task that may never end.
+    pub helped: bool,
+    /// Outputs of a program that has stopped have waited for the whole of a window.
+    pub overdue: bool,
 }
 
 impl Window {
+    const NONE: Self = Self {
+        release: 0,
+        release_tsc: 0,
+        start: Instant(0),
+        end_tsc: 0,
+        begun: false,
+        helped: false,
+        overdue: false,
+    };
+
     /// Another one has begun since.
     pub fn is_over(&self) -> bool {
         pages::release() != self.release
@@ -132,8 +147,10 @@ pub struct Kernel {
     pub start: StartMode,
     pub window: Window,
     /// The time stamp at the last entry, and that time.
-    stamp: u64,
-    entered: Instant,
+    pub stamp: u64,
+    pub entered: Instant,
+    /// Inputs and outputs that are being read and written.
+    pub exchanges: Exchanges,
     /// What tables are in use.
     pub shown: Shown,
     /// What is mapped to inputs and outputs.
@@ -164,7 +181,8 @@ impl Kernel {
         events: Events::NONE,
         clock: Clock::new(0, 1_000_000),
         start: StartMode::Cold,
-        window: Window { release: 0, release_tsc: 0, start: Instant(0), end_tsc: 0, begun: false },
+        window: Window::NONE,
+        exchanges: Exchanges::NONE,
         stamp: 0,
         entered: Instant(0),
         shown: Shown::NONE,
@@ -194,24 +212,32 @@ impl Kernel {
             if !self.events.is_empty() {
                 interrupt::end();
                 let now = self.now();
-                self.events.poll(&mut self.scheduler, &self.programs, &mut self.ports, now);
+                self.events.poll(&mut self.scheduler, &mut self.ports, now);
             }
             if self.window.is_over() {
                 self.enter_window(&pages::information());
                 self.pass_time(self.now().max(self.window.start));
             }
+            if self.exchanges.stops() {
+                self.stop_what_waits();
+            }
             if self.has_untold != 0 {
                 self.print_untold();
             }
             match self.scheduler.pick() {
-                Some(picked) => self.dispatch(picked),
+                Some(picked) => {
+                    if !self.scheduler.task(picked.task).is_bounded() {
+                        self.help_others();
+                    }
+                    self.dispatch(picked);
+                }
                 None => self.idle(),
             }
         }
     }
 
     /// Does what is due at this instant.
-    fn pass_time(&mut self, now: Instant) {
+    pub fn pass_time(&mut self, now: Instant) {
         self.scheduler.advance(now.after(ROUNDING));
         self.see_to_the_late();
     }
@@ -233,7 +259,8 @@ impl Kernel {
             release_tsc: information.release_tsc,
             start,
             end_tsc: information.window_end_tsc,
-            begun: false,
+            overdue: self.exchanges.window(),
+            ..Window::NONE
         };
         self.scheduler.window(start);
     }
@@ -241,7 +268,7 @@ impl Kernel {
     /// Waits for the release, if it is still to come, and tells the host that the window's work begins.
     /// Returns the time stamp; none if the window is over by then.
     #[inline(always)]
-    fn begin_window(&mut self) -> Option<u64> {
+    pub fn begin_window(&mut self) -> Option<u64> {
         if self.window.begun { Some(cycle::now()) } else { self.wait_for_release() }
     }
 
@@ -256,44 +283,6 @@ impl Kernel {
         pages::publish_start(release, tsc);
         pages::publish_done(tsc);
         Some(tsc)
-    }
-
-    /// Nothing is ready.
-    #[inline(never)]
-    fn idle(&mut self) {
-        if self.begin_window().is_none() {
-            return;
-        }
-        interrupt::end();
-        if self.print_untold() {
-            return;
-        }
-        let next = self.clock.tsc(self.scheduler.next_event());
-        let release = self.window.release;
-        if next < self.window.end_tsc {
-            let at = processor::wait_until(next);
-            self.pass_time(self.clock.instant(at));
-        } else if let Some(program) =
-            self.programs.iter_mut().flatten().find(|p| p.can_load(release))
-        {
-            let id = program.id;
-            self.live.forces.unsettle(id.0);
-            if program.load_some() {
-                let now = self.now();
-                self.scheduler.start(id, now);
-            }
-        } else if !self.io.send_waiting(release, self.window.end_tsc)
-            && !self.change_some(self.window.end_tsc)
-            && !self.take_sample(release, self.window.release_tsc, self.window.end_tsc)
-            && !self.serve_order(release, self.window.end_tsc)
-        {
-            if next_window_is_far(self.window.end_tsc) {
-                self.tell_figures();
-            }
-            pages::publish_done(cycle::now());
-            // If the window ends before this is written, it must not give the next one away.
-            port::write(takt_abi::port::DONE, takt_abi::port::done(release));
-        }
     }
 
     /// Gives a task the processor, and sees to what it comes back with.
@@ -337,11 +326,15 @@ impl Kernel {
             self.pass_time(at);
             return;
         }
+        if self.exchanges.writes(task) {
+            (self.stamp, self.entered) = (from, at);
+            return self.end(task);
+        }
         if starts {
-            self.scheduler.begins(task, at);
-            if self.places[task.index()].has_image {
-                self.read_inputs(task);
+            if self.places[task.index()].has_image && !self.read_inputs(task) {
+                return self.charge_work(task, from, at);
             }
+            self.scheduler.begins(task, at);
         }
         let context = &mut self.contexts[task.index()];
         let entry = loop {
@@ -404,11 +397,19 @@ impl Kernel {
 
     /// Charges a task, which was running, with the time since then, up to the end of the window that it was in.
     #[inline(always)]
-    fn charge(&mut self, id: TaskId, from: u64, at: Instant) -> Option<Violation> {
+    pub fn charge(&mut self, id: TaskId, from: u64, at: Instant) -> Option<Violation> {
         self.stamp = cycle::now();
         let ran = self.clock.span(self.stamp.min(self.window.end_tsc).saturating_sub(from));
         self.entered = Instant(at.0.wrapping_add(ran.0));
         self.scheduler.account(id, ran)
+    }
+
+    /// Charges a task with what the kernel has done for it since then.
+    #[inline(never)]
+    pub fn charge_work(&mut self, id: TaskId, from: u64, at: Instant) {
+        if let Some(violation) = self.charge(id, from, at) {
+            self.violated(id, violation);
+        }
     }
 
     /// Uses the tables of a task's program, with the task's view of the process image.
@@ -427,48 +428,6 @@ impl Kernel {
         program.space.enter();
     }
 
-    fn job(&self, id: TaskId) -> Job {
-        let Place { program, number, .. } = self.places[id.index()];
-        let released = self.scheduler.task(id).released();
-        Job { program, task: number, released, clock: self.clock }
-    }
-
-    /// Inputs at the start of a job: those of the program are read, and the task gets them, with the outputs as
-    /// they are. Nothing comes between this and the job's first instruction.
-    #[inline(never)]
-    fn read_inputs(&mut self, id: TaskId) {
-        let job = self.job(id);
-        self.io.read(job, &self.programs, &mut self.ports);
-        // All others are in their places since the job began.
-        self.put_forced(self.live.forces.inputs_of(job.program));
-        if let Some(program) = &self.programs[usize::from(job.program)] {
-            program.process.give(job.task);
-        }
-    }
-
-    /// Outputs at the end of a job: those that the task writes are taken from it, and those that are mapped leave the
-    /// partition. The job pays for it. False if it may not end as it would for that.
-    #[inline(never)]
-    fn write_outputs(&mut self, id: TaskId) -> bool {
-        let job = self.job(id);
-        let Some(program) = &self.programs[usize::from(job.program)] else { return true };
-        let from = cycle::now();
-        program.process.take(job.task);
-        self.apply_forces(job.program);
-        self.io.write(job, &program.process, &mut self.ports);
-        if let Some(violation) = self.charge(id, from, self.clock.instant(from)) {
-            self.violated(id, violation);
-        }
-        self.scheduler.running() == Some(id)
-    }
-
-    /// Outputs of a program that has stopped.
-    pub fn stop_outputs(&mut self, program: u8) {
-        if let Some(stopped) = &self.programs[usize::from(program)] {
-            self.io.stop(program, &stopped.process, &mut self.ports);
-        }
-    }
-
     /// Stops the program of a task that has failed.
     fn fail(&mut self, id: TaskId) {
         self.scheduler.fail(id);
@@ -483,6 +442,9 @@ impl Kernel {
         place.information.set_words(offset_of!(TaskInformation, cycle) as u64, words);
         place.stack_top.set_words(0, [CALL_PAGE]);
         self.contexts[id.index()].begin();
+        if place.has_image {
+            self.exchanges.begin(id);
+        }
     }
 
     /// The result of a call that has waited.
@@ -509,14 +471,17 @@ impl Kernel {
             self.live.forces.settle(program);
         }
         pages::publish_done(self.stamp);
-        self.change.job_ends(program);
-        if let Some(violation) = self.scheduler.end(self.entered()) {
+        // Outputs that were written behind the window's end are told as late as they were.
+        let over = self.stamp > self.window.end_tsc;
+        let now = if over { self.clock.instant(self.stamp) } else { self.entered() };
+        if let Some(violation) = self.scheduler.end(now) {
             self.violated(id, violation);
         }
+        self.change.job_ends(program);
         self.see_to_the_late();
     }
 
-    fn entry_of(&self, id: TaskId) -> &takt_abi::program::Program {
+    pub fn entry_of(&self, id: TaskId) -> &takt_abi::program::Program {
         let program = usize::from(self.places[id.index()].program);
         self.programs[program].as_ref().map_or(&takt_abi::program::Program::NONE, |p| &p.entry)
     }
@@ -527,16 +492,19 @@ impl Kernel {
         }
     }
 
+    pub fn is_on_trial(&self, id: TaskId) -> bool {
+        self.change.is_on_trial(self.places[id.index()].program)
+    }
+
     /// A job has not kept a limit.
     #[inline(never)]
-    fn violated(&mut self, id: TaskId, violation: Violation) {
+    pub fn violated(&mut self, id: TaskId, violation: Violation) {
         let entry = self.entry_of(id);
         let (what, wanted) = match violation {
-            Violation::Budget => ("has used up its budget", entry.on_overrun),
+            Violation::Budget => (USED_UP, entry.on_overrun),
             Violation::Deadline => ("was not complete at its deadline", entry.on_deadline),
         };
-        let leaves = violation == Violation::Budget
-            && self.change.is_on_trial(self.places[id.index()].program);
+        let leaves = violation == Violation::Budget && self.is_on_trial(id);
         self.tell(id, Untold::Violation { what, wanted, leaves });
         if violation == Violation::Budget && self.trial_fails(id, ChangeReason::Budget) {
             return;
@@ -579,9 +547,4 @@ impl Kernel {
             }
         }
     }
-}
-
-/// True if a line can be printed before the window ends, and the release after it waits for nothing.
-fn next_window_is_far(end_tsc: u64) -> bool {
-    end_tsc.saturating_sub(cycle::now()) > PRINTING_TICKS
 }

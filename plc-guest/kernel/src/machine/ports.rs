@@ -5,10 +5,13 @@
 //! is said at the start, and its calls are refused.
 
 use takt_abi::{direction, port_kind};
-use takt_channel::{ReadError, ReceiveError, ReturnCode, SendError, Tsc, Validity};
+use takt_channel::{
+    Counters, ReadError, ReceiveError, ReturnCode, Sample, SendError, Ticks, Tsc, Validity,
+};
 use takt_kernel::process_image::Newest;
 use takt_kernel::time::Clock;
 use takt_plc_guest::channel::{self, Input, Output, Receiver, Sender};
+use takt_plc_guest::console::print;
 use takt_program::call::Error;
 use takt_program::{Direction, Port, limit};
 
@@ -40,35 +43,45 @@ pub enum News {
     Waiting,
 }
 
+/// A port that is open.
+#[derive(Debug)]
+struct Open {
+    program: u8,
+    /// As the program knows it.
+    number: u8,
+    /// In the host's table.
+    place: u8,
+    end: End,
+}
+
 /// The open ports of all programs.
 #[derive(Debug)]
 pub struct Ports {
-    ends: [Option<(u8, u8, End)>; PORTS],
+    ends: [Option<Open>; PORTS],
+    /// Of which losses were printed last.
+    told: usize,
     buffer: [u8; limit::MESSAGE_BYTES as usize],
 }
 
 impl Ports {
     /// None is open.
     pub const CLOSED: Self =
-        Self { ends: [const { None }; PORTS], buffer: [0; limit::MESSAGE_BYTES as usize] };
+        Self { ends: [const { None }; PORTS], told: 0, buffer: [0; limit::MESSAGE_BYTES as usize] };
 
     /// Opens a port of a program, by its number there.
     pub fn open(&mut self, program: u8, number: u8, port: &Port<'_>) -> Result<(), ReturnCode> {
         let slot = self.ends.iter_mut().find(|end| end.is_none());
         let slot = slot.ok_or(ReturnCode::InvalidConfig)?;
-        let kind = channel::ports().iter().find(|p| {
-            let end = p.name.iter().position(|byte| *byte == 0).unwrap_or(p.name.len());
-            &p.name[..end] == port.name.as_bytes()
-        });
-        let kind = kind.ok_or(ReturnCode::InvalidConfig)?.kind;
+        let place = channel::ports().iter().position(|p| name_of(p) == port.name);
+        let place = place.ok_or(ReturnCode::InvalidConfig)?;
         let (name, bytes) = (port.name, port.message_bytes);
-        let end = match (kind, port.direction) {
+        let end = match (channel::ports()[place].kind, port.direction) {
             (port_kind::SAMPLING, Direction::In) => End::Input(channel::input(name, bytes)?, 0),
             (port_kind::SAMPLING, Direction::Out) => End::Output(channel::output(name, bytes)?),
             (_, Direction::In) => End::Receiver(channel::receiver(name, bytes)?, bytes as usize),
             (_, Direction::Out) => End::Sender(channel::sender(name, bytes)?),
         };
-        *slot = Some((program, number, end));
+        *slot = Some(Open { program, number, place: place as u8, end });
         Ok(())
     }
 
@@ -81,15 +94,15 @@ impl Ports {
             return;
         }
         let Some(slot) = self.ends.iter_mut().find(|end| end.is_none()) else { return };
-        let length = port.name.iter().position(|byte| *byte == 0).unwrap_or(port.name.len());
-        let name = core::str::from_utf8(&port.name[..length]).unwrap_or("");
+        let name = name_of(port);
         let end = match port.direction {
             direction::SOURCE => channel::output(name, port.maximum)
                 .map(|output| End::Mapped(output, port.maximum as usize)),
             _ => channel::input(name, port.maximum).map(|input| End::Input(input, 0)),
         };
         // The host's table is right; a port that cannot be opened has no messages.
-        *slot = end.ok().map(|end| (OF_IO, place as u8, end));
+        let place = place as u8;
+        *slot = end.ok().map(|end| Open { program: OF_IO, number: place, place, end });
     }
 
     /// The newest message at such a port.
@@ -99,6 +112,8 @@ impl Ports {
         };
         let longest = input.status().maximum;
         match input.read(buffer, Tsc(now)) {
+            // One that is not valid and has no age claims to be from the future, and is believed in nothing.
+            Ok(Sample { validity: Validity::Invalid, age: Ticks(0), .. }) => Newest::NONE,
             // A message is a structure: a part of it is none.
             Ok(sample) if sample.bytes.len() == longest => Newest {
                 message: Some(sample.bytes),
@@ -122,10 +137,30 @@ impl Ports {
         }
     }
 
+    /// Prints what the next of the open ports has lost that has lost something: a program that reads is not told.
+    pub fn print_losses(&mut self) {
+        for _ in 0..PORTS {
+            self.told = (self.told + 1) % PORTS;
+            let Some(open) = &mut self.ends[self.told] else { continue };
+            let Counters { lost, hostile, unstable, .. } = match &mut open.end {
+                End::Input(input, _) => input.status().counters,
+                End::Receiver(receiver, _) => receiver.status().counters,
+                End::Output(_) | End::Mapped(..) | End::Sender(_) => continue,
+            };
+            if (lost, hostile, unstable) != (0, 0, 0) {
+                let port = channel::ports().get(usize::from(open.place)).map_or("?", name_of);
+                print(format_args!(
+                    "port {port}: lost {lost}, hostile {hostile}, unstable {unstable}"
+                ));
+                return;
+            }
+        }
+    }
+
     fn end(&mut self, program: u8, number: u64) -> Option<(&mut End, &mut [u8])> {
         let mut open = self.ends.iter_mut().flatten();
-        let found = open.find(|(p, n, _)| (*p, u64::from(*n)) == (program, number));
-        found.map(|(_, _, end)| (end, &mut self.buffer[..]))
+        let found = open.find(|o| (o.program, u64::from(o.number)) == (program, number));
+        found.map(|open| (&mut open.end, &mut self.buffer[..]))
     }
 
     /// Reads a message for which the program has so much room; it is valid until the next call. A queue is
@@ -172,6 +207,13 @@ impl Ports {
         }
     }
 
+    /// The program has not read what is there: it starts anew.
+    pub fn forget(&mut self, program: u8, number: u64) {
+        if let Some((End::Input(_, read), _)) = self.end(program, number) {
+            *read = 0;
+        }
+    }
+
     /// What there is at a port that the program has not read. `seen` is the stamp of the newest sample that the
     /// caller knows: several tasks may wait at one port, and each of them is told of each message.
     pub fn news(&mut self, program: u8, number: u64, seen: &mut u64, now: u64) -> News {
@@ -190,4 +232,9 @@ impl Ports {
             End::Output(_) | End::Mapped(..) | End::Sender(_) => News::None,
         }
     }
+}
+
+fn name_of(port: &takt_abi::Port) -> &str {
+    let end = port.name.iter().position(|byte| *byte == 0).unwrap_or(port.name.len());
+    core::str::from_utf8(&port.name[..end]).unwrap_or("?")
 }

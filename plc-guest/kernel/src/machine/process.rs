@@ -126,10 +126,4 @@ impl Process {
             self.output.set_word(at, merged(image, view, map));
         }
     }
-
-    /// All of it is zero, as at a start.
-    pub fn clear(&self) {
-        self.input.clear();
-        self.output.clear();
-    }
 }

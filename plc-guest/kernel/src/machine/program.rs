@@ -125,8 +125,8 @@ pub struct Program {
     pub room: Area,
     pub regions: [Region; REGIONS],
     information: Area,
-    /// What is known to have been used of each stack, in bytes.
-    stacks_used: [u64; limit::TASKS as usize],
+    /// What is known to have been used of each stack, in bytes, and how far from its top it was looked at since.
+    stacks_used: [(u64, u64); limit::TASKS as usize],
     /// The block of its retained variables, and what of it the state gets at this start.
     pub retained: Area,
     pub restored: u32,
@@ -139,8 +139,10 @@ pub struct Program {
     failed_in: Option<u64>,
     /// Lines that it may log, and those that were too many.
     pub lines: super::lines::Allowance,
-    /// The same for lines that tell of its faults, so that it cannot hide one by logging.
+    /// The same for lines that tell of its faults, and of limits that its jobs have not kept, so that it cannot hide one by
+    /// logging.
     pub fault_lines: super::lines::Allowance,
+    pub violation_lines: super::lines::Allowance,
 }
 
 impl Program {
@@ -183,7 +185,7 @@ impl Program {
             messages: [Area::NONE; OBJECTS_EACH_MAX as usize],
             regions: [NO_REGION; REGIONS],
             information: pages.take(PAGE)?,
-            stacks_used: [0; limit::TASKS as usize],
+            stacks_used: [(0, 0); limit::TASKS as usize],
             retained,
             restored: entry.restored,
             start: Start::Cold,
@@ -191,6 +193,7 @@ impl Program {
             failed_in: None,
             lines: super::lines::Allowance::FULL,
             fault_lines: super::lines::Allowance::FULL,
+            violation_lines: super::lines::Allowance::FULL,
         };
         program.map_fixed(pages, bank, state, call_page)?;
         ram.write_protect(pages, bank)?;
@@ -308,14 +311,18 @@ impl Program {
     }
 
     /// Looks one page further down a task's stack, which was zero at first: what is the most that has ever
-    /// been used of it, in bytes? Known after as many looks as it has pages in use.
+    /// been used of it, in bytes? Known after as many looks as it has pages: below a page of zeros there may be used ones.
     pub fn look_at_stack(&mut self, number: u16) -> u64 {
         let stack = self.stack(number);
-        let Some(used) = self.stacks_used.get_mut(usize::from(number)) else { return 0 };
-        let known = stack.bytes() - *used;
-        let page = known.saturating_sub(PAGE)..known;
-        if let Some(lowest) = page.step_by(8).find(|offset| stack.word(*offset) != 0) {
-            *used = stack.bytes() - lowest;
+        let Some((used, looked)) = self.stacks_used.get_mut(usize::from(number)) else { return 0 };
+        let end = stack.bytes() - *looked;
+        let mut page = end.saturating_sub(PAGE)..end;
+        *looked = stack.bytes() - page.start;
+        if let Some(lowest) = page.by_ref().step_by(8).find(|offset| stack.word(*offset) != 0) {
+            *used = (*used).max(stack.bytes() - lowest);
+        }
+        if *looked == stack.bytes() {
+            *looked = *used / PAGE * PAGE;
         }
         *used
     }
@@ -376,22 +383,24 @@ impl Program {
         self.loading.is_some()
     }
 
-    /// Gives some more of the state its initial values. Returns where it goes on.
+    /// Gives some more of the state its initial values, and then of markers, inputs and outputs. Returns where it goes on.
     pub fn initialise(&mut self, done: u64) -> Option<u64> {
         let state = self.regions[STATE].area;
-        let initial = self.image.state();
-        let length = STEP.min(state.bytes() - done);
-        if let Some(part) = state.part(done, length) {
-            let from = initial.get(done as usize..).unwrap_or(&[]);
-            part.clear();
-            part.write(&from[..from.len().min(length as usize)]);
+        let areas = [state, self.regions[MARKER].area, self.process.input, self.process.output];
+        let (mut at, mut begin) = (done, 0);
+        for area in areas {
+            if at < area.bytes() {
+                let length = STEP.min(area.bytes() - at);
+                let part = area.part(at, length).unwrap_or(Area::NONE);
+                part.clear();
+                if begin == 0 {
+                    let from = self.image.state().get(at as usize..).unwrap_or(&[]);
+                    part.write(&from[..from.len().min(length as usize)]);
+                }
+                return Some(begin + at + length);
+            }
+            (at, begin) = (at - area.bytes(), begin + area.bytes());
         }
-        let next = done + length;
-        let more = (next < state.bytes()).then_some(next);
-        if more.is_none() {
-            self.regions[MARKER].area.clear();
-            self.process.clear();
-        }
-        more
+        None
     }
 }
