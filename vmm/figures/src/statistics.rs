@@ -61,7 +61,7 @@ impl Distribution {
     #[must_use]
     pub fn summary(&self) -> Option<Summary> {
         let at = |q| self.bins.value_at_quantile(q).clamp(self.min, self.max);
-        (!self.bins.is_empty()).then(|| Summary {
+        (self.min <= self.max).then(|| Summary {
             min: self.min,
             p50: at(0.5),
             p99: at(0.99),
