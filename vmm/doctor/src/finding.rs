@@ -11,7 +11,7 @@ use serde::Serialize;
 pub enum Severity {
     /// As it should be.
     Good,
-    /// This process may not look, so it may be good or bad.
+    /// This process may not look, or has not looked for long enough: it may be good or bad.
     Unseen,
     /// Releases can be late, or scans longer than they need be.
     Warning,

@@ -58,9 +58,9 @@ struct Cli {
     /// Print one JSON object on one line (schema 1, see docs/doctor.md).
     #[arg(long)]
     json: bool,
-    /// How long to measure, such as 3s or 500ms.
-    #[arg(long = "for", value_name = "DURATION", value_parser = duration, default_value = "3s")]
-    duration: Duration,
+    /// How long to measure, such as 3s or 500ms; otherwise 3s, and longer where periods are longer than 96ms.
+    #[arg(long = "for", value_name = "DURATION", value_parser = duration)]
+    duration: Option<Duration>,
 }
 
 fn duration(text: &str) -> Result<Duration, String> {
@@ -94,7 +94,8 @@ fn main() -> ExitCode {
         },
     };
     let mut findings = checks::all(&host, &demand);
-    findings.extend(measure::all(&host, &demand, cli.duration, &Progress::new()));
+    let duration = cli.duration.unwrap_or_else(|| measure::usual_duration(&demand));
+    findings.extend(measure::all(&host, &demand, duration, &Progress::new()));
     let report = Report::new(&host, &demand, findings);
     let text = if cli.json { report.json() } else { report.table(columns()) };
     let mut out = io::stdout().lock();

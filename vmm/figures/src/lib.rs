@@ -4,6 +4,7 @@
 //! [`report`], the [`samples`] and the [`trace`]. Their writers and their readers use the same types,
 //! so that a schema is written once. Nothing here makes a system call.
 
+mod bins;
 pub mod cause;
 pub mod load;
 pub mod report;

@@ -3,9 +3,9 @@
 //! The records are made on the PLC's path and only copied there; everything that takes time, such
 //! as sorting values into a histogram, happens here on the supervisor thread.
 
-use hdrhistogram::Histogram;
 use takt_scheduler::time::{Nanos, Timebase};
 
+use crate::bins::Bins;
 use crate::report::{self, Summary};
 use crate::worst::Worst;
 use takt_record::{Detour, WindowRecord};
@@ -16,12 +16,9 @@ const REMARKABLE_NS: u64 = 11;
 /// Releases, and scans, of which a report tells the cause.
 const WORST: usize = 10;
 
-/// Digits that a percentile keeps. Minimum and maximum are exact.
-const SIGNIFICANT_DIGITS: u8 = 3;
-
-/// Values of one quantity: nanoseconds, or a count.
+/// Values of one quantity: nanoseconds, or a count. Minimum and maximum are exact.
 pub struct Distribution {
-    histogram: Histogram<u32>,
+    bins: Bins,
     min: u64,
     max: u64,
     sum: u64,
@@ -29,8 +26,7 @@ pub struct Distribution {
 
 impl Distribution {
     pub(crate) fn new() -> Option<Self> {
-        let histogram = Histogram::new(SIGNIFICANT_DIGITS).ok()?;
-        Some(Self { histogram, min: u64::MAX, max: 0, sum: 0 })
+        Some(Self { bins: Bins::new()?, min: u64::MAX, max: 0, sum: 0 })
     }
 
     pub(crate) fn record(&mut self, Nanos(value): Nanos) {
@@ -41,19 +37,15 @@ impl Distribution {
         self.min = self.min.min(value);
         self.max = self.max.max(value);
         self.sum = self.sum.saturating_add(value);
-        // Grows as needed; only a value beyond 2^63 would be refused.
-        let _ = self.histogram.record(value);
+        self.bins.record(value);
     }
 
     /// All values, in rising order, and how often each occurred. Values that are too close to be
     /// kept apart are one, the greatest possible; the first and the last are exact.
     #[must_use]
     pub fn counts(&self) -> Vec<(u64, u64)> {
-        let recorded = self.histogram.iter_recorded();
-        let value = |at: u64| at.clamp(self.min, self.max);
-        let counts =
-            recorded.map(|v| (value(v.value_iterated_to()), v.count_since_last_iteration()));
-        let mut counts: Vec<(u64, u64)> = counts.collect();
+        let mut counts = self.bins.counts();
+        counts.iter_mut().for_each(|(value, _)| *value = (*value).clamp(self.min, self.max));
         match &mut counts[..] {
             [(only, count)] if self.min < self.max => {
                 (*only, *count) = (self.min, *count - 1);
@@ -68,8 +60,8 @@ impl Distribution {
     /// The percentiles; `None` while there is no value.
     #[must_use]
     pub fn summary(&self) -> Option<Summary> {
-        let at = |q| self.histogram.value_at_quantile(q).clamp(self.min, self.max);
-        (!self.histogram.is_empty()).then(|| Summary {
+        let at = |q| self.bins.value_at_quantile(q).clamp(self.min, self.max);
+        (self.min <= self.max).then(|| Summary {
             min: self.min,
             p50: at(0.5),
             p99: at(0.99),

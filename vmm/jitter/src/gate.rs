@@ -2,13 +2,14 @@
 //!
 //! They hold for every partition that has releases. A measurement without figures keeps no limit:
 //! one release that was not recorded may be the one that was too late. Nor does one whose load is not
-//! proved: what it says was not asked.
+//! proved: what it says was not asked. Nor does one of a partition that was started anew or ended before the
+//! run did: releases that it should have had meanwhile are counted nowhere.
 
 use serde::Serialize;
 use takt_scheduler::time::Nanos;
 
 use crate::proof::Proof;
-use takt_figures::report::Partition;
+use takt_figures::report::{Partition, STOPPED};
 
 /// What is asked for; `None` for what is not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -17,7 +18,8 @@ pub struct Limits {
     pub latency: Option<Nanos>,
     /// Most releases later than the guard can absorb.
     pub late: Option<u64>,
-    /// Most releases that never happened.
+    /// Most releases that never happened. Where there is another limit, `None` means none: such a release has no
+    /// latency that could be held against that one.
     pub lost: Option<u64>,
 }
 
@@ -25,7 +27,7 @@ pub struct Limits {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
-    /// A limit was exceeded.
+    /// A limit was exceeded, or can be kept by no such measurement.
     Limit,
     /// The load that was asked for is not proved.
     Load,
@@ -55,12 +57,21 @@ impl Limits {
             return breaches;
         }
         let mut measured = false;
-        for Partition { name, releases, .. } in partitions {
-            let Some(r) = releases else { continue };
-            measured = true;
+        for Partition { name, releases, failed, end, restarts, .. } in partitions {
             let mut breach = |text| {
                 breaches.push(Breach { kind: Kind::Limit, partition: name.clone(), text });
             };
+            if *failed {
+                breach(format!("it has failed: {end}"));
+            }
+            let Some(r) = releases else { continue };
+            measured = true;
+            if !failed && end != STOPPED {
+                breach(format!("it did not run until the end: {end}"));
+            }
+            if *restarts > 0 {
+                breach(format!("it was started anew {restarts} times, without releases meanwhile"));
+            }
             if r.unrecorded > 0 {
                 breach(format!("{} windows are in no figure", r.unrecorded));
             }
@@ -73,7 +84,7 @@ impl Limits {
                 _ => {}
             }
             for (limit, found, what) in
-                [(self.late, r.late_releases, "late"), (self.lost, r.lost, "lost")]
+                [(self.late, r.late_releases, "late"), (self.lost.or(Some(0)), r.lost, "lost")]
             {
                 if let Some(limit) = limit.filter(|limit| found > *limit) {
                     breach(format!("{found} releases were {what}, {limit} are allowed"));
@@ -108,8 +119,12 @@ mod tests {
             release_latency_ns: Some(summary),
             ..Releases::default()
         };
-        let plc =
-            Partition { name: "plc".into(), releases: Some(releases), ..Partition::default() };
+        let plc = Partition {
+            name: "plc".into(),
+            end: STOPPED.into(),
+            releases: Some(releases),
+            ..Partition::default()
+        };
         [plc, Partition { name: "linux".into(), ..Partition::default() }]
     }
 
@@ -135,6 +150,48 @@ mod tests {
         assert_eq!(texts(STRICT, &partitions(11, 1, 3)), expected);
         let only_lost = Limits { lost: Some(2), ..Limits::default() };
         assert_eq!(texts(only_lost, &partitions(11, 1, 3)), expected[2..]);
+    }
+
+    #[test]
+    fn a_release_that_is_missing_keeps_no_limit_unless_it_is_allowed() {
+        let latency = Limits { latency: Some(Nanos(10)), ..Limits::default() };
+        let late = Limits { late: Some(0), ..Limits::default() };
+        for limits in [latency, late] {
+            assert!(texts(limits, &partitions(10, 0, 0)).is_empty());
+            let missing = texts(limits, &partitions(10, 0, 9_999));
+            assert_eq!(missing, ["9999 releases were lost, 0 are allowed"]);
+            let allowed = Limits { lost: Some(9_999), ..limits };
+            assert!(texts(allowed, &partitions(10, 0, 9_999)).is_empty());
+        }
+    }
+
+    #[test]
+    fn a_partition_that_was_not_there_all_the_time_keeps_no_limit() {
+        let latency = Limits { latency: Some(Nanos(10)), ..Limits::default() };
+        let late = Limits { late: Some(0), ..Limits::default() };
+        let lost = Limits { lost: Some(0), ..Limits::default() };
+        let changed = |change: fn(&mut Partition)| {
+            let mut partitions = partitions(1, 0, 0);
+            change(&mut partitions[0]);
+            partitions
+        };
+        let ended = changed(|plc| plc.end = "ended itself with code 0".into());
+        let failed =
+            changed(|plc| (plc.failed, plc.end) = (true, "ended itself with code 1".into()));
+        let restarted = changed(|plc| plc.restarts = 2);
+        let mut linux_failed = partitions(1, 0, 0);
+        (linux_failed[1].failed, linux_failed[1].end) = (true, "triple fault".into());
+        for (partitions, expected) in [
+            (ended, "it did not run until the end: ended itself with code 0"),
+            (failed, "it has failed: ended itself with code 1"),
+            (restarted, "it was started anew 2 times, without releases meanwhile"),
+            (linux_failed, "it has failed: triple fault"),
+        ] {
+            for limits in [latency, late, lost] {
+                assert_eq!(texts(limits, &partitions), [expected]);
+            }
+            assert!(texts(Limits::default(), &partitions).is_empty());
+        }
     }
 
     #[test]

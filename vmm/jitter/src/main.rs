@@ -46,7 +46,8 @@ mod status {
 
 const AFTER_HELP: &str = "\
 Exit status: 0 good; 2 bad partition file or usage; 3 the host cannot; 4 a partition failed;
-5 a limit (--max-...) is exceeded, or one is given and the load is not proved.
+5 a limit (--max-...) is exceeded, or one is given and the load is not proved, or a partition was
+not there all the time.
 Ctrl-C ends the measurement; what was measured until then is shown.";
 
 /// Measures how punctual the releases of a partition file are under a load.
@@ -114,7 +115,7 @@ struct Common {
     /// Fail if more releases than this came later than the guard can absorb.
     #[arg(long, value_name = "N")]
     max_late: Option<u64>,
-    /// Fail if more releases than this never happened.
+    /// Fail if more releases than this never happened; 0 if only other limits are given.
     #[arg(long, value_name = "N")]
     max_lost: Option<u64>,
 }

@@ -165,12 +165,13 @@ fn releases(
     let _ = writeln!(page, "<h2>{}</h2>", Html(&partition.name));
     let _ = writeln!(
         page,
-        "<p>{} releases, {} lost, {} late, {} overruns; {} windows to start up. {}.</p>",
+        "<p>{} releases, {} lost, {} late, {} overruns; {} windows to start up, {} restarts. {}.</p>",
         r.releases,
         r.lost,
         r.late_releases,
         r.overruns,
         r.start_up_windows,
+        partition.restarts,
         Html(&partition.end),
     );
     if r.unrecorded > 0 {

@@ -7,7 +7,7 @@ use crate::distribution::{Distribution, coarse};
 use crate::gate::Kind;
 use crate::guard;
 use crate::measurement::Measurement;
-use takt_figures::report::Partition;
+use takt_figures::report::{Partition, STOPPED};
 
 /// Longest bar, in characters.
 const WIDTH: f64 = 50.0;
@@ -69,6 +69,10 @@ fn describe(text: &mut String, measurement: &Measurement, partition: &Partition)
         "\n{}: {} releases, {} lost, {} late, {} overruns",
         partition.name, r.releases, r.lost, r.late_releases, r.overruns
     );
+    // It was not there all the time.
+    if partition.restarts > 0 || partition.end != STOPPED {
+        let _ = writeln!(text, "  restarts {}; {}", partition.restarts, partition.end);
+    }
     let latencies = measurement.figures.course(partition).map(|course| &course.latency_ns[..]);
     if let Some(latencies) = latencies.and_then(Distribution::new) {
         percentiles(text, &latencies);

@@ -185,6 +185,54 @@ fn a_limit_that_is_exceeded_gives_status_5_and_is_told_everywhere() {
     assert_eq!(addition["max_latency_ns"], latest - 1);
 }
 
+/// The recorded report with a PLC to which this has happened.
+fn report_with(name: &str, change: fn(&mut Value)) -> PathBuf {
+    let mut report = json(&recorded("report.json"));
+    change(&mut report["partitions"][0]);
+    let path = scratch(name).join("report.json");
+    fs::write(&path, report.to_string()).unwrap();
+    path
+}
+
+#[test]
+fn a_plc_that_was_not_there_all_the_time_keeps_no_limit_and_is_told_everywhere() {
+    fn ended(plc: &mut Value) {
+        plc["end"] = "ended itself with code 0".into();
+    }
+    fn failed(plc: &mut Value) {
+        (plc["failed"], plc["end"]) = (true.into(), "triple fault".into());
+    }
+    fn restarted(plc: &mut Value) {
+        plc["restarts"] = 2.into();
+    }
+    fn lost(plc: &mut Value) {
+        plc["lost"] = 1_999.into();
+    }
+    for (name, change, expected) in [
+        (
+            "ended",
+            ended as fn(&mut Value),
+            "it did not run until the end: ended itself with code 0",
+        ),
+        ("failed", failed, "it has failed: triple fault"),
+        ("restarted", restarted, "it was started anew 2 times"),
+        ("lost", lost, "1999 releases were lost, 0 are allowed"),
+    ] {
+        let (report, out) = (report_with(name, change), scratch("not-there"));
+        for (options, status) in [(&["--max-latency", "1s"][..], 5), (&[][..], 0)] {
+            let output = render(&report, &recorded("samples.json"), &out, options);
+            let shown = text(&output.stdout);
+            assert_eq!(output.status.code(), Some(status), "{name}: {shown}");
+            assert!(!shown.contains("all limits are kept"), "{shown}");
+            assert_eq!(shown.contains(&format!("EXCEEDED plc: {expected}")), status == 5);
+            assert_eq!(page(&out).contains(&format!("plc {expected}")), status == 5);
+        }
+    }
+    let report = report_with("restarted", restarted);
+    let output = render(&report, &recorded("samples.json"), &scratch("not-there"), &[]);
+    assert!(text(&output.stdout).contains("\n  restarts 2; stopped by takt\n"), "{output:?}");
+}
+
 /// The recorded samples with another course of the load; `None` for no load at all.
 fn samples_with(name: &str, change: Option<fn(&mut Value)>) -> PathBuf {
     let mut samples = json(&recorded("samples.json"));

@@ -48,6 +48,17 @@ fn forms(measured: &Measured) -> Option<Vec<Form>> {
     (!forms.is_empty()).then_some(forms)
 }
 
+/// How many releases began later than 20 us. Takt's report has the ten latest only, and what it counts as late is
+/// something else: a wake-up that was later than the guard.
+fn later(result: &Value) -> Option<String> {
+    let Some(latest) = result["late_starts"].as_array() else {
+        // A thread of the host's counts just these.
+        return Some(result["late_releases"].as_u64()?.to_string());
+    };
+    let later = latest.iter().filter(|start| start["latency_ns"].as_u64() > Some(20_000)).count();
+    Some(if later < 10 { later.to_string() } else { "10 or more".to_owned() })
+}
+
 /// The table.
 pub fn table(measured: &Measured) -> Option<String> {
     let mut text =
@@ -58,10 +69,7 @@ pub fn table(measured: &Measured) -> Option<String> {
         let latency = &result["release_latency_ns"];
         let [min, p50, p99, p999, max] =
             ["min", "p50", "p99", "p999", "max"].map(|key| us(&latency[key]));
-        let late = match latency["max"].as_u64()? {
-            0..=20_000 => 0,
-            _ => result["late_releases"].as_u64()?,
-        };
+        let late = later(&result)?;
         text += &format!(
             "| {label} | {} | {} | {late} | {} | {} | {} | {} | {} | {} |\n",
             result["releases"],
@@ -87,4 +95,26 @@ pub fn plot(measured: &Measured) -> Option<String> {
         "From the release to the start of the scan, beside a compiling Linux (lab)",
         &rows?,
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A PLC under Takt whose ten latest releases came so late, in ns, and whose wake-ups were all later than its guard.
+    fn takt(latest: &[u64]) -> Value {
+        let latest: Vec<String> =
+            latest.iter().map(|ns| format!("{{\"latency_ns\": {ns}}}")).collect();
+        let text = format!("{{\"late_releases\": 9999, \"late_starts\": [{}]}}", latest.join(","));
+        serde_json::from_str(&text).unwrap()
+    }
+
+    #[test]
+    fn what_is_later_than_20_us_is_counted_and_not_what_came_later_than_a_guard() {
+        let of = |result: &Value| later(result).unwrap();
+        assert_eq!(of(&takt(&[])), "0");
+        assert_eq!(of(&takt(&[20_001, 20_000, 7_766])), "1");
+        assert_eq!(of(&takt(&[30_000; 10])), "10 or more");
+        assert_eq!(of(&serde_json::from_str("{\"late_releases\": 6}").unwrap()), "6");
+    }
 }

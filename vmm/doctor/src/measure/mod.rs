@@ -27,6 +27,14 @@ use takt_host::kvm::Found;
 
 /// Time between two looks at the clocks, and between two messages of progress.
 const STEP: Duration = Duration::from_millis(100);
+/// What a measurement takes where windows are frequent.
+const USUAL: Duration = Duration::from_secs(3);
+
+/// How long to measure so that each CPU has windows enough: 130 s with the longest period that a kernel admits.
+#[must_use]
+pub fn usual_duration(demand: &Demand) -> Duration {
+    demand.windowed.iter().map(wake_up::least_time).fold(USUAL, Duration::max)
+}
 
 /// Measures everything; takes `duration` and a little more.
 #[must_use]
@@ -95,4 +103,21 @@ fn while_windows_run(
         findings.extend(wake_up::findings(cpu, measured, &interrupts));
     }
     findings
+}
+
+#[cfg(test)]
+mod tests {
+    use takt_scheduler::time::Nanos;
+
+    use super::*;
+
+    #[test]
+    fn a_measurement_lasts_longer_where_windows_are_seldom() {
+        let mut demand = Demand::usual(&Host::recorded("/none".as_ref(), String::new()));
+        assert_eq!(usual_duration(&demand), Duration::from_secs(3));
+        demand.windowed[0].period = Nanos::from_millis(1_000);
+        assert_eq!(usual_duration(&demand), Duration::from_secs(31));
+        demand.windowed.clear();
+        assert_eq!(usual_duration(&demand), USUAL);
+    }
 }

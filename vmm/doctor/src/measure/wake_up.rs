@@ -11,7 +11,7 @@
 //! counts in. It never takes more of the CPU than the partition file does.
 
 use std::io;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use hdrhistogram::Histogram;
 use takt_scheduler::enforce::{become_deadline, pin_to};
@@ -27,6 +27,8 @@ use crate::finding::Finding;
 const GAP: u64 = 1_000;
 /// Windows before those that count: the first ones meet cold caches and pages.
 const WARM_UP: u64 = 10;
+/// Windows behind them without which nothing is good: a few that were on time may be chance.
+const LEAST: u64 = 20;
 /// Histograms hold times up to this, in ns.
 const LONGEST: u64 = 10_000_000_000;
 
@@ -52,6 +54,19 @@ pub struct Measured {
     pub lost: u64,
     /// Breaks in windows, in ns.
     pub gaps: Histogram<u64>,
+}
+
+impl Measured {
+    /// True if there were too few windows to call anything good.
+    fn is_short(&self) -> bool {
+        self.wake_ups.len() < LEAST
+    }
+}
+
+/// What a measurement of this CPU takes at least.
+pub fn least_time(cpu: &WindowedCpu) -> Duration {
+    // The first window begins a period after the start.
+    Duration::from_nanos(cpu.period.0.saturating_mul(WARM_UP + LEAST + 1))
 }
 
 /// Measures until `end`, on a thread of its own, which is this one.
@@ -133,6 +148,11 @@ pub fn findings(
     }
 }
 
+/// What mends a measurement that was too short.
+fn longer(cpu: &WindowedCpu) -> String {
+    format!("takt doctor --for {}ms or longer", least_time(cpu).as_millis() + 1)
+}
+
 fn unmeasured(cpu: &WindowedCpu, why: &str) -> Finding {
     Finding::unseen(
         "wake-up",
@@ -172,6 +192,9 @@ fn wake_ups(cpu: &WindowedCpu, measured: &Measured) -> Finding {
         Finding::cannot(CHECK, found, cost, remedy)
     } else if times.max() > guard.0 {
         Finding::warning(CHECK, found, cost, remedy)
+    } else if measured.is_short() {
+        let cost = "how late a PLC would be woken is not known";
+        Finding::unseen(CHECK, format!("{found}; too few windows"), cost, longer(cpu))
     } else {
         Finding::good(CHECK, found)
     }
@@ -212,6 +235,10 @@ fn gaps(cpu: &WindowedCpu, measured: &Measured, interrupts: &str) -> Finding {
     match gaps.max() {
         max if max >= cpu.window.0 => Finding::cannot(CHECK, found, cost, remedy),
         max if max > guard.0 => Finding::warning(CHECK, found, cost, remedy),
+        _ if measured.is_short() => {
+            let found = format!("{found}; {} windows are too few", measured.wake_ups.len());
+            Finding::unseen(CHECK, found, "what is away in a window is not known", longer(cpu))
+        }
         _ => Finding::good(CHECK, found),
     }
 }
@@ -273,11 +300,28 @@ mod tests {
 
     #[test]
     fn gaps_are_held_against_guard_and_window() {
-        let of = |away: &[u64]| severities(measured(Class::Fifo, &[(5_000, 9)], 0, away))[1];
+        let of = |away: &[u64]| severities(measured(Class::Fifo, &[(5_000, 3000)], 0, away))[1];
         assert_eq!(
             [of(&[4_000; 50]), of(&[4_000, 40_000]), of(&[310_000])],
             [Good, Warning, Cannot]
         );
+    }
+
+    #[test]
+    fn nothing_is_good_after_too_few_windows() {
+        let of = |times, lost, away: &[u64]| {
+            severities(measured(Class::Deadline, &[(5_000, times)], lost, away))
+        };
+        assert_eq!(of(LEAST, 0, &[]), [Good, Good]);
+        assert_eq!(of(LEAST - 1, 0, &[]), [Unseen, Unseen]);
+        assert_eq!(severities(measured(Class::Deadline, &[], 0, &[])), [Unseen, Unseen]);
+        // What is bad is so after the first.
+        assert_eq!(of(1, 1, &[310_000]), [Cannot, Cannot]);
+        let slow = WindowedCpu { period: Nanos::from_millis(4_190), ..usual() };
+        let measured = measured(Class::Deadline, &[], 0, &[]);
+        let found = findings(&slow, Some(Ok(measured)), "");
+        let remedies = found.iter().filter_map(|it| it.remedy.as_deref());
+        assert_eq!(remedies.collect::<Vec<_>>(), ["takt doctor --for 129891ms or longer"; 2]);
     }
 
     #[test]
@@ -286,6 +330,16 @@ mod tests {
         assert_eq!(severities(slow), [Unseen, Unseen]);
         assert_eq!(severities(measured(Class::Ordinary, &[(1, 9)], 0, &[])), [Unseen, Unseen]);
         assert_eq!(findings(&usual(), None, "")[0].severity, Unseen);
+    }
+
+    #[test]
+    fn a_measurement_that_takes_its_least_time_has_windows_enough() {
+        let frequency = super::super::rate::estimate();
+        let cpu = takt_scheduler::table::Cpu(0);
+        let cpu = WindowedCpu { cpu, period: Nanos::from_millis(20), ..usual() };
+        let measured = measure(&cpu, frequency, Instant::now() + least_time(&cpu)).unwrap();
+        // A machine that is busy with other things makes this thread lose some.
+        assert!(measured.wake_ups.len() + measured.lost >= LEAST, "{measured:?}");
     }
 
     #[test]

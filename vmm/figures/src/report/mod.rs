@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 pub use net::{Net, Traffic, Vsock};
 pub use operator::{Forced, Operator};
-pub use partition::{Deadlines, Donation, Event, Events, How, Partition, Releases, Stuck};
+pub use partition::{Deadlines, Donation, Event, Events, How, Partition, Releases, STOPPED, Stuck};
 pub use power_off::PowerOff;
 pub use process::{Footprint, Process, Starting};
 pub use tick::{Clear, Tick};

@@ -9,6 +9,9 @@ use serde::{Deserialize, Deserializer, Serialize};
 use super::{Net, Operator, PowerOff, Summary, Vsock, WakeUps};
 use crate::worst::{LateStart, LongScan};
 
+/// How a partition ended that ran until the end of the run.
+pub const STOPPED: &str = "stopped by takt";
+
 /// One partition.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Partition {

@@ -101,6 +101,14 @@ fn a_partition_stops_when_its_thread_says_so_and_can_be_started() {
 }
 
 #[test]
+fn a_partition_that_runs_until_the_end_ends_as_the_readers_of_a_report_know_it() {
+    let (mut plc, _) = account();
+    plc.step(Event::RunOver);
+    left(&mut plc, End::Stopped);
+    assert_eq!(plc.end().as_deref(), Some(takt_figures::report::STOPPED));
+}
+
+#[test]
 fn a_restart_comes_after_the_stop() {
     let (mut plc, mut revivals) = account();
     assert_eq!(plc.operate(Order::Restart(StartMode::Cold)), Ok(None));
