@@ -167,10 +167,12 @@ pub fn simulated(mapping: &Mapping, now: Instant) -> Option<[u8; WORD]> {
         Some(past) => past as f64 / mapping.period_ns as f64,
         None => 0.0,
     };
+    // Rounding and the sine's error must not lead out of the limits.
+    let within = |value: f64| value.max(low.min(high)).min(low.max(high));
     let value = match mapping.kind {
         kind::CONSTANT => low,
-        kind::RAMP => low + (high - low) * phase,
-        kind::SINE => low + (high - low) * (0.5 + 0.5 * sine(phase)),
+        kind::RAMP => within(low + (high - low) * phase),
+        kind::SINE => within(low + (high - low) * (0.5 + 0.5 * sine(phase))),
         kind::SQUARE if phase < 0.5 => low,
         kind::SQUARE => high,
         _ => return None,
@@ -200,7 +202,7 @@ fn number(ty: u32, value: f64) -> [u8; WORD] {
     let signed = |least: i64, most: i64| (rounded as i64).clamp(least, most).to_le_bytes();
     match u8::try_from(ty).ok().and_then(Elementary::from_code) {
         Some(Bool) => u64::from(value >= 0.5).to_le_bytes(),
-        Some(Real) => u64::from((value as f32).to_bits()).to_le_bytes(),
+        Some(Real) => u64::from((value as f32).clamp(f32::MIN, f32::MAX).to_bits()).to_le_bytes(),
         Some(Lreal) => value.to_bits().to_le_bytes(),
         Some(Sint) => signed(i8::MIN.into(), i8::MAX.into()),
         Some(Int) => signed(i16::MIN.into(), i16::MAX.into()),

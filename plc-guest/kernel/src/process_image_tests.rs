@@ -147,6 +147,7 @@ fn simulated_values_have_their_shapes() {
         let expected = 2.0 + 4.0 * (std::f64::consts::TAU * now as f64 / 1000.0).sin();
         let found = value(kind::SINE, now);
         assert!((found - expected).abs() < 8.0 * 4e-6, "{now}: {found} {expected}");
+        assert!((-2.0..=6.0).contains(&found), "{now}: {found}");
     }
     let other = input(Elementary::Lreal, 0, 0);
     assert_eq!(simulated(&other, Instant(0)), None);
@@ -162,6 +163,8 @@ fn simulated_numbers_end_at_the_limits_of_their_type() {
     assert_eq!(value(Elementary::Uint, -4.0)[..2], [0, 0]);
     assert_eq!(value(Elementary::Lword, 1e30), [255; 8]);
     assert_eq!(value(Elementary::Real, 1.5)[..4], 1.5f32.to_le_bytes());
+    assert_eq!(value(Elementary::Real, 1e39)[..4], f32::MAX.to_le_bytes());
+    assert_eq!(value(Elementary::Real, -1e39)[..4], f32::MIN.to_le_bytes());
     assert_eq!(value(Elementary::Bool, 0.49)[0], 0);
     assert_eq!(value(Elementary::Bool, 0.5)[0], 1);
     assert_eq!(value(Elementary::Dint, f64::NAN)[..4], [0; 4]);

@@ -11,7 +11,7 @@ use takt_st::query::Index;
 use takt_st::source::{FileId, Sources, Span};
 use takt_st::{build, limits, project, stack};
 
-use crate::documents::Documents;
+use crate::documents::{Documents, LOST};
 use crate::position::Lines;
 use crate::uri::Name;
 use crate::workspace::{Project, Texts, Workspace};
@@ -76,7 +76,7 @@ impl Analysis {
                 continue;
             };
             let read = match document {
-                Some(open) => Ok(open.text.clone().into_bytes()),
+                Some(open) => open.text.clone().map(String::into_bytes).ok_or(LOST.to_owned()),
                 None => on_disk(&name),
             };
             let added = read.and_then(|bytes| {

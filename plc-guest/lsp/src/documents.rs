@@ -8,6 +8,9 @@ use takt_st::limits;
 use crate::position::Lines;
 use crate::uri::Name;
 
+/// What is told of a text that was lost.
+pub const LOST: &str = "it has become too large to be followed; close it and open it again";
+
 /// One text.
 #[derive(Debug)]
 pub struct Document {
@@ -15,8 +18,8 @@ pub struct Document {
     pub uri: Uri,
     /// The client's number for this state of it.
     pub version: i32,
-    /// As it is in the editor.
-    pub text: String,
+    /// As it is in the editor; none once it was lost, until all of it comes again.
+    pub text: Option<String>,
 }
 
 /// All open texts.
@@ -36,7 +39,8 @@ impl Documents {
         Ok(())
     }
 
-    /// Changes a text, one change after the other.
+    /// Changes a text, one change after the other. A text that becomes too large is lost: what changes there later has
+    /// no place that is known here.
     pub fn change(
         &mut self,
         uri: &Uri,
@@ -47,21 +51,25 @@ impl Documents {
             return Err(format!("a change of {}, which is not open", uri.as_str()));
         };
         document.version = version;
+        let was_lost = document.text.is_none();
         for change in changes {
             let Some(range) = change.range else {
-                document.text = change.text;
+                document.text = Some(change.text);
                 continue;
             };
-            let lines = Lines::new(&document.text);
-            let start = lines.offset(&document.text, range.start);
-            let end = lines.offset(&document.text, range.end).max(start);
-            document.text.replace_range(start..end, &change.text);
-            // A text as large as this is told of as an error, and need not grow.
-            if document.text.len() > 4 * limits::FILE_BYTES {
-                return Err(format!("{} has become too large", uri.as_str()));
+            let Some(text) = &mut document.text else { continue };
+            let lines = Lines::new(text);
+            let start = lines.offset(text, range.start);
+            let end = lines.offset(text, range.end).max(start);
+            text.replace_range(start..end, &change.text);
+            if text.len() > 4 * limits::FILE_BYTES {
+                document.text = None;
             }
         }
-        Ok(())
+        match document.text {
+            None if !was_lost => Err(format!("{}: {LOST}", uri.as_str())),
+            _ => Ok(()),
+        }
     }
 
     /// Closes a text.

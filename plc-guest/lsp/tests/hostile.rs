@@ -103,6 +103,86 @@ fn wrong_parameters_are_refused() {
 }
 
 #[test]
+fn a_text_that_was_lost_is_not_edited_at_places_that_are_not_known() {
+    let mut server = with_text();
+    let insert = |text: &str| {
+        let start = json!({ "line": 0, "character": 0 });
+        json!({ "range": { "start": start, "end": start }, "text": text })
+    };
+    let mut version = 1;
+    let mut change = |server: &mut Server, changes: Vec<Value>| {
+        version += 1;
+        let document = json!({ "uri": "untitled:a", "version": version });
+        let params = json!({ "textDocument": document, "contentChanges": changes });
+        tell(server, "textDocument/didChange", params).len()
+    };
+    let at = |line: u32| {
+        json!({
+            "textDocument": { "uri": "untitled:a" },
+            "position": { "line": line, "character": 4 },
+            "newName": "y", "context": { "includeDeclaration": true },
+            "options": { "tabSize": 4, "insertSpaces": true },
+        })
+    };
+    let much = " ".repeat(17 << 20);
+    // What follows the change with which it is lost is not done either.
+    let lost = vec![insert(&much), insert(&much), insert("// one\n")];
+    assert_eq!(change(&mut server, lost), 1, "the user is told");
+    let shown = serde_json::to_string(&server.rest()).unwrap();
+    assert!(shown.contains("publishDiagnostics") && shown.contains("open it again"), "{shown}");
+    // It becomes small again, which nothing here can know.
+    let (start, end) = (json!({ "line": 0, "character": 0 }), json!({ "line": 1, "character": 0 }));
+    let removal = json!({ "range": { "start": start, "end": end }, "text": "" });
+    assert_eq!(change(&mut server, vec![removal]), 0, "the user was told");
+    for method in METHODS {
+        assert_eq!(code(&request(&mut server, method, at(1))), -32803, "{method}");
+    }
+    // The whole text ends that, and so does opening it.
+    assert_eq!(change(&mut server, vec![json!({ "text": TEXT }), insert("\n")]), 0);
+    let renamed = |server: &mut Server, line: u32| {
+        let edit = request(server, "textDocument/rename", at(line)).response_result;
+        let edit = edit.expect("it is renamed");
+        let edits = edit["changes"]["untitled:a"].as_array().expect("edits").clone();
+        edits.iter().map(|edit| edit["range"]["start"]["line"].as_u64()).collect::<Vec<_>>()
+    };
+    assert_eq!(renamed(&mut server, 2), [Some(2), Some(3)]);
+    assert_eq!(change(&mut server, vec![insert(&much), insert(&much)]), 1);
+    let document = json!({ "uri": "untitled:a", "languageId": "st", "version": 9, "text": TEXT });
+    tell(&mut server, "textDocument/didOpen", json!({ "textDocument": document }));
+    assert_eq!(renamed(&mut server, 1), [Some(1), Some(2)]);
+}
+
+#[test]
+fn nothing_is_renamed_while_a_text_of_the_project_is_lost() {
+    let mut server = running();
+    let open = |server: &mut Server, name: &str, text: &str| {
+        let uri = format!("file:///not/there/{name}.st");
+        let document = json!({ "uri": uri, "languageId": "st", "version": 1, "text": text });
+        tell(server, "textDocument/didOpen", json!({ "textDocument": document }));
+    };
+    open(&mut server, "a", "FUNCTION_BLOCK Mixer\nEND_FUNCTION_BLOCK\n");
+    let user = "PROGRAM Main\nVAR m : Mixer; END_VAR\nm();\nEND_PROGRAM\n";
+    open(&mut server, "b", user);
+    let rename = json!({
+        "textDocument": { "uri": "file:///not/there/a.st" },
+        "position": { "line": 0, "character": 16 }, "newName": "Blender",
+    });
+    let edit = request(&mut server, "textDocument/rename", rename.clone()).response_result;
+    assert_eq!(edit.expect("it is renamed")["changes"].as_object().expect("edits").len(), 2);
+    let start = json!({ "line": 4, "character": 0 });
+    let much = json!({ "range": { "start": start, "end": start }, "text": " ".repeat(17 << 20) });
+    let params = json!({
+        "textDocument": { "uri": "file:///not/there/b.st", "version": 2 },
+        "contentChanges": [much, much],
+    });
+    tell(&mut server, "textDocument/didChange", params);
+    let refused = request(&mut server, "textDocument/rename", rename.clone());
+    assert_eq!(code(&refused), -32803);
+    open(&mut server, "b", user);
+    assert!(request(&mut server, "textDocument/rename", rename).response_result.is_ok());
+}
+
+#[test]
 fn a_header_takes_no_room_for_what_it_promises() {
     let serve = |bytes: &[u8]| {
         let mut out = Vec::new();

@@ -4,33 +4,82 @@
 //! elements that are read here.
 
 use crate::error::{Defect, DefectKind, Position};
+use crate::positions::Positions;
 use roxmltree::Node;
 
 /// How long a name may be.
 const NAME_LENGTH: usize = 128;
+/// The elements of XHTML that begin and end a line (XHTML 1.0, block-level elements, with the parts of lists and tables).
+const BLOCKS: [&str; 30] = [
+    "address",
+    "blockquote",
+    "body",
+    "center",
+    "dd",
+    "dir",
+    "div",
+    "dl",
+    "dt",
+    "fieldset",
+    "form",
+    "h1",
+    "h2",
+    "h3",
+    "h4",
+    "h5",
+    "h6",
+    "hr",
+    "li",
+    "menu",
+    "ol",
+    "p",
+    "pre",
+    "table",
+    "tbody",
+    "tfoot",
+    "thead",
+    "tr",
+    "ul",
+    "caption",
+];
 
 /// An element. `addData`, where tools keep what is their own, and comments do not show.
 #[derive(Clone, Copy, Debug)]
-pub struct Element<'a>(Node<'a, 'a>);
+pub struct Element<'a> {
+    node: Node<'a, 'a>,
+    positions: &'a Positions<'a>,
+}
 
 impl<'a> Element<'a> {
-    pub fn new(node: Node<'a, 'a>) -> Self {
-        Self(node)
+    pub fn new(node: Node<'a, 'a>, positions: &'a Positions<'a>) -> Self {
+        Self { node, positions }
     }
 
     pub fn tag(&self) -> &'a str {
-        self.0.tag_name().name()
+        self.node.tag_name().name()
     }
 
     pub fn position(&self) -> Position {
-        let position = self.0.document().text_pos_at(self.0.range().start);
-        Position { line: position.row, column: position.col }
+        self.positions.of(self.node.range().start)
     }
 
     /// The elements in it, but for documentation and what tools keep for themselves.
     pub fn children(&self) -> impl Iterator<Item = Element<'a>> + use<'a> {
-        let all = self.0.children().filter(Node::is_element).map(Element);
-        all.filter(|child| !matches!(child.tag(), "addData" | "documentation"))
+        self.elements().filter(|child| !matches!(child.tag(), "addData" | "documentation"))
+    }
+
+    fn elements(&self) -> impl Iterator<Item = Element<'a>> + use<'a> {
+        let positions = self.positions;
+        let all = self.node.children().filter(Node::is_element);
+        all.map(move |node| Self { node, positions })
+    }
+
+    /// Whether nothing is in it but elements of this name, and what [`vendor_data`](Self::vendor_data) finds by itself.
+    pub fn has_only(&self, tag: &str) -> bool {
+        self.node.children().all(|node| match node.tag_name().name() {
+            "" => !node.is_text() || node.text().is_none_or(|text| text.trim().is_empty()),
+            name => name == tag || name == "addData",
+        })
     }
 
     pub fn child(&self, tag: &str) -> Option<Element<'a>> {
@@ -44,8 +93,9 @@ impl<'a> Element<'a> {
 
     /// What tools keep for themselves anywhere in it.
     pub fn vendor_data(&self) -> impl Iterator<Item = Element<'a>> + use<'a> {
-        let all = self.0.descendants().filter(|node| node.tag_name().name() == "addData");
-        all.flat_map(|added| added.children().filter(Node::is_element)).map(Element)
+        let positions = self.positions;
+        let all = self.node.descendants().filter(|node| node.tag_name().name() == "addData");
+        all.flat_map(move |node| Self { node, positions }.elements())
     }
 
     pub fn required(&self, tag: &'static str) -> Result<Element<'a>, Defect> {
@@ -53,7 +103,7 @@ impl<'a> Element<'a> {
     }
 
     pub fn attribute(&self, name: &str) -> Option<&'a str> {
-        self.0.attribute(name)
+        self.node.attribute(name)
     }
 
     pub fn required_attribute(&self, attribute: &'static str) -> Result<&'a str, Defect> {
@@ -95,18 +145,36 @@ impl<'a> Element<'a> {
 
     /// The text of its documentation, if it has any.
     pub fn documentation(&self) -> String {
-        let all = self.0.children().filter(Node::is_element).map(Element);
-        all.filter(|child| child.tag() == "documentation").map(|child| child.text()).collect()
+        let all = self.elements().filter(|child| child.tag() == "documentation");
+        all.map(|child| child.text()).collect()
     }
 
-    /// All text in it, in order; line breaks of XHTML are line breaks.
+    /// All text in it, in order; line breaks of XHTML are line breaks, and so are both ends of its blocks: what follows
+    /// must not become a part of a comment before it.
     pub fn text(&self) -> String {
         let mut text = String::new();
-        for node in self.0.descendants() {
+        let (mut broken, mut ends) = (false, Vec::new());
+        for node in self.node.descendants() {
+            let range = node.range();
+            while ends.pop_if(|end| *end <= range.start).is_some() {
+                broken = true;
+            }
             match node.tag_name().name() {
-                "br" | "p" if !text.is_empty() && !text.ends_with('\n') => text.push('\n'),
-                _ if node.is_text() => text.push_str(node.text().unwrap_or_default()),
+                "br" => broken = true,
+                name if BLOCKS.contains(&name) => {
+                    broken = true;
+                    ends.push(range.end);
+                }
                 _ => {}
+            }
+            if node.is_text() {
+                let piece = node.text().unwrap_or_default();
+                let apart = text.is_empty() || text.ends_with('\n') || piece.starts_with('\n');
+                if broken && !apart {
+                    text.push('\n');
+                }
+                text.push_str(piece);
+                broken = false;
             }
         }
         text
@@ -130,8 +198,10 @@ impl<'a> Element<'a> {
 
     /// The part of the project that it is in, as an engineer calls it.
     fn part(&self) -> String {
-        for node in self.0.ancestors() {
+        for node in self.node.ancestors() {
             let name = node.attribute("name").unwrap_or("without a name");
+            // It is in each defect of the part.
+            let name: String = name.chars().take(NAME_LENGTH).collect();
             let kind = match node.tag_name().name() {
                 "pou" => match node.attribute("pouType") {
                     Some("functionBlock") => "function block",

@@ -18,6 +18,7 @@ mod body;
 mod configuration;
 mod element;
 mod error;
+mod positions;
 mod pou;
 mod type_spec;
 mod value;
@@ -26,23 +27,28 @@ mod variables;
 pub use error::{Defect, DefectKind, ImportError, Position};
 
 use element::Element;
+use positions::Positions;
 use roxmltree::{Document, ParsingOptions};
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 
 /// The bytes that a project may have.
 pub const MAXIMUM_BYTES: usize = 64 << 20;
 /// The elements, texts and comments that a project may have.
 pub const MAXIMUM_NODES: u32 = 4 << 20;
+/// The refused parts that are told of each. Those beyond are counted.
+pub const MAXIMUM_REFUSED: usize = 1000;
 
 /// What a project became.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Import {
     /// The source files, in the order: types, units, global variables and configurations.
     pub files: Vec<SourceFile>,
-    /// What was refused, in the order of the project.
+    /// What was refused, in the order of the project; the first [`MAXIMUM_REFUSED`].
     pub refused: Vec<Defect>,
+    /// How many parts more were refused.
+    pub further: usize,
     /// What tools keep for themselves in the project (`addData`), by the names that they give it. Nothing of
-    /// it is looked at but lists of global variables.
+    /// it is looked at but lists of global variables: what has other parts beside them is here too.
     pub ignored: BTreeSet<String>,
 }
 
@@ -71,26 +77,34 @@ pub fn import(text: &str) -> Result<Import, ImportError> {
         ..ParsingOptions::default()
     };
     let document = Document::parse_with_options(text, options)?;
-    let project = Element::new(document.root_element());
+    let positions = Positions::new(text);
+    let project = Element::new(document.root_element(), &positions);
     if project.tag() != "project" {
         let found = project.tag().to_owned();
         return Err(ImportError::NoProject { found, at: project.position() });
     }
-    let mut import = Import::default();
+    let mut importer = Importer::default();
     if let Some(types) = project.child("types") {
-        import.data_types(types);
-        import.units(types);
+        importer.data_types(types);
+        importer.units(types);
     }
     if let Some(instances) = project.child("instances") {
-        import.configurations(instances);
+        importer.configurations(instances);
     }
     for data in project.vendor_data() {
-        import.vendor_data(data);
+        importer.vendor_data(data);
     }
-    Ok(import)
+    Ok(importer.done)
 }
 
-impl Import {
+#[derive(Default)]
+struct Importer {
+    done: Import,
+    /// The names of all files in small letters, each with the number that another file of this name tries first.
+    names: HashMap<String, usize>,
+}
+
+impl Importer {
     fn data_types(&mut self, types: Element<'_>) {
         let mut text = String::new();
         for each in types.child("dataTypes").iter().flat_map(Element::children) {
@@ -103,16 +117,18 @@ impl Import {
 
     fn units(&mut self, types: Element<'_>) {
         for each in types.child("pous").iter().flat_map(Element::children) {
-            self.refused.extend(pou::left_out(each));
-            self.or_refuse(pou::unit(each), |import, (name, text)| import.file(&name, text));
+            for part in pou::left_out(each) {
+                self.refuse(|| part.not_supported());
+            }
+            self.or_refuse(pou::unit(each), |importer, (name, text)| importer.file(&name, text));
         }
     }
 
     fn configurations(&mut self, instances: Element<'_>) {
         let all = instances.child("configurations");
         for each in all.iter().flat_map(Element::children) {
-            self.or_refuse(configuration::configuration(each), |import, (name, text)| {
-                import.file(&name, text);
+            self.or_refuse(configuration::configuration(each), |importer, (name, text)| {
+                importer.file(&name, text);
             });
         }
     }
@@ -120,35 +136,43 @@ impl Import {
     /// The format has no place for global variables outside of configurations, so tools that have them keep
     /// them as `<globalVars>` in data of their own.
     fn vendor_data(&mut self, data: Element<'_>) {
-        let mut lists = data.children().filter(|child| child.tag() == "globalVars").peekable();
-        if lists.peek().is_none() {
-            self.ignored.extend(data.attribute("name").map(str::to_owned));
+        let lists = || data.children().filter(|child| child.tag() == "globalVars");
+        if lists().next().is_none() || !data.has_only("globalVars") {
+            let name = data.attribute("name").map(str::to_owned);
+            let name = name.unwrap_or_else(|| format!("<{}> without a name", data.tag()));
+            self.done.ignored.insert(name);
         }
-        for list in lists {
+        for list in lists() {
             let text = list.name().and_then(|name| Ok((name, variables::section(list)?)));
-            self.or_refuse(text, |import, (name, text)| import.file(name, text));
+            self.or_refuse(text, |importer, (name, text)| importer.file(name, text));
         }
     }
 
     /// Adds a file. Two names that differ in case only are one file where cases do not count, and the
     /// language does not tell them apart either: the second gets a number.
     fn file(&mut self, name: &str, text: String) {
-        let taken = |import: &Self, name: &str| {
-            import.files.iter().any(|file| file.name.eq_ignore_ascii_case(name))
-        };
-        let mut file = format!("{name}.st");
-        let mut number = 2;
-        while taken(self, &file) {
-            file = format!("{name}_{number}.st");
-            number += 1;
+        let mut file = name.to_owned();
+        while self.names.contains_key(&file.to_ascii_lowercase()) {
+            let number = self.names.entry(name.to_ascii_lowercase()).or_insert(2);
+            file = format!("{name}_{number}");
+            *number += 1;
         }
-        self.files.push(SourceFile { name: file, text });
+        self.names.insert(file.to_ascii_lowercase(), 2);
+        self.done.files.push(SourceFile { name: format!("{file}.st"), text });
     }
 
     fn or_refuse<T>(&mut self, part: Result<T, Defect>, then: impl FnOnce(&mut Self, T)) {
         match part {
             Ok(part) => then(self, part),
-            Err(defect) => self.refused.push(defect),
+            Err(defect) => self.refuse(|| defect),
+        }
+    }
+
+    fn refuse(&mut self, defect: impl FnOnce() -> Defect) {
+        if self.done.refused.len() < MAXIMUM_REFUSED {
+            self.done.refused.push(defect());
+        } else {
+            self.done.further += 1;
         }
     }
 }

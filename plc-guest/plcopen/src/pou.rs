@@ -29,8 +29,7 @@ pub fn unit(pou: Element<'_>) -> Result<(String, String), Defect> {
 }
 
 /// What of a unit is refused although the unit itself is imported.
-pub fn left_out(pou: Element<'_>) -> Vec<Defect> {
-    let parts = ["actions", "transitions"];
-    let parts = parts.iter().filter_map(|part| pou.child(part));
-    parts.flat_map(|part| part.children()).map(|part| part.not_supported()).collect()
+pub fn left_out(pou: Element<'_>) -> impl Iterator<Item = Element<'_>> {
+    let parts = ["actions", "transitions"].into_iter().filter_map(move |part| pou.child(part));
+    parts.flat_map(|part| part.children())
 }

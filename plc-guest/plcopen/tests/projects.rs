@@ -4,7 +4,7 @@
 use proptest::prelude::*;
 use std::fmt::Write;
 use std::path::Path;
-use takt_plcopen::{Import, ImportError, import};
+use takt_plcopen::{Import, ImportError, MAXIMUM_REFUSED, import};
 
 fn read(name: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/projects").join(name);
@@ -20,6 +20,7 @@ fn shown(import: &Import) -> String {
     for defect in &import.refused {
         writeln!(text, "{defect}").unwrap();
     }
+    assert_eq!(import.further, 0);
     text.push_str("=== ignored\n");
     for name in &import.ignored {
         writeln!(text, "{name}").unwrap();
@@ -84,6 +85,79 @@ fn units_whose_names_differ_in_case_get_files_of_their_own() {
     let import = import(&format!("<project><types><pous>{pous}</pous></types></project>")).unwrap();
     let names: Vec<_> = import.files.iter().map(|file| file.name.as_str()).collect();
     assert_eq!(names, ["Main.st", "MAIN_2.st", "main_2_2.st"]);
+}
+
+/// A program with this body.
+fn program(body: &str) -> String {
+    let body = format!("<body><ST><xhtml>{body}</xhtml></ST></body>");
+    let text = format!(
+        "<project><types><pous><pou name=\"P\" pouType=\"program\">{body}</pou></pous></types></project>"
+    );
+    let import = import(&text).unwrap();
+    let text = &import.files[0].text;
+    text.strip_prefix("PROGRAM P\n").unwrap().strip_suffix("END_PROGRAM\n").unwrap().to_owned()
+}
+
+#[test]
+fn no_statement_becomes_a_part_of_the_comment_in_the_block_before_it() {
+    for body in [
+        "<div>a := 1; // x</div><div>b := 2;</div>",
+        "<p>a := 1; // x</p>b := 2;",
+        "<ul><li>a := 1; // x</li><li>b := 2;</li></ul>",
+        "<table><tr><td>a := 1; // x</td></tr><tr><td>b := 2;</td></tr></table>",
+        "<pre>a := 1; // x</pre><span>b := 2;</span>",
+        "<div><p><span>a := 1; // x</span></p></div><b>b := 2;</b>",
+        "<div>a := 1; // x<!-- y --></div><![CDATA[b := 2;]]>",
+        "a := 1; // x<div/>b := 2;",
+        "a := 1; // x<br/><br/>b := 2;",
+        "<p>a := 1; // x</p>\n<p>b := 2;</p>",
+    ] {
+        assert_eq!(program(body), "a := 1; // x\nb := 2;\n", "{body}");
+    }
+    // What is no block does not break a line.
+    assert_eq!(program("a<b>b</b> := <span>1</span>; <i>// x</i>y"), "ab := 1; // xy\n");
+}
+
+#[test]
+fn what_is_beside_global_variables_in_the_data_of_a_tool_is_told_of() {
+    let list =
+        "<globalVars name=\"G\"><variable name=\"x\"><type><INT/></type></variable></globalVars>";
+    let ignored = |data: &str| {
+        let text = format!("<project><addData>{data}</addData></project>");
+        let import = import(&text).unwrap();
+        assert_eq!(import.files.len(), data.matches("<globalVars").count(), "{data}");
+        import.ignored.into_iter().collect::<Vec<_>>()
+    };
+    assert!(ignored(&format!("<data name=\"d\">\n{list}<!-- c -->{list}</data>")).is_empty());
+    assert_eq!(ignored(&format!("<data name=\"d\">{list}<pou name=\"P\"/></data>")), ["d"]);
+    assert_eq!(ignored(&format!("<data name=\"d\"><documentation/>{list}</data>")), ["d"]);
+    assert_eq!(ignored(&format!("<data name=\"d\">{list}text</data>")), ["d"]);
+    assert_eq!(ignored("<data><pou/></data><data/>"), ["<data> without a name"]);
+    // What is within such data is told of by itself.
+    let within = "<addData><data name=\"e\"/></addData>";
+    assert_eq!(ignored(&format!("<data name=\"d\">{list}{within}</data>")), ["e"]);
+}
+
+/// Each of these took time that grew with the square of the project, or more.
+#[test]
+fn a_large_project_takes_no_longer_than_its_size() {
+    let many = 200_000;
+    let actions = "<action name=\"A\"/>\n".repeat(many);
+    let names = "<pou name=\"P\" pouType=\"program\"><body><ST/></body></pou>".repeat(many / 4);
+    let text = format!(
+        "<project><types><pous><pou name=\"{}\" pouType=\"program\"><actions>{actions}</actions></pou>{names}\
+         </pous></types></project>",
+        "x".repeat(1 << 20)
+    );
+    let import = import(&text).unwrap();
+    assert_eq!(
+        (import.refused.len(), import.further),
+        (MAXIMUM_REFUSED, many + 1 - MAXIMUM_REFUSED)
+    );
+    assert_eq!((import.refused[999].at.line, import.refused[999].at.column), (1000, 1));
+    assert!(import.refused.iter().all(|defect| defect.to_string().len() < 200));
+    let last = import.files.last().unwrap();
+    assert_eq!((import.files.len(), &*last.name), (many / 4, &*format!("P_{}.st", many / 4)));
 }
 
 proptest! {

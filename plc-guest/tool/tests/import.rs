@@ -22,6 +22,15 @@ fn what_is_structured_text_is_written_and_the_rest_is_named() {
 }
 
 #[test]
+fn what_is_refused_beyond_a_thousand_parts_is_counted() {
+    let folder = Folder::new();
+    let drawn = "<pou name=\"Drawn\" pouType=\"program\"><body><LD/></body></pou>".repeat(1003);
+    folder.write("plant.xml", &format!("<project><types><pous>{drawn}</pous></types></project>"));
+    let ended = folder.takt_plc(&["import", "plant.xml", "plant"]);
+    ended.expect(1, "plant.xml: 3 parts more were refused").expect(1, "1003 parts were refused");
+}
+
+#[test]
 fn nothing_that_is_there_is_written_over() {
     let folder = Folder::new();
     folder.write("plant.xml", PROJECT);

@@ -156,8 +156,6 @@ pub fn check(
             )
             .and(tables[other].get_ref().0.name.span(), "the other one"));
         }
-        let earlier = channels.iter().zip(tables).map(|(c, table)| (c, &table.get_ref().0));
-        host_ports::check_unique(&next, raw, earlier)?;
         ports.add(&next, raw)?;
         channels.push(next);
     }

@@ -5,9 +5,7 @@
 
 use toml::Spanned;
 
-use super::channels::Channel;
 use super::diagnostic::{Diagnostic, Span, quote};
-use super::host_ports::HostPort;
 use super::partition::Checked;
 
 /// Where the console of a Linux is shown, and where from it is typed to.
@@ -48,29 +46,6 @@ pub fn check_all(partitions: &[Checked], socket: bool) -> Result<(), Diagnostic>
         }
         _ => Ok(()),
     }
-}
-
-/// Nothing else is written to a file that keeps a console, and nothing else of the partition file is read from it.
-pub fn check_logs(partitions: &[Checked], channels: &[Channel]) -> Result<(), Diagnostic> {
-    for (number, log) in
-        partitions.iter().enumerate().filter_map(|(n, p)| Some((n, p.console_log.as_ref()?)))
-    {
-        let allowed = "a file of its own for each console that is kept";
-        let error = |found: String| Diagnostic::new(log.span.clone(), found, allowed);
-        let path = log.path.as_path();
-        let logs = partitions.iter().take(number).filter_map(|p| p.console_log.as_ref());
-        if let Some(other) = logs.into_iter().find(|other| other.path == path) {
-            let found = "the console of another partition is kept there too".to_owned();
-            return Err(error(found).and(other.span.clone(), "the other one"));
-        }
-        let ends = channels.iter().filter_map(|channel| channel.host.as_ref());
-        let images = partitions.iter().flat_map(|p| &p.images).map(|image| image.path.as_path());
-        let disks = partitions.iter().flat_map(|p| &p.disks).map(|disk| disk.disk.path.as_path());
-        if ends.map(HostPort::path).chain(images).chain(disks).any(|other| other == path) {
-            return Err(error(format!("{} is a file of something else here", path.display())));
-        }
-    }
-    Ok(())
 }
 
 fn two_terminals(first: Span, second: Span) -> Diagnostic {

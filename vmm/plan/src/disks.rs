@@ -1,7 +1,7 @@
 //! The disks of a Linux: files that it sees whole, as block devices.
 //!
-//! What a guest may write must have no second user meanwhile, so a file is named once. That no other
-//! program has it open is seen when the run starts, by a lock.
+//! What a guest may write must have no second user meanwhile (`files`). That no other program has it open is seen when
+//! the run starts, by a lock.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -34,7 +34,8 @@ pub struct Disk {
 #[derive(Debug)]
 pub struct CheckedDisk {
     pub disk: Disk,
-    path: Span,
+    /// The value of `path`.
+    pub path: Span,
 }
 
 /// Checks the disks of a partition, in the order of the file.

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use toml::Spanned;
 
 use super::channels::{Channel, Owner};
-use super::diagnostic::{Diagnostic, quote};
+use super::diagnostic::Diagnostic;
 use super::images::SOCKET_PATH_MAX;
 use super::images::{self, Image};
 use super::raw::{self, Keys};
@@ -74,25 +74,6 @@ pub fn check(
     Ok(Some(HostPort::Socket(path)))
 }
 
-/// Checks that no earlier channel leads to the same path.
-pub fn check_unique<'a>(
-    channel: &Channel,
-    raw: &raw::Channel,
-    mut earlier: impl Iterator<Item = (&'a Channel, &'a raw::Channel)>,
-) -> Result<(), Diagnostic> {
-    let (Some(port), Some(own)) = (&channel.host, key(raw)) else { return Ok(()) };
-    let same = |(other, _): &(&Channel, _)| {
-        other.host.as_ref().is_some_and(|other| other.path() == port.path())
-    };
-    let Some((other, other_key)) = earlier.find(same).and_then(|(c, raw)| Some((c, key(raw)?)))
-    else {
-        return Ok(());
-    };
-    let found = format!("the end of channel {} leads there too", quote(&other.name));
-    let allowed = "a path of its own for each end on the host";
-    Err(Diagnostic::new(own.span(), found, allowed).and(other_key.span(), "the other one"))
-}
-
 /// Checks that the files of sources can be read.
 pub fn check_files(
     tables: &[Spanned<Keys<raw::Channel>>],
@@ -106,7 +87,8 @@ pub fn check_files(
     Ok(())
 }
 
-fn key(raw: &raw::Channel) -> Option<&Spanned<String>> {
+/// The key that says where the end leads.
+pub fn key(raw: &raw::Channel) -> Option<&Spanned<String>> {
     raw.host_socket.as_ref().or(raw.host_file.as_ref())
 }
 

@@ -9,7 +9,7 @@
 //! 2. the rules of each partition (`partition`, `hardware`, `tasks`), of the schedules (`schedules`, `periods`,
 //!    `explain`), of both together (`deadlines`), of the channels between partitions (`channels`, `ports`,
 //!    `host_ports`), of the health monitor's tables (`health`), of the host's devices (`passthrough`), and of the files
-//!    that are named (`images`, `programs`, `contents`, `placement`, `disks`, `nets`, `vsock`);
+//!    that are named (`files`, `images`, `programs`, `contents`, `placement`, `disks`, `nets`, `vsock`);
 //! 3. a [`PartitionFile`], which has private fields and no other way to be made. The rest of Takt
 //!    takes only that and does not check it again. Only a command line can add words to a guest's
 //!    (`append`).
@@ -31,6 +31,7 @@ mod disks;
 pub mod elf;
 mod events;
 mod explain;
+mod files;
 mod hardware;
 pub mod health;
 mod host_ports;
@@ -556,7 +557,8 @@ fn check(
     nets::check_all(partitions.iter().flat_map(|p| &p.nets))?;
     vsock::check_all(&partitions)?;
     consoles::check_all(&partitions, control.is_some())?;
-    consoles::check_logs(&partitions, &channels)?;
+    let named = control.as_deref().zip(socket);
+    files::check(&path, named, &partitions, channels.iter().zip(&file.channel.0))?;
     // Last, because it is the only thing that may be right on another machine.
     partitions.iter().flat_map(|p| &p.images).try_for_each(images::check)?;
     partitions.iter().flat_map(|p| &p.disks).try_for_each(disks::check_file)?;

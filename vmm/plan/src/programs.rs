@@ -105,6 +105,8 @@ pub struct CheckedProgram {
     pub program: Program,
     /// The value of `image`.
     pub span: Span,
+    /// The value of `retain`.
+    pub retain: Option<Span>,
     /// What the guest needs for it in its working area, in bytes.
     pub work: u64,
     /// Whether another version may have a state of its own.
@@ -132,17 +134,6 @@ pub fn check(
             let allowed = "a name of its own for each program, by the key `name`";
             return Err(Diagnostic::new(name_span(raw), found, allowed)
                 .and(other.span.clone(), "the other one"));
-        }
-        let other = checked.iter().find(|p| {
-            let path = |file: &RetainFile| {
-                Some(&file.path) == next.program.retain.as_ref().map(|own| &own.path)
-            };
-            p.program.retain.as_ref().is_some_and(path)
-        });
-        if let (Some(other), Some(raw)) = (other, &raw.retain) {
-            let found =
-                format!("{} is also the file of {}", quote(raw.get_ref()), other.program.name);
-            return Err(Diagnostic::new(raw.span(), found, "a file of its own for each program"));
         }
         checked.push(next);
     }
@@ -191,7 +182,8 @@ fn check_one(
     let image = bytes.into();
     let path = file.path;
     let program = Program { name, path, place, trust, watch, allow_force, retain, keys, image };
-    Ok(CheckedProgram { program, span: file.span, work, second_state })
+    let retain = raw.retain.as_ref().map(Spanned::span);
+    Ok(CheckedProgram { program, span: file.span, retain, work, second_state })
 }
 
 /// What may be watched where the file does not say.

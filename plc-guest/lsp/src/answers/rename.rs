@@ -31,6 +31,9 @@ pub fn edit(
     new: &str,
     versions: bool,
 ) -> Result<WorkspaceEdit, String> {
+    if let Some((uri, reason)) = analysis.left_out.first() {
+        return Err(format!("not all uses can be seen: {}: {reason}", uri.as_str()));
+    }
     let own = analysis.files.len();
     let place = (file.id, offset);
     let places = rename::rename(&analysis.sources, own, &analysis.index, place, new)

@@ -54,7 +54,7 @@ impl Server {
                 let params: lsp_types::DidOpenTextDocumentParams = told(method, params)?;
                 let TextDocumentItem { uri, version, text, .. } = params.text_document;
                 self.changed_text(&uri);
-                self.documents.open(Document { uri, version, text })?;
+                self.documents.open(Document { uri, version, text: Some(text) })?;
             }
             notify::DidChangeTextDocument::METHOD => {
                 let params: lsp_types::DidChangeTextDocumentParams = told(method, params)?;

@@ -9,6 +9,7 @@ use serde_json::Value;
 use super::{Answer, Refused, Server, read, written};
 use crate::analysis::{Analysis, File};
 use crate::answers::{complete, format, hover, outline, places, rename};
+use crate::documents::LOST;
 use crate::uri::Name;
 use crate::workspace::Project;
 
@@ -78,6 +79,9 @@ impl Server {
         let alone = matches!(project, Project::Folder(_) | Project::Text(_));
         if alone && self.documents.get(&name).is_none() {
             return Err(Refused::parameters(format!("{} is not open", uri.as_str())));
+        }
+        if self.documents.get(&name).is_some_and(|document| document.text.is_none()) {
+            return Err(Refused::failed(format!("{}: {LOST}", uri.as_str())));
         }
         let analysis = self.analysis(&project).map_err(Refused::failed)?;
         match analysis.file(&name) {

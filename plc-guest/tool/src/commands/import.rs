@@ -40,7 +40,10 @@ impl Import {
         for defect in &import.refused {
             eprintln!("takt plc: {project}:{defect}");
         }
-        match import.refused.len() {
+        if import.further > 0 {
+            eprintln!("takt plc: {project}: {} parts more were refused", import.further);
+        }
+        match import.refused.len() + import.further {
             0 => Ok(()),
             refused => Err(Failure {
                 status: status::NOT_AS_EXPECTED,

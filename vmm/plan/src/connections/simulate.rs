@@ -43,7 +43,7 @@ pub fn check(
     }
     let (low, high) = match (&raw.low, &raw.high) {
         (None, None) if is_bool(point) => (0.0, 1.0),
-        (Some(low), Some(high)) => (finite(low)?, finite(high)?),
+        (Some(low), Some(high)) => limits(low, high)?,
         _ => {
             let found = format!("the shape {} lacks a key", quote(raw.shape.get_ref()));
             let allowed = "`low` and `high`, which only a BOOL does not need";
@@ -99,6 +99,17 @@ fn simulated(
     let (low, high) = (low.to_bits(), high.to_bits());
     let mapping = Mapping { kind, place: low, high, period_ns, place_bit: WHOLE, ..mapping };
     Place { mapping, words }
+}
+
+/// Both ends of a shape. The kernel computes with their distance.
+fn limits(low: &Spanned<f64>, high: &Spanned<f64>) -> Result<(f64, f64), Diagnostic> {
+    let (from, to) = (finite(low)?, finite(high)?);
+    if (to - from).is_finite() {
+        return Ok((from, to));
+    }
+    let found = format!("from {from:e} to {to:e} is further than a number can say");
+    let allowed = format!("`low` and `high` that are at most {:e} apart", f64::MAX);
+    Err(Diagnostic::new(high.span(), found, allowed).and(low.span(), "from here"))
 }
 
 fn finite(value: &Spanned<f64>) -> Result<f64, Diagnostic> {

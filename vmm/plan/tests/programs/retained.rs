@@ -84,7 +84,7 @@ fn wrong_keys_are_refused() {
         .file("b.plc", &image("b"))
         .program("a.plc", "retain = \"f\"")
         .program("b.plc", "retain = \"./f\"")
-        .refused(&["is also the file of a", "a file of its own"]);
+        .refused(&["/f.a is also a retain file of program \"a\"", "a path of its own"]);
 }
 
 #[test]
