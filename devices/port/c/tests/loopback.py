@@ -1,5 +1,6 @@
 """Uses the Python package on the folder of a partition whose channels end in itself."""
 
+import array
 import struct
 import sys
 import unittest
@@ -36,6 +37,23 @@ class Loopback(unittest.TestCase):
             self.assertEqual(level.read(newer_than=sample.stamp, timeout=None).bytes, b"next")
             self.assert_fails(Code.INVALID_PARAM, out.write, b"")
             self.assert_fails(Code.INVALID_CONFIG, out.write, bytes(513))
+
+    def test_all_bytes_of_a_message_go_whatever_its_length_counts(self):
+        class Longer(bytes):
+            def __len__(self):
+                return 64
+
+        values = array.array("d", [1.25, 2.5])
+        with Ports(FOLDER) as ports, ports.output("out") as out, ports.input("in") as level:
+            with ports.sender("send") as sender, ports.receiver("receive", anew=True) as receiver:
+                for message in values, memoryview(values), Longer(values.tobytes()):
+                    out.write(message)
+                    self.assertEqual(level.read().bytes, values.tobytes())
+                    sender.send(message)
+                    self.assertEqual(receiver.receive().bytes, values.tobytes())
+                for nothing in 3, "text", None:
+                    self.assertRaises(TypeError, out.write, nothing)
+                    self.assertRaises(TypeError, sender.send, nothing)
 
     def test_a_queue_keeps_the_order_and_is_full_at_its_depth(self):
         with Ports(FOLDER) as ports, ports.sender("send") as sender, ports.receiver("receive", anew=True) as receiver:

@@ -8,7 +8,8 @@
         print(struct.unpack("<d", sample.bytes[:8])[0], sample.age, sample.valid)
 
 `Ports` finds the ports. `output`, `input`, `sender` and `receiver` take one by its name in the partition file; a port has
-one owner at a time. Messages are bytes. Times are in seconds; a `timeout` of None waits as long as it takes. A
+one owner at a time. Messages are bytes: what is written or sent is an object that has them in memory, such as `bytes`, a
+`bytearray` or an `array`, and all of its bytes go. Times are in seconds; a `timeout` of None waits as long as it takes. A
 `PortError` has the return code in `code` (a `Code`) and says what was wrong.
 
 The package needs the shared library `libtakt_port.so`: beside this file, where the environment variable
@@ -113,6 +114,11 @@ def _nanoseconds(timeout):
     return -1 if timeout is None else max(0, min(int(timeout * 1e9), 2**63 - 1))
 
 
+def _bytes(message):
+    # The length of an object need not be that of its bytes, and bytes(3) would be three zeros.
+    return memoryview(message).tobytes()
+
+
 class Ports:
     """The ports of this partition; `folder` is that of the PCI function in sysfs, found if it is not given."""
 
@@ -204,7 +210,8 @@ class Output(_Port):
 
     def write(self, message):
         """Replaces the message. Never waits."""
-        _check(_library.takt_port_write(self._handle, bytes(message), len(message)))
+        data = _bytes(message)
+        _check(_library.takt_port_write(self._handle, data, len(data)))
 
 
 class Input(_Port):
@@ -229,7 +236,8 @@ class Sender(_Port):
 
     def send(self, message, timeout=0):
         """Sends a message, and waits so long for room."""
-        _check(_library.takt_port_send(self._handle, bytes(message), len(message), _nanoseconds(timeout)))
+        data = _bytes(message)
+        _check(_library.takt_port_send(self._handle, data, len(data), _nanoseconds(timeout)))
 
 
 class Receiver(_Port):
