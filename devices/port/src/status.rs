@@ -75,7 +75,7 @@ impl Ports {
         let any_age = Ticks(u64::MAX);
         let mut end = SamplingDestination::attach(messages, &port.geometry, any_age).ok()?;
         let mut buffer = vec![0; port.maximum as usize];
-        let sample = end.read(&mut buffer, self.clock().now()).ok()?;
+        let sample = end.read_by(&mut buffer, || self.clock().now()).ok()?;
         Some(Newest { stamp: sample.stamp, age: sample.age, length: sample.bytes.len() })
     }
 }

@@ -21,6 +21,10 @@ use crate::memory::MemoryError;
 /// How often a sample is read again because a newer one came meanwhile.
 const ATTEMPTS: usize = 4;
 
+/// Reads the clock. An end does so itself, after a look or just before it sends: the thread can be put off
+/// at any moment, and other ports take their time.
+pub type Now<'a> = &'a dyn Fn() -> time::Tsc;
+
 /// An end on the host could not be opened.
 #[derive(Debug, Error)]
 #[expect(missing_docs, reason = "each wraps the error of the module that its name says")]
@@ -99,7 +103,7 @@ impl Destination {
 
     /// Makes [`packet`](Self::packet) the newest sample, again if need be, or the oldest message of
     /// the queue, which is thereby taken. False if there is none.
-    pub fn take(&mut self, clock: &Timebase, now: time::Tsc) -> bool {
+    pub fn take(&mut self, clock: &Timebase, now: Now<'_>) -> bool {
         let Some((header, message)) = self.packet.split_first_chunk_mut::<HEADER>() else {
             return false;
         };
@@ -107,12 +111,12 @@ impl Destination {
             Incoming::Sampling { port, region, seen } => {
                 sample(port, region, seen, message, now).ok()
             }
-            Incoming::Queuing(port) => receive(port, message).ok(),
+            Incoming::Queuing(port) => receive(port, message, now).ok(),
         };
-        let Some(Taken { length, stamp, flags }) = taken else { return false };
-        let age = now.since(time::Tsc(stamp.0));
+        let Some(Taken { length, stamp, flags, at }) = taken else { return false };
+        let age = at.since(time::Tsc(stamp.0));
         *header = Header {
-            taken_ns: clock.offset(now).0,
+            taken_ns: clock.offset(at).0,
             age_ns: clock.frequency.nanos(age).0,
             flags,
             length: length as u32,
@@ -147,6 +151,7 @@ struct Taken {
     length: usize,
     stamp: takt_channel::Tsc,
     flags: u32,
+    at: time::Tsc,
 }
 
 /// The newest sample. Looks at the count on both sides of the copy, so that the sample that was
@@ -156,15 +161,21 @@ fn sample(
     region: &Peer,
     seen: &mut u64,
     buffer: &mut [u8],
-    now: time::Tsc,
+    now: Now<'_>,
 ) -> Result<Taken, ReadError> {
     let mut taken = Err(ReadError::NeverWritten);
     for _ in 0..ATTEMPTS {
         *seen = written(region);
-        taken = port.read(buffer, takt_channel::Tsc(now.0)).map(|sample| Taken {
+        let mut at = time::Tsc(0);
+        let clock = || {
+            at = now();
+            takt_channel::Tsc(at.0)
+        };
+        taken = port.read_by(buffer, clock).map(|sample| Taken {
             length: sample.bytes.len(),
             stamp: sample.stamp,
             flags: if sample.validity == Validity::Valid { VALID } else { 0 },
+            at,
         });
         if written(region) == *seen {
             break;
@@ -176,11 +187,13 @@ fn sample(
 fn receive(
     port: &mut QueuingDestination<Peer, Own>,
     buffer: &mut [u8],
+    now: Now<'_>,
 ) -> Result<Taken, ReceiveError> {
     port.receive(buffer).map(|received| Taken {
         length: received.bytes.len(),
         stamp: received.stamp,
         flags: if received.overflowed { LOST } else { 0 },
+        at: now(),
     })
 }
 
@@ -233,8 +246,8 @@ impl Source {
     }
 
     /// Sends a message. False if the channel does not take it: too long, empty, or no room.
-    pub fn send(&mut self, message: &[u8], now: time::Tsc) -> bool {
-        let stamp = takt_channel::Tsc(now.0);
+    pub fn send(&mut self, message: &[u8], now: Now<'_>) -> bool {
+        let stamp = takt_channel::Tsc(now().0);
         match &mut self.0 {
             Outgoing::Sampling(port) => port.write(message, stamp).is_ok(),
             Outgoing::Queuing(port) => port.send(message, stamp).is_ok(),

@@ -15,11 +15,11 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 use std::time::Duration;
 
-use takt_scheduler::time::{Timebase, Tsc};
+use takt_scheduler::time::Timebase;
 use thiserror::Error;
 
 use super::budget::{self, Budget};
-use super::ends::{Destination, Source};
+use super::ends::{Destination, Now, Source};
 use super::packet::{HEADER, Header};
 use crate::outlet::{Outlet, Sink};
 
@@ -134,7 +134,12 @@ impl FileDestination {
     ///
     /// # Errors
     /// Once, when the file cannot be written. What was there before stays whole.
-    pub fn serve(&mut self, budget: &mut Budget, clock: &Timebase, now: Tsc) -> Result<(), Broken> {
+    pub fn serve(
+        &mut self,
+        budget: &mut Budget,
+        clock: &Timebase,
+        now: Now<'_>,
+    ) -> Result<(), Broken> {
         if let Some(error) = self.outlet.take_error() {
             return Err(Broken::Write(error));
         }
@@ -218,7 +223,7 @@ impl FileSource {
     ///
     /// # Errors
     /// Once, when the file cannot be read or has a record that cannot be.
-    pub fn serve(&mut self, budget: &mut Budget, now: Tsc) -> Result<(), Broken> {
+    pub fn serve(&mut self, budget: &mut Budget, now: Now<'_>) -> Result<(), Broken> {
         while budget.is_left() && self.end.has_room(true) {
             let Some(ahead) = &self.messages_ahead else { return Ok(()) };
             match ahead.try_recv() {
@@ -345,7 +350,7 @@ mod tests {
         for n in 0..10u8 {
             let taken = guest.send(&[n; 8], bench.stamp());
             assert_eq!(taken.is_ok(), n < 8 + 2, "{n}");
-            port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).unwrap();
+            port.serve(&mut { Budget::TICK }, &bench.clock, &|| bench.clock.epoch).unwrap();
         }
         assert_eq!((port.taken, port.messages(), guest.status().waiting), (2, 0, 8));
         let stalled = port.settle(Duration::from_millis(1), LONG).unwrap_err();
@@ -355,14 +360,14 @@ mod tests {
             go.send(()).unwrap();
         }
         while port.messages() < 3 {
-            port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).unwrap();
+            port.serve(&mut { Budget::TICK }, &bench.clock, &|| bench.clock.epoch).unwrap();
         }
         // And it fails.
         drop(go);
-        while port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).is_ok() {}
-        assert!(port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).is_ok());
+        while port.serve(&mut { Budget::TICK }, &bench.clock, &|| bench.clock.epoch).is_ok() {}
+        assert!(port.serve(&mut { Budget::TICK }, &bench.clock, &|| bench.clock.epoch).is_ok());
         let waiting = guest.status().waiting;
-        assert!(port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).is_ok());
+        assert!(port.serve(&mut { Budget::TICK }, &bench.clock, &|| bench.clock.epoch).is_ok());
         assert_eq!(guest.status().waiting, waiting, "a message was taken without a client");
     }
 

@@ -34,7 +34,7 @@ use std::time::Duration;
 
 use takt_channel::Counters;
 pub use takt_figures::report::HostPort as Account;
-use takt_scheduler::time::{Timebase, Tsc, TscFrequency};
+use takt_scheduler::time::{Timebase, TscFrequency};
 use thiserror::Error;
 use vmm_sys_util::epoll::{Epoll, EpollEvent};
 
@@ -45,7 +45,7 @@ use crate::sandbox::Kind;
 use crate::unix_socket::{Listener, SocketError, SocketKind};
 use crate::vcpu::thread::{Spawn, ThreadError};
 use budget::Budget;
-use ends::{Destination, EndError, Source};
+use ends::{Destination, EndError, Now, Source};
 use files::{FileDestination, FileSource, Recording, read_ahead};
 use sockets::{Clients, SocketDestination, SocketSource, Watch};
 
@@ -208,7 +208,7 @@ impl HostPorts {
     }
 
     /// Serves every port, with a new budget.
-    pub fn on_tick(&mut self, clock: &Timebase, now: Tsc) {
+    pub fn on_tick(&mut self, clock: &Timebase, now: Now<'_>) {
         for port in &mut self.ports {
             port.budget = Budget::TICK;
             port.serve(clock, now, &mut self.news);
@@ -216,7 +216,7 @@ impl HostPorts {
     }
 
     /// Serves the ports whose sockets have something, with what is left of their budgets.
-    pub fn on_ready(&mut self, clock: &Timebase, now: Tsc) {
+    pub fn on_ready(&mut self, clock: &Timebase, now: Now<'_>) {
         let mut events = [EpollEvent::default(); EVENTS];
         // What does not come now comes with the next event or at the next tick.
         let count = self.epoll.wait(0, &mut events).unwrap_or(0);
@@ -229,7 +229,7 @@ impl HostPorts {
     }
 
     /// Takes the last messages, after all guests have stopped, and waits for their files.
-    pub fn finish(&mut self, clock: &Timebase, now: Tsc) {
+    pub fn finish(&mut self, clock: &Timebase, now: Now<'_>) {
         for port in &mut self.ports {
             // The sources have ended, so no message comes in while these are taken: the loop ends.
             while let Way::FileDestination(file) = &mut port.way {
@@ -267,7 +267,7 @@ impl AsRawFd for HostPorts {
 }
 
 impl Port {
-    fn serve(&mut self, clock: &Timebase, now: Tsc, news: &mut Vec<String>) {
+    fn serve(&mut self, clock: &Timebase, now: Now<'_>, news: &mut Vec<String>) {
         let budget = &mut self.budget;
         let broken = match &mut self.way {
             Way::SocketDestination(port) => return port.serve(budget, clock, now),

@@ -9,11 +9,11 @@ use std::io;
 use std::os::fd::{AsRawFd, RawFd};
 use std::rc::Rc;
 
-use takt_scheduler::time::{Timebase, Tsc};
+use takt_scheduler::time::Timebase;
 use vmm_sys_util::epoll::{ControlOperation, Epoll, EpollEvent, EventSet};
 
 use super::budget::Budget;
-use super::ends::{Destination, Source};
+use super::ends::{Destination, Now, Source};
 use super::seqpacket::{Came, Connection, Sent};
 use crate::unix_socket::Listener;
 
@@ -111,7 +111,7 @@ impl SocketDestination {
     }
 
     /// Does what there is to do, within the budget.
-    pub fn serve(&mut self, budget: &mut Budget, clock: &Timebase, now: Tsc) {
+    pub fn serve(&mut self, budget: &mut Budget, clock: &Timebase, now: Now<'_>) {
         self.clients.all.retain(|client| !client.connection.is_closed());
         self.clients.accept(budget);
         if self.end.is_sampling() {
@@ -123,7 +123,7 @@ impl SocketDestination {
 
     /// Sends the newest sample to the clients that do not have it. A client that cannot take it now gets the
     /// sample that is the newest later.
-    fn show(&mut self, budget: &mut Budget, clock: &Timebase, now: Tsc) {
+    fn show(&mut self, budget: &mut Budget, clock: &Timebase, now: Now<'_>) {
         let clients = &mut self.clients.all;
         if self.end.has_news() {
             clients.iter_mut().for_each(|client| client.behind = true);
@@ -146,7 +146,7 @@ impl SocketDestination {
 
     /// Sends what is in the queue to the client, if there is one. Without a client the messages stay in
     /// the queue.
-    fn hand_over(&mut self, budget: &mut Budget, clock: &Timebase, now: Tsc) {
+    fn hand_over(&mut self, budget: &mut Budget, clock: &Timebase, now: Now<'_>) {
         while budget.is_left() {
             let Some(client) = self.clients.all.front() else { return };
             if !self.pending {
@@ -196,7 +196,7 @@ impl SocketSource {
 
     /// Does what there is to do, within the budget. The clients take turns. Without room in the
     /// channel nothing is read, and the client's own buffer fills up.
-    pub fn serve(&mut self, budget: &mut Budget, now: Tsc) {
+    pub fn serve(&mut self, budget: &mut Budget, now: Now<'_>) {
         let clients = &mut self.clients;
         clients.all.retain(|Client { connection: c, .. }| !(c.is_closed() && c.is_drained()));
         clients.accept(budget);

@@ -1,5 +1,7 @@
 //! What honest clients get, and what becomes of what they send.
 
+use std::cell::{Cell, RefCell};
+
 use super::*;
 
 #[test]
@@ -184,4 +186,26 @@ fn a_client_wakes_the_event_thread_once() {
     assert!(is_ready(&ports));
     bench.ready(&mut ports);
     assert!(!is_ready(&ports));
+}
+
+#[test]
+fn a_sample_that_comes_during_a_look_is_from_no_future() {
+    let bench = Bench::new(SAMPLING, MAXIMUM, HostPort::Socket, false);
+    let mut ports = bench.open();
+    let guest = RefCell::new(bench.sampling_source());
+    let client = connect(&bench.path()).unwrap();
+    guest.borrow_mut().write(b"before", bench.stamp()).unwrap();
+    // By the time at which the clock is read, the thread was put off for longer than the refresh period.
+    let came = Cell::new(false);
+    let late = || {
+        if !came.replace(true) {
+            guest.borrow_mut().write(b"after", takt_channel::Tsc(EPOCH.0 + 9_000)).unwrap();
+            return EPOCH;
+        }
+        Tsc(EPOCH.0 + 9_000)
+    };
+    ports.on_tick(&bench.clock, &late);
+    let header = Header { taken_ns: 9_000_000, age_ns: 0, flags: VALID, length: 5 };
+    assert_eq!(packet(&client), Some((header, b"after".to_vec())));
+    assert_eq!(account(&mut ports).hostile, 0);
 }

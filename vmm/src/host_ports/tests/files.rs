@@ -26,7 +26,7 @@ fn a_file_gets_each_message_once_and_the_last_ones_at_the_end() {
     }
     bench.tick(&mut ports);
     assert_eq!(records(&bench.path()).len(), 64);
-    ports.finish(&bench.clock, Tsc(EPOCH.0 + 50));
+    ports.finish(&bench.clock, &|| Tsc(EPOCH.0 + 50));
     let all = records(&bench.path());
     let messages: Vec<[u8; 4]> =
         all.iter().map(|(_, message)| message[..].try_into().unwrap()).collect();
