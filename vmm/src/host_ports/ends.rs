@@ -203,7 +203,11 @@ fn written(region: &Peer) -> u64 {
 }
 
 /// Takt's end of a channel that it sends on.
-pub struct Source(Outgoing);
+pub struct Source {
+    port: Outgoing,
+    /// Stamp of the last message. Readers tell a new message by its stamp, so no two have the same.
+    last: u64,
+}
 
 enum Outgoing {
     Sampling(SamplingSource<Own>),
@@ -219,17 +223,18 @@ impl Source {
         let geometry = &regions.geometry;
         let mut own = Own::map(&regions.source)?;
         geometry.format_source(&mut own)?;
-        Ok(Self(match &regions.destination {
+        let port = match &regions.destination {
             None => Outgoing::Sampling(SamplingSource::open(own, geometry)?),
             Some(peer) => Outgoing::Queuing(QueuingSource::open(own, Peer::map(peer)?, geometry)?),
-        }))
+        };
+        Ok(Self { port, last: 0 })
     }
 
     /// Whether a message may be sent now: always on a sampling channel. On a queuing one the
     /// destination must have opened its port, since that empties the queue; and there must be
     /// room, unless the channel overwrites and the caller is not `patient`.
     pub fn has_room(&mut self, patient: bool) -> bool {
-        match &mut self.0 {
+        match &mut self.port {
             Outgoing::Sampling(_) => true,
             Outgoing::Queuing(port) => {
                 let status = port.status();
@@ -242,13 +247,14 @@ impl Source {
     /// True for a sampling channel.
     #[must_use]
     pub fn is_sampling(&self) -> bool {
-        matches!(self.0, Outgoing::Sampling(_))
+        matches!(self.port, Outgoing::Sampling(_))
     }
 
-    /// Sends a message. False if the channel does not take it: too long, empty, or no room.
+    /// Sends a message, stamped with now, and later than the one before. False if the channel does not take it: too long, empty, or no room.
     pub fn send(&mut self, message: &[u8], now: Now<'_>) -> bool {
-        let stamp = takt_channel::Tsc(now().0);
-        match &mut self.0 {
+        self.last = now().0.max(self.last.saturating_add(1));
+        let stamp = takt_channel::Tsc(self.last);
+        match &mut self.port {
             Outgoing::Sampling(port) => port.write(message, stamp).is_ok(),
             Outgoing::Queuing(port) => port.send(message, stamp).is_ok(),
         }
@@ -256,7 +262,7 @@ impl Source {
 
     /// What went wrong so far; the source of a sampling channel hears nothing of anybody.
     pub fn counters(&mut self) -> Counters {
-        match &mut self.0 {
+        match &mut self.port {
             Outgoing::Sampling(_) => Counters::default(),
             Outgoing::Queuing(port) => port.status().counters,
         }

@@ -209,3 +209,26 @@ fn a_sample_that_comes_during_a_look_is_from_no_future() {
     assert_eq!(packet(&client), Some((header, b"after".to_vec())));
     assert_eq!(account(&mut ports).hostile, 0);
 }
+
+#[test]
+fn no_two_messages_have_the_same_stamp() {
+    for kind in [SAMPLING, queuing(8, WhenFull::Refuse)] {
+        let bench = Bench::new(kind, MAXIMUM, HostPort::Socket, true);
+        let mut end = Source::open(bench.regions()).unwrap();
+        let mut queue = (kind != SAMPLING).then(|| bench.queuing_destination());
+        let region = || Peer::map(&bench.regions().source).unwrap();
+        let geometry = &bench.regions().geometry;
+        let mut sample = (kind == SAMPLING)
+            .then(|| SamplingDestination::open(region(), geometry, Ticks(100)).unwrap());
+        let mut buffer = [0; MAXIMUM as usize];
+        let mut stamps = Vec::new();
+        // The clock stands still, and then goes on.
+        for at in [5, 5, 5, 6, 20] {
+            assert!(end.send(b"x", &|| Tsc(at)));
+            stamps.extend(queue.as_mut().map(|queue| queue.receive(&mut buffer).unwrap().stamp.0));
+            let now = takt_channel::Tsc(at);
+            stamps.extend(sample.as_mut().map(|port| port.read(&mut buffer, now).unwrap().stamp.0));
+        }
+        assert_eq!(stamps, [5, 6, 7, 8, 20]);
+    }
+}
