@@ -175,6 +175,8 @@ pub struct SocketSource {
     pub clients: Clients,
     /// As long as the longest message.
     buffer: Vec<u8>,
+    /// As long as well: what has come last and is yet to be sent.
+    newest: Vec<u8>,
     /// Messages that were sent.
     pub messages: u64,
 }
@@ -186,7 +188,7 @@ impl SocketSource {
     /// If the socket cannot be watched.
     pub fn new(end: Source, listener: Listener, watch: Watch, maximum: usize) -> io::Result<Self> {
         let clients = Clients::new(listener, watch, CLIENTS_MAX)?;
-        Ok(Self { end, clients, buffer: vec![0; maximum], messages: 0 })
+        Ok(Self { end, clients, buffer: vec![0; maximum], newest: vec![0; maximum], messages: 0 })
     }
 
     /// The channel's end.
@@ -196,18 +198,24 @@ impl SocketSource {
 
     /// Does what there is to do, within the budget. The clients take turns. Without room in the
     /// channel nothing is read, and the client's own buffer fills up.
+    ///
+    /// Of the packets for a sampling channel only the last is sent: the others are void by then, and
+    /// each would have the stamp of a fresh one for a moment.
     pub fn serve(&mut self, budget: &mut Budget, now: Now<'_>) {
         let clients = &mut self.clients;
         clients.all.retain(|Client { connection: c, .. }| !(c.is_closed() && c.is_drained()));
         clients.accept(budget);
-        let mut silent = 0;
+        let (mut silent, mut found) = (0, None);
         while silent < clients.all.len() && budget.is_left() && self.end.has_room(false) {
-            let Some(client) = clients.all.pop_front() else { return };
+            let Some(client) = clients.all.pop_front() else { break };
             match client.connection.receive(&mut self.buffer) {
                 Came::Packet(length) => {
                     budget.spend(length);
-                    let message = self.buffer.get(..length).unwrap_or_default();
-                    self.messages += u64::from(self.end.send(message, now));
+                    std::mem::swap(&mut self.buffer, &mut self.newest);
+                    found = Some(length);
+                    if !self.end.is_sampling() {
+                        self.messages += send(&mut self.end, &self.newest, found.take(), now);
+                    }
                     silent = 0;
                     clients.all.push_back(client);
                 }
@@ -222,5 +230,12 @@ impl SocketSource {
                 Came::End => {}
             }
         }
+        self.messages += send(&mut self.end, &self.newest, found, now);
     }
+}
+
+/// Sends the first bytes of the buffer, if there is a length; returns how many messages that was.
+fn send(end: &mut Source, buffer: &[u8], length: Option<usize>, now: Now<'_>) -> u64 {
+    let message = length.and_then(|length| buffer.get(..length));
+    u64::from(message.is_some_and(|message| end.send(message, now)))
 }

@@ -167,9 +167,18 @@ fn a_sampling_guest_reads_what_a_client_wrote_last() {
     let mut guest = SamplingDestination::open(region, geometry, Ticks(100)).unwrap();
     let client = connect(&bench.path()).unwrap();
     assert_eq!((client.send(b"old"), client.send(b"new")), (Sent::Yes, Sent::Yes));
+    // What no message can be is left behind, and does not become one.
+    let wrong = connect(&bench.path()).unwrap();
+    assert_eq!(wrong.send(&[b'?'; MAXIMUM as usize + 1]), Sent::Yes);
     bench.tick(&mut ports);
     let mut buffer = [0; MAXIMUM as usize];
     assert_eq!(guest.read(&mut buffer, bench.stamp()).unwrap().bytes, b"new");
+    // What had become old in the socket was never there as fresh.
+    assert_eq!(account(&mut ports).messages, 1);
+    let written = Peer::map(&bench.regions().source).unwrap().load(offset::WRITTEN / 8);
+    assert_eq!(written, 1);
+    bench.tick(&mut ports);
+    assert_eq!(account(&mut ports).messages, 1, "sent again");
 }
 
 #[test]
