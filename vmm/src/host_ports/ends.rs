@@ -101,6 +101,14 @@ impl Destination {
         }
     }
 
+    /// Messages that wait in the queue; of a sampling channel 1 if there is a newer sample.
+    pub fn waiting(&mut self) -> u64 {
+        match &mut self.port {
+            Incoming::Sampling { region, seen, .. } => u64::from(written(region) != *seen),
+            Incoming::Queuing(port) => port.status().waiting.into(),
+        }
+    }
+
     /// Makes [`packet`](Self::packet) the newest sample, again if need be, or the oldest message of
     /// the queue, which is thereby taken. False if there is none.
     pub fn take(&mut self, clock: &Timebase, now: Now<'_>) -> bool {

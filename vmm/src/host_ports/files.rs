@@ -283,9 +283,14 @@ fn read<'b>(
 
 #[cfg(test)]
 mod tests {
+    use std::rc::Rc;
+
+    use vmm_sys_util::epoll::Epoll;
+
     use super::*;
     use crate::config::{HostPort, WhenFull};
     use crate::host_ports::tests::{Bench, queuing};
+    use crate::host_ports::{HostPorts, Port, Way};
 
     fn record(length: u32, message: &[u8]) -> Vec<u8> {
         let header = Header { taken_ns: u64::MAX, age_ns: 7, flags: u32::MAX, length };
@@ -369,6 +374,46 @@ mod tests {
         let waiting = guest.status().waiting;
         assert!(port.serve(&mut { Budget::TICK }, &bench.clock, &|| bench.clock.epoch).is_ok());
         assert_eq!(guest.status().waiting, waiting, "a message was taken without a client");
+    }
+
+    #[test]
+    fn what_found_no_room_is_written_at_the_end_or_told_of() {
+        for works in [true, false] {
+            let bench = Bench::new(queuing(8, WhenFull::Refuse), 8, HostPort::File, false);
+            let (go, told) = std::sync::mpsc::channel();
+            let end = Destination::open(bench.regions(), bench.clock.frequency).unwrap();
+            let (outlet, work) = Outlet::new(&[2 * (HEADER + 8 + 64)], Slow(told));
+            std::thread::spawn(work);
+            let way = Way::FileDestination(FileDestination::new(end, outlet));
+            let (channel, name) = ("levels".into(), "port".into());
+            let port = Port { channel, name, budget: Budget::TICK, way };
+            let epoll = Rc::new(Epoll::new().unwrap());
+            let mut ports = HostPorts { ports: vec![port], epoll, news: Vec::new() };
+            let mut guest = bench.queuing_source();
+            for n in 0..10u8 {
+                guest.send(&[n; 8], bench.stamp()).unwrap();
+                ports.on_tick(&bench.clock, &|| bench.clock.epoch);
+            }
+            // The disk comes to itself when the run is over already.
+            let disk = std::thread::spawn(move || {
+                std::thread::sleep(Duration::from_millis(100));
+                let count = if works { 10 } else { 1 };
+                (0..count).for_each(|_| go.send(()).unwrap());
+            });
+            ports.finish(&bench.clock, &|| bench.clock.epoch);
+            disk.join().unwrap();
+            let news = ports.take_news();
+            let account = ports.accounts().remove(0);
+            if works {
+                assert_eq!((account.messages, guest.status().waiting), (10, 0));
+                assert!(news.is_empty(), "{news:?}");
+            } else {
+                assert_eq!(guest.status().waiting, 8);
+                assert!(news[0].contains("cannot write any more"), "{news:?}");
+                let left = "channel levels: messages that wait and are not in the file: 8";
+                assert_eq!(news[1..], [left]);
+            }
+        }
     }
 
     #[test]

@@ -231,20 +231,25 @@ impl HostPorts {
     /// Takes the last messages, after all guests have stopped, and waits for their files.
     pub fn finish(&mut self, clock: &Timebase, now: Now<'_>) {
         for port in &mut self.ports {
-            // The sources have ended, so no message comes in while these are taken: the loop ends.
-            while let Way::FileDestination(file) = &mut port.way {
-                let before = file.taken;
+            let Way::FileDestination(file) = &mut port.way else { continue };
+            // The sources have ended, so each turn leaves fewer messages: the loop ends. A turn that took none
+            // may have skipped what cannot be believed.
+            let failed = loop {
+                let before = (file.taken, file.end().waiting());
                 port.budget = Budget::TICK;
-                let served = file.serve(&mut port.budget, clock, now);
-                let done = file.taken == before;
-                let settled = served.and_then(|()| file.settle(PATIENCE, 2 * PATIENCE));
-                let failed = settled.err();
-                let over = done || failed.is_some();
-                self.news.extend(failed.map(|why| format!("channel {}: {why}", port.channel)));
-                if over {
-                    break;
+                // The disk goes first, so that there is room.
+                let settled = file.settle(PATIENCE, 2 * PATIENCE);
+                let served = settled.and_then(|()| file.serve(&mut port.budget, clock, now));
+                match served {
+                    Ok(()) if before != (file.taken, file.end().waiting()) => {}
+                    ended => break ended.err(),
                 }
-            }
+            };
+            let left = file.end().waiting();
+            let left =
+                (left > 0).then(|| format!("messages that wait and are not in the file: {left}"));
+            let news = failed.map(|why| why.to_string()).into_iter().chain(left);
+            self.news.extend(news.map(|news| format!("channel {}: {news}", port.channel)));
         }
     }
 
