@@ -6,7 +6,9 @@
  * Every function but the closing ones returns a takt_port_code. TAKT_PORT_NO_ERROR is 0, so any other value means that
  * nothing was done. takt_port_last_error() gives the text of this thread's last failure.
  *
- * A handle belongs to one thread at a time. Link with libtakt_port_c.a -lpthread -ldl -lm -lgcc_s.
+ * A handle belongs to one thread at a time, and no other may close it meanwhile. After a fork a port belongs to the parent:
+ * the child can only close it, and takes its own. Until it does, or ends, the port is in use even if the parent has
+ * closed it. Link with libtakt_port_c.a -lpthread -ldl -lm -lgcc_s.
  */
 #ifndef TAKT_PORT_H
 #define TAKT_PORT_H
@@ -27,7 +29,7 @@ typedef enum takt_port_code {
     TAKT_PORT_INVALID_CONFIG = 4, /* no such port, or the message is too long */
     TAKT_PORT_INVALID_MODE = 5,   /* the call does not fit the port's kind or direction */
     TAKT_PORT_TIMED_OUT = 6,
-    TAKT_PORT_BAD_ARGUMENT = -1,  /* a null pointer, or a text that is not UTF-8 */
+    TAKT_PORT_BAD_ARGUMENT = -1,  /* a null pointer, a text that is not UTF-8, or a port of the process before a fork */
     TAKT_PORT_SYSTEM = -2         /* no ports on this machine, or a file that cannot be used */
 } takt_port_code;
 

@@ -25,7 +25,7 @@ pub enum Code {
     InvalidMode = 5,
     /// The time-out passed.
     TimedOut = 6,
-    /// A pointer is null, or a text is not UTF-8.
+    /// A pointer is null, a text is not UTF-8, or the port was taken by a process from which this one was forked.
     BadArgument = -1,
     /// The machine has no ports, or a file of theirs cannot be used.
     System = -2,
