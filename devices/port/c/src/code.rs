@@ -15,7 +15,7 @@ pub enum Code {
     NoError = 0,
     /// There is nothing to give, or the port is in use.
     NoAction = 1,
-    /// The queue is empty or full, or the other end cannot be believed.
+    /// The queue is empty or full; or the other end cannot be believed, and a message of its queue was skipped.
     NotAvailable = 2,
     /// The message is empty, or the buffer is shorter than the longest message.
     InvalidParam = 3,

@@ -279,6 +279,8 @@ class Receiver(_Port):
     def receive(self, timeout=0):
         """Takes the oldest message as a `Received`, and waits so long for one.
 
+        NOT_AVAILABLE is an empty queue, or a message that cannot be believed and was skipped: the text tells which.
+
         If a signal's handler raises, as that of Ctrl-C does, a message that has just been taken is lost.
         """
         message = _Message()
