@@ -188,6 +188,20 @@ impl<L: Load> SamplingDestination<L> {
     /// # Errors
     /// See [`ReadError`].
     pub fn read<'b>(&mut self, buffer: &'b mut [u8], now: Tsc) -> Result<Sample<'b>, ReadError> {
+        self.read_by(buffer, || now)
+    }
+
+    /// As [`read`](Self::read), but reads the clock after the copy. A reader that can be put off at any
+    /// moment needs this: with a `now` of before, a message that came meanwhile would seem to be from
+    /// the future.
+    ///
+    /// # Errors
+    /// See [`ReadError`].
+    pub fn read_by<'b>(
+        &mut self,
+        buffer: &'b mut [u8],
+        clock: impl FnOnce() -> Tsc,
+    ) -> Result<Sample<'b>, ReadError> {
         if buffer.len() < self.slots.maximum() {
             return Err(ReadError::Buffer(self.slots.maximum()));
         }
@@ -206,7 +220,7 @@ impl<L: Load> SamplingDestination<L> {
             }
             match self.slots.copy(&self.region, written.wrapping_sub(1), buffer) {
                 Ok(copied) => {
-                    let age = self.judge(copied.stamp, now);
+                    let age = self.judge(copied.stamp, clock());
                     let bytes = buffer.get(..copied.length).unwrap_or_default();
                     let validity = self.validity;
                     return Ok(Sample { bytes, stamp: copied.stamp, age, validity });

@@ -4,7 +4,8 @@
 //! see that, so each handle locks one byte of the function's `resource2`, that of its port's
 //! number. A lock of this kind (`F_OFD_SETLK`) belongs to the open file, so it also keeps two
 //! handles of one process apart, and it ends with the process however that ends: there is no lock
-//! file that could be left behind, and none that somebody else could make first.
+//! file that could be left behind, and none that somebody else could make first. It does not keep apart a
+//! process and one that is forked from it: they share the open file.
 
 #![allow(unsafe_code)]
 

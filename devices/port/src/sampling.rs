@@ -44,7 +44,7 @@ impl Input<'_> {
     /// # Errors
     /// See [`ReadError`].
     pub fn read<'b>(&mut self, buffer: &'b mut [u8]) -> Result<Sample<'b>, ReadError> {
-        self.end.read(buffer, self.clock.now())
+        self.end.read_by(buffer, || self.clock.now())
     }
 
     /// As [`read`](Self::read), but waits for a message whose stamp is not `known`: for any at
@@ -61,7 +61,7 @@ impl Input<'_> {
     ) -> Result<Sample<'b>, CallError> {
         let deadline = timeout.deadline();
         let (length, stamp, age, validity) = loop {
-            let nothing = match self.end.read(buffer, self.clock.now()) {
+            let nothing = match self.end.read_by(buffer, || self.clock.now()) {
                 Ok(sample) if Some(sample.stamp) != known => {
                     break (sample.bytes.len(), sample.stamp, sample.age, sample.validity);
                 }

@@ -10,6 +10,9 @@ use crate::error::PortsError;
 use crate::ports::Ports;
 use crate::table::{Direction, Kind, Port};
 
+/// How often the counters of ends that are at work are looked at.
+const LOOKS: usize = 4;
+
 /// The newest message of a sampling channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Newest {
@@ -52,15 +55,26 @@ impl Ports {
         let word = |region: &Option<_>, offset: usize| {
             region.as_ref().map_or(0, |region| Load::load(region, offset / 8))
         };
-        let first = word(&messages, offset::FIRST);
-        let end = word(&messages, offset::WRITTEN);
+        let counters = || (word(&messages, offset::FIRST), word(&acknowledgement, offset::READ));
+        let mut before = counters();
+        let mut end = word(&messages, offset::WRITTEN);
+        // They are of one instant if the others are the same before and after.
+        for _ in 1..LOOKS {
+            let after = counters();
+            if after == before {
+                break;
+            }
+            (before, end) = (after, word(&messages, offset::WRITTEN));
+        }
+        let (first, read) = before;
         let written = end.wrapping_sub(first);
         let source_starts = word(&messages, offset::EPOCH);
         let (mut waiting, mut destination_starts, mut newest) = (None, None, None);
         match port.kind {
             Kind::Queuing { depth, .. } => {
                 destination_starts = Some(word(&acknowledgement, offset::EPOCH));
-                let untaken = end.wrapping_sub(word(&acknowledgement, offset::READ));
+                // A destination that claims to have taken more than was sent leaves nothing waiting.
+                let untaken = end.wrapping_sub(read).cast_signed().max(0).cast_unsigned();
                 waiting = Some(untaken.min(written).min(u64::from(depth)));
             }
             Kind::Sampling { .. } => {
@@ -75,7 +89,7 @@ impl Ports {
         let any_age = Ticks(u64::MAX);
         let mut end = SamplingDestination::attach(messages, &port.geometry, any_age).ok()?;
         let mut buffer = vec![0; port.maximum as usize];
-        let sample = end.read(&mut buffer, self.clock().now()).ok()?;
+        let sample = end.read_by(&mut buffer, || self.clock().now()).ok()?;
         Some(Newest { stamp: sample.stamp, age: sample.age, length: sample.bytes.len() })
     }
 }

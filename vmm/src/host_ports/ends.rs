@@ -21,6 +21,10 @@ use crate::memory::MemoryError;
 /// How often a sample is read again because a newer one came meanwhile.
 const ATTEMPTS: usize = 4;
 
+/// Reads the clock. An end does so itself, after a look or just before it sends: the thread can be put off
+/// at any moment, and other ports take their time.
+pub type Now<'a> = &'a dyn Fn() -> time::Tsc;
+
 /// An end on the host could not be opened.
 #[derive(Debug, Error)]
 #[expect(missing_docs, reason = "each wraps the error of the module that its name says")]
@@ -97,9 +101,17 @@ impl Destination {
         }
     }
 
+    /// Messages that wait in the queue; of a sampling channel 1 if there is a newer sample.
+    pub fn waiting(&mut self) -> u64 {
+        match &mut self.port {
+            Incoming::Sampling { region, seen, .. } => u64::from(written(region) != *seen),
+            Incoming::Queuing(port) => port.status().waiting.into(),
+        }
+    }
+
     /// Makes [`packet`](Self::packet) the newest sample, again if need be, or the oldest message of
     /// the queue, which is thereby taken. False if there is none.
-    pub fn take(&mut self, clock: &Timebase, now: time::Tsc) -> bool {
+    pub fn take(&mut self, clock: &Timebase, now: Now<'_>) -> bool {
         let Some((header, message)) = self.packet.split_first_chunk_mut::<HEADER>() else {
             return false;
         };
@@ -107,12 +119,12 @@ impl Destination {
             Incoming::Sampling { port, region, seen } => {
                 sample(port, region, seen, message, now).ok()
             }
-            Incoming::Queuing(port) => receive(port, message).ok(),
+            Incoming::Queuing(port) => receive(port, message, now).ok(),
         };
-        let Some(Taken { length, stamp, flags }) = taken else { return false };
-        let age = now.since(time::Tsc(stamp.0));
+        let Some(Taken { length, stamp, flags, at }) = taken else { return false };
+        let age = at.since(time::Tsc(stamp.0));
         *header = Header {
-            taken_ns: clock.offset(now).0,
+            taken_ns: clock.offset(at).0,
             age_ns: clock.frequency.nanos(age).0,
             flags,
             length: length as u32,
@@ -147,6 +159,7 @@ struct Taken {
     length: usize,
     stamp: takt_channel::Tsc,
     flags: u32,
+    at: time::Tsc,
 }
 
 /// The newest sample. Looks at the count on both sides of the copy, so that the sample that was
@@ -156,15 +169,21 @@ fn sample(
     region: &Peer,
     seen: &mut u64,
     buffer: &mut [u8],
-    now: time::Tsc,
+    now: Now<'_>,
 ) -> Result<Taken, ReadError> {
     let mut taken = Err(ReadError::NeverWritten);
     for _ in 0..ATTEMPTS {
         *seen = written(region);
-        taken = port.read(buffer, takt_channel::Tsc(now.0)).map(|sample| Taken {
+        let mut at = time::Tsc(0);
+        let clock = || {
+            at = now();
+            takt_channel::Tsc(at.0)
+        };
+        taken = port.read_by(buffer, clock).map(|sample| Taken {
             length: sample.bytes.len(),
             stamp: sample.stamp,
             flags: if sample.validity == Validity::Valid { VALID } else { 0 },
+            at,
         });
         if written(region) == *seen {
             break;
@@ -176,11 +195,13 @@ fn sample(
 fn receive(
     port: &mut QueuingDestination<Peer, Own>,
     buffer: &mut [u8],
+    now: Now<'_>,
 ) -> Result<Taken, ReceiveError> {
     port.receive(buffer).map(|received| Taken {
         length: received.bytes.len(),
         stamp: received.stamp,
         flags: if received.overflowed { LOST } else { 0 },
+        at: now(),
     })
 }
 
@@ -190,7 +211,11 @@ fn written(region: &Peer) -> u64 {
 }
 
 /// Takt's end of a channel that it sends on.
-pub struct Source(Outgoing);
+pub struct Source {
+    port: Outgoing,
+    /// Stamp of the last message. Readers tell a new message by its stamp, so no two have the same.
+    last: u64,
+}
 
 enum Outgoing {
     Sampling(SamplingSource<Own>),
@@ -206,17 +231,18 @@ impl Source {
         let geometry = &regions.geometry;
         let mut own = Own::map(&regions.source)?;
         geometry.format_source(&mut own)?;
-        Ok(Self(match &regions.destination {
+        let port = match &regions.destination {
             None => Outgoing::Sampling(SamplingSource::open(own, geometry)?),
             Some(peer) => Outgoing::Queuing(QueuingSource::open(own, Peer::map(peer)?, geometry)?),
-        }))
+        };
+        Ok(Self { port, last: 0 })
     }
 
     /// Whether a message may be sent now: always on a sampling channel. On a queuing one the
     /// destination must have opened its port, since that empties the queue; and there must be
     /// room, unless the channel overwrites and the caller is not `patient`.
     pub fn has_room(&mut self, patient: bool) -> bool {
-        match &mut self.0 {
+        match &mut self.port {
             Outgoing::Sampling(_) => true,
             Outgoing::Queuing(port) => {
                 let status = port.status();
@@ -229,13 +255,14 @@ impl Source {
     /// True for a sampling channel.
     #[must_use]
     pub fn is_sampling(&self) -> bool {
-        matches!(self.0, Outgoing::Sampling(_))
+        matches!(self.port, Outgoing::Sampling(_))
     }
 
-    /// Sends a message. False if the channel does not take it: too long, empty, or no room.
-    pub fn send(&mut self, message: &[u8], now: time::Tsc) -> bool {
-        let stamp = takt_channel::Tsc(now.0);
-        match &mut self.0 {
+    /// Sends a message, stamped with now, and later than the one before. False if the channel does not take it: too long, empty, or no room.
+    pub fn send(&mut self, message: &[u8], now: Now<'_>) -> bool {
+        self.last = now().0.max(self.last.saturating_add(1));
+        let stamp = takt_channel::Tsc(self.last);
+        match &mut self.port {
             Outgoing::Sampling(port) => port.write(message, stamp).is_ok(),
             Outgoing::Queuing(port) => port.send(message, stamp).is_ok(),
         }
@@ -243,7 +270,7 @@ impl Source {
 
     /// What went wrong so far; the source of a sampling channel hears nothing of anybody.
     pub fn counters(&mut self) -> Counters {
-        match &mut self.0 {
+        match &mut self.port {
             Outgoing::Sampling(_) => Counters::default(),
             Outgoing::Queuing(port) => port.status().counters,
         }

@@ -15,11 +15,11 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 use std::time::Duration;
 
-use takt_scheduler::time::{Timebase, Tsc};
+use takt_scheduler::time::Timebase;
 use thiserror::Error;
 
 use super::budget::{self, Budget};
-use super::ends::{Destination, Source};
+use super::ends::{Destination, Now, Source};
 use super::packet::{HEADER, Header};
 use crate::outlet::{Outlet, Sink};
 
@@ -134,7 +134,12 @@ impl FileDestination {
     ///
     /// # Errors
     /// Once, when the file cannot be written. What was there before stays whole.
-    pub fn serve(&mut self, budget: &mut Budget, clock: &Timebase, now: Tsc) -> Result<(), Broken> {
+    pub fn serve(
+        &mut self,
+        budget: &mut Budget,
+        clock: &Timebase,
+        now: Now<'_>,
+    ) -> Result<(), Broken> {
         if let Some(error) = self.outlet.take_error() {
             return Err(Broken::Write(error));
         }
@@ -218,7 +223,7 @@ impl FileSource {
     ///
     /// # Errors
     /// Once, when the file cannot be read or has a record that cannot be.
-    pub fn serve(&mut self, budget: &mut Budget, now: Tsc) -> Result<(), Broken> {
+    pub fn serve(&mut self, budget: &mut Budget, now: Now<'_>) -> Result<(), Broken> {
         while budget.is_left() && self.end.has_room(true) {
             let Some(ahead) = &self.messages_ahead else { return Ok(()) };
             match ahead.try_recv() {
@@ -278,9 +283,14 @@ fn read<'b>(
 
 #[cfg(test)]
 mod tests {
+    use std::rc::Rc;
+
+    use vmm_sys_util::epoll::Epoll;
+
     use super::*;
     use crate::config::{HostPort, WhenFull};
     use crate::host_ports::tests::{Bench, queuing};
+    use crate::host_ports::{HostPorts, Port, Way};
 
     fn record(length: u32, message: &[u8]) -> Vec<u8> {
         let header = Header { taken_ns: u64::MAX, age_ns: 7, flags: u32::MAX, length };
@@ -345,7 +355,7 @@ mod tests {
         for n in 0..10u8 {
             let taken = guest.send(&[n; 8], bench.stamp());
             assert_eq!(taken.is_ok(), n < 8 + 2, "{n}");
-            port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).unwrap();
+            port.serve(&mut { Budget::TICK }, &bench.clock, &|| bench.clock.epoch).unwrap();
         }
         assert_eq!((port.taken, port.messages(), guest.status().waiting), (2, 0, 8));
         let stalled = port.settle(Duration::from_millis(1), LONG).unwrap_err();
@@ -355,15 +365,55 @@ mod tests {
             go.send(()).unwrap();
         }
         while port.messages() < 3 {
-            port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).unwrap();
+            port.serve(&mut { Budget::TICK }, &bench.clock, &|| bench.clock.epoch).unwrap();
         }
         // And it fails.
         drop(go);
-        while port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).is_ok() {}
-        assert!(port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).is_ok());
+        while port.serve(&mut { Budget::TICK }, &bench.clock, &|| bench.clock.epoch).is_ok() {}
+        assert!(port.serve(&mut { Budget::TICK }, &bench.clock, &|| bench.clock.epoch).is_ok());
         let waiting = guest.status().waiting;
-        assert!(port.serve(&mut { Budget::TICK }, &bench.clock, bench.clock.epoch).is_ok());
+        assert!(port.serve(&mut { Budget::TICK }, &bench.clock, &|| bench.clock.epoch).is_ok());
         assert_eq!(guest.status().waiting, waiting, "a message was taken without a client");
+    }
+
+    #[test]
+    fn what_found_no_room_is_written_at_the_end_or_told_of() {
+        for works in [true, false] {
+            let bench = Bench::new(queuing(8, WhenFull::Refuse), 8, HostPort::File, false);
+            let (go, told) = std::sync::mpsc::channel();
+            let end = Destination::open(bench.regions(), bench.clock.frequency).unwrap();
+            let (outlet, work) = Outlet::new(&[2 * (HEADER + 8 + 64)], Slow(told));
+            std::thread::spawn(work);
+            let way = Way::FileDestination(FileDestination::new(end, outlet));
+            let (channel, name) = ("levels".into(), "port".into());
+            let port = Port { channel, name, budget: Budget::TICK, way };
+            let epoll = Rc::new(Epoll::new().unwrap());
+            let mut ports = HostPorts { ports: vec![port], epoll, news: Vec::new() };
+            let mut guest = bench.queuing_source();
+            for n in 0..10u8 {
+                guest.send(&[n; 8], bench.stamp()).unwrap();
+                ports.on_tick(&bench.clock, &|| bench.clock.epoch);
+            }
+            // The disk comes to itself when the run is over already.
+            let disk = std::thread::spawn(move || {
+                std::thread::sleep(Duration::from_millis(100));
+                let count = if works { 10 } else { 1 };
+                (0..count).for_each(|_| go.send(()).unwrap());
+            });
+            ports.finish(&bench.clock, &|| bench.clock.epoch);
+            disk.join().unwrap();
+            let news = ports.take_news();
+            let account = ports.accounts().remove(0);
+            if works {
+                assert_eq!((account.messages, guest.status().waiting), (10, 0));
+                assert!(news.is_empty(), "{news:?}");
+            } else {
+                assert_eq!(guest.status().waiting, 8);
+                assert!(news[0].contains("cannot write any more"), "{news:?}");
+                let left = "channel levels: messages that wait and are not in the file: 8";
+                assert_eq!(news[1..], [left]);
+            }
+        }
     }
 
     #[test]

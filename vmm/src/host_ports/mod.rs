@@ -34,7 +34,7 @@ use std::time::Duration;
 
 use takt_channel::Counters;
 pub use takt_figures::report::HostPort as Account;
-use takt_scheduler::time::{Timebase, Tsc, TscFrequency};
+use takt_scheduler::time::{Timebase, TscFrequency};
 use thiserror::Error;
 use vmm_sys_util::epoll::{Epoll, EpollEvent};
 
@@ -45,7 +45,7 @@ use crate::sandbox::Kind;
 use crate::unix_socket::{Listener, SocketError, SocketKind};
 use crate::vcpu::thread::{Spawn, ThreadError};
 use budget::Budget;
-use ends::{Destination, EndError, Source};
+use ends::{Destination, EndError, Now, Source};
 use files::{FileDestination, FileSource, Recording, read_ahead};
 use sockets::{Clients, SocketDestination, SocketSource, Watch};
 
@@ -208,7 +208,7 @@ impl HostPorts {
     }
 
     /// Serves every port, with a new budget.
-    pub fn on_tick(&mut self, clock: &Timebase, now: Tsc) {
+    pub fn on_tick(&mut self, clock: &Timebase, now: Now<'_>) {
         for port in &mut self.ports {
             port.budget = Budget::TICK;
             port.serve(clock, now, &mut self.news);
@@ -216,7 +216,7 @@ impl HostPorts {
     }
 
     /// Serves the ports whose sockets have something, with what is left of their budgets.
-    pub fn on_ready(&mut self, clock: &Timebase, now: Tsc) {
+    pub fn on_ready(&mut self, clock: &Timebase, now: Now<'_>) {
         let mut events = [EpollEvent::default(); EVENTS];
         // What does not come now comes with the next event or at the next tick.
         let count = self.epoll.wait(0, &mut events).unwrap_or(0);
@@ -229,22 +229,27 @@ impl HostPorts {
     }
 
     /// Takes the last messages, after all guests have stopped, and waits for their files.
-    pub fn finish(&mut self, clock: &Timebase, now: Tsc) {
+    pub fn finish(&mut self, clock: &Timebase, now: Now<'_>) {
         for port in &mut self.ports {
-            // The sources have ended, so no message comes in while these are taken: the loop ends.
-            while let Way::FileDestination(file) = &mut port.way {
-                let before = file.taken;
+            let Way::FileDestination(file) = &mut port.way else { continue };
+            // The sources have ended, so each turn leaves fewer messages: the loop ends. A turn that took none
+            // may have skipped what cannot be believed.
+            let failed = loop {
+                let before = (file.taken, file.end().waiting());
                 port.budget = Budget::TICK;
-                let served = file.serve(&mut port.budget, clock, now);
-                let done = file.taken == before;
-                let settled = served.and_then(|()| file.settle(PATIENCE, 2 * PATIENCE));
-                let failed = settled.err();
-                let over = done || failed.is_some();
-                self.news.extend(failed.map(|why| format!("channel {}: {why}", port.channel)));
-                if over {
-                    break;
+                // The disk goes first, so that there is room.
+                let settled = file.settle(PATIENCE, 2 * PATIENCE);
+                let served = settled.and_then(|()| file.serve(&mut port.budget, clock, now));
+                match served {
+                    Ok(()) if before != (file.taken, file.end().waiting()) => {}
+                    ended => break ended.err(),
                 }
-            }
+            };
+            let left = file.end().waiting();
+            let left =
+                (left > 0).then(|| format!("messages that wait and are not in the file: {left}"));
+            let news = failed.map(|why| why.to_string()).into_iter().chain(left);
+            self.news.extend(news.map(|news| format!("channel {}: {news}", port.channel)));
         }
     }
 
@@ -267,7 +272,7 @@ impl AsRawFd for HostPorts {
 }
 
 impl Port {
-    fn serve(&mut self, clock: &Timebase, now: Tsc, news: &mut Vec<String>) {
+    fn serve(&mut self, clock: &Timebase, now: Now<'_>, news: &mut Vec<String>) {
         let budget = &mut self.budget;
         let broken = match &mut self.way {
             Way::SocketDestination(port) => return port.serve(budget, clock, now),

@@ -9,11 +9,11 @@ use std::io;
 use std::os::fd::{AsRawFd, RawFd};
 use std::rc::Rc;
 
-use takt_scheduler::time::{Timebase, Tsc};
+use takt_scheduler::time::Timebase;
 use vmm_sys_util::epoll::{ControlOperation, Epoll, EpollEvent, EventSet};
 
 use super::budget::Budget;
-use super::ends::{Destination, Source};
+use super::ends::{Destination, Now, Source};
 use super::seqpacket::{Came, Connection, Sent};
 use crate::unix_socket::Listener;
 
@@ -111,7 +111,7 @@ impl SocketDestination {
     }
 
     /// Does what there is to do, within the budget.
-    pub fn serve(&mut self, budget: &mut Budget, clock: &Timebase, now: Tsc) {
+    pub fn serve(&mut self, budget: &mut Budget, clock: &Timebase, now: Now<'_>) {
         self.clients.all.retain(|client| !client.connection.is_closed());
         self.clients.accept(budget);
         if self.end.is_sampling() {
@@ -123,7 +123,7 @@ impl SocketDestination {
 
     /// Sends the newest sample to the clients that do not have it. A client that cannot take it now gets the
     /// sample that is the newest later.
-    fn show(&mut self, budget: &mut Budget, clock: &Timebase, now: Tsc) {
+    fn show(&mut self, budget: &mut Budget, clock: &Timebase, now: Now<'_>) {
         let clients = &mut self.clients.all;
         if self.end.has_news() {
             clients.iter_mut().for_each(|client| client.behind = true);
@@ -146,7 +146,7 @@ impl SocketDestination {
 
     /// Sends what is in the queue to the client, if there is one. Without a client the messages stay in
     /// the queue.
-    fn hand_over(&mut self, budget: &mut Budget, clock: &Timebase, now: Tsc) {
+    fn hand_over(&mut self, budget: &mut Budget, clock: &Timebase, now: Now<'_>) {
         while budget.is_left() {
             let Some(client) = self.clients.all.front() else { return };
             if !self.pending {
@@ -175,6 +175,8 @@ pub struct SocketSource {
     pub clients: Clients,
     /// As long as the longest message.
     buffer: Vec<u8>,
+    /// As long as well: what has come last and is yet to be sent.
+    newest: Vec<u8>,
     /// Messages that were sent.
     pub messages: u64,
 }
@@ -186,7 +188,7 @@ impl SocketSource {
     /// If the socket cannot be watched.
     pub fn new(end: Source, listener: Listener, watch: Watch, maximum: usize) -> io::Result<Self> {
         let clients = Clients::new(listener, watch, CLIENTS_MAX)?;
-        Ok(Self { end, clients, buffer: vec![0; maximum], messages: 0 })
+        Ok(Self { end, clients, buffer: vec![0; maximum], newest: vec![0; maximum], messages: 0 })
     }
 
     /// The channel's end.
@@ -196,18 +198,24 @@ impl SocketSource {
 
     /// Does what there is to do, within the budget. The clients take turns. Without room in the
     /// channel nothing is read, and the client's own buffer fills up.
-    pub fn serve(&mut self, budget: &mut Budget, now: Tsc) {
+    ///
+    /// Of the packets for a sampling channel only the last is sent: the others are void by then, and
+    /// each would have the stamp of a fresh one for a moment.
+    pub fn serve(&mut self, budget: &mut Budget, now: Now<'_>) {
         let clients = &mut self.clients;
         clients.all.retain(|Client { connection: c, .. }| !(c.is_closed() && c.is_drained()));
         clients.accept(budget);
-        let mut silent = 0;
+        let (mut silent, mut found) = (0, None);
         while silent < clients.all.len() && budget.is_left() && self.end.has_room(false) {
-            let Some(client) = clients.all.pop_front() else { return };
+            let Some(client) = clients.all.pop_front() else { break };
             match client.connection.receive(&mut self.buffer) {
                 Came::Packet(length) => {
                     budget.spend(length);
-                    let message = self.buffer.get(..length).unwrap_or_default();
-                    self.messages += u64::from(self.end.send(message, now));
+                    std::mem::swap(&mut self.buffer, &mut self.newest);
+                    found = Some(length);
+                    if !self.end.is_sampling() {
+                        self.messages += send(&mut self.end, &self.newest, found.take(), now);
+                    }
                     silent = 0;
                     clients.all.push_back(client);
                 }
@@ -222,5 +230,12 @@ impl SocketSource {
                 Came::End => {}
             }
         }
+        self.messages += send(&mut self.end, &self.newest, found, now);
     }
+}
+
+/// Sends the first bytes of the buffer, if there is a length; returns how many messages that was.
+fn send(end: &mut Source, buffer: &[u8], length: Option<usize>, now: Now<'_>) -> u64 {
+    let message = length.and_then(|length| buffer.get(..length));
+    u64::from(message.is_some_and(|message| end.send(message, now)))
 }

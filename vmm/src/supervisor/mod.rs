@@ -36,6 +36,7 @@ use crate::control::protocol::EventKind;
 use crate::health::Detail;
 use crate::host_clock::HostClock;
 use crate::host_ports::HostPorts;
+use crate::host_ports::ends::Now;
 use crate::host_watchdog::HostWatchdog;
 use crate::init_watch::Console;
 use crate::interrupts::Interrupts;
@@ -238,9 +239,9 @@ impl Supervisor {
     }
 
     /// Lets the ends of channels that are Takt's own do `what`, and says what came of it.
-    pub fn serve_host_ports(&mut self, what: fn(&mut HostPorts, &Timebase, Tsc)) {
+    pub fn serve_host_ports(&mut self, what: fn(&mut HostPorts, &Timebase, Now<'_>)) {
         let Some(ports) = &mut self.host_ports else { return };
-        what(ports, &self.desk.base(), Tsc::now());
+        what(ports, &self.desk.base(), &Tsc::now);
         for news in ports.take_news() {
             self.screen.line("takt", &news);
         }

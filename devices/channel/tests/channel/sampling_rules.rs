@@ -75,6 +75,24 @@ fn opening_the_source_empties_the_channel() {
 }
 
 #[test]
+fn a_reader_that_is_put_off_takes_no_honest_message_for_one_from_the_future() {
+    let channel = Channel::new();
+    let mut destination = channel.destination();
+    let mut source = channel.source();
+    source.write(b"before", Tsc(1_000)).unwrap();
+    let mut buffer = [0; MAXIMUM];
+    // The clock is read when all that could come has come.
+    let late = || {
+        source.write(b"after", Tsc(9_000)).unwrap();
+        Tsc(1_050)
+    };
+    let sample = destination.read_by(&mut buffer, late).unwrap();
+    assert_eq!((sample.bytes, sample.age), (&b"before"[..], Ticks(50)));
+    assert_eq!(sample.validity, Validity::Valid);
+    assert_eq!(destination.status().counters.hostile, 0);
+}
+
+#[test]
 fn writing_an_empty_message_is_invalid_param() {
     let error = Channel::new().source().write(b"", Tsc(1)).unwrap_err();
     assert_eq!((error, error.code()), (LengthError::Empty, ReturnCode::InvalidParam));

@@ -3,10 +3,14 @@
  * A partition finds its ports by takt_ports_discover(), takes one by its name in the partition file, and then writes and
  * reads messages. Messages are bytes; the kernel takes no part in moving them. A port has one owner at a time.
  *
- * Every function but the closing ones returns a takt_port_code. TAKT_PORT_NO_ERROR is 0, so any other value means that
- * nothing was done. takt_port_last_error() gives the text of this thread's last failure.
+ * Every function but the closing ones returns a takt_port_code. With any other value than TAKT_PORT_NO_ERROR, which is 0,
+ * nothing was sent, and there is no message in the buffer. Something may have gone on, however: takt_port_receive() skips a
+ * message of which the other end says what cannot be, and returns TAKT_PORT_NOT_AVAILABLE, as it does for an empty queue. The
+ * next call goes on behind it. The text tells the two apart. takt_port_last_error() gives the text of this thread's last failure.
  *
- * A handle belongs to one thread at a time. Link with libtakt_port_c.a -lpthread -ldl -lm -lgcc_s.
+ * A handle belongs to one thread at a time, and no other may close it meanwhile. After a fork a port belongs to the parent:
+ * the child can only close it, and takes its own. Until it does, or ends, the port is in use even if the parent has
+ * closed it. Link with libtakt_port_c.a -lpthread -ldl -lm -lgcc_s.
  */
 #ifndef TAKT_PORT_H
 #define TAKT_PORT_H
@@ -22,12 +26,13 @@ extern "C" {
 typedef enum takt_port_code {
     TAKT_PORT_NO_ERROR = 0,
     TAKT_PORT_NO_ACTION = 1,      /* nothing was written yet, or nothing newer; or the port is in use */
-    TAKT_PORT_NOT_AVAILABLE = 2,  /* the queue is empty or full, or the other end cannot be believed */
+    TAKT_PORT_NOT_AVAILABLE = 2,  /* the queue is empty or full; or the other end cannot be believed, and a message of
+                                     its queue was skipped */
     TAKT_PORT_INVALID_PARAM = 3,  /* the message is empty, or the buffer is shorter than the longest message */
     TAKT_PORT_INVALID_CONFIG = 4, /* no such port, or the message is too long */
     TAKT_PORT_INVALID_MODE = 5,   /* the call does not fit the port's kind or direction */
     TAKT_PORT_TIMED_OUT = 6,
-    TAKT_PORT_BAD_ARGUMENT = -1,  /* a null pointer, or a text that is not UTF-8 */
+    TAKT_PORT_BAD_ARGUMENT = -1,  /* a null pointer, a text that is not UTF-8, or a port of the process before a fork */
     TAKT_PORT_SYSTEM = -2         /* no ports on this machine, or a file that cannot be used */
 } takt_port_code;
 
@@ -78,7 +83,8 @@ takt_port_code takt_port_write(takt_port *port, const void *bytes, size_t length
 takt_port_code takt_port_read(takt_port *port, void *buffer, size_t capacity, const uint64_t *known,
                               int64_t timeout_ns, takt_port_message *message);
 
-/* Queuing ports. Sending waits for room, receiving for a message. */
+/* Queuing ports. Sending waits for room, receiving for a message. A message before which others were overwritten is
+ * TAKT_PORT_NO_ERROR, with overflowed in the message, where ARINC 653 has INVALID_CONFIG. */
 takt_port_code takt_port_send(takt_port *port, const void *bytes, size_t length, int64_t timeout_ns);
 takt_port_code takt_port_receive(takt_port *port, void *buffer, size_t capacity, int64_t timeout_ns,
                                  takt_port_message *message);

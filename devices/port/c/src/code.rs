@@ -15,7 +15,7 @@ pub enum Code {
     NoError = 0,
     /// There is nothing to give, or the port is in use.
     NoAction = 1,
-    /// The queue is empty or full, or the other end cannot be believed.
+    /// The queue is empty or full; or the other end cannot be believed, and a message of its queue was skipped.
     NotAvailable = 2,
     /// The message is empty, or the buffer is shorter than the longest message.
     InvalidParam = 3,
@@ -25,7 +25,7 @@ pub enum Code {
     InvalidMode = 5,
     /// The time-out passed.
     TimedOut = 6,
-    /// A pointer is null, or a text is not UTF-8.
+    /// A pointer is null, a text is not UTF-8, or the port was taken by a process from which this one was forked.
     BadArgument = -1,
     /// The machine has no ports, or a file of theirs cannot be used.
     System = -2,

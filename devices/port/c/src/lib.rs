@@ -5,7 +5,8 @@
 //! texts end with a zero, and no function keeps a pointer that it was given. `devices/port/python` is a
 //! package over the same functions.
 //!
-//! A handle belongs to one thread at a time. Two handles may be used by two threads.
+//! A handle belongs to one thread at a time. Two handles may be used by two threads. A port's handle is of no use in a
+//! process that is forked.
 //!
 //! What a caller can get wrong is checked as far as C lets it be: null pointers, texts that are not UTF-8, and
 //! calls that do not fit the kind or the direction of a port are refused. A handle that was closed, and a buffer that

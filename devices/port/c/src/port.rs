@@ -20,6 +20,18 @@ pub struct PortHandle {
     // Declared before what it borrows from, so that it is dropped first.
     end: End,
     _ports: Arc<Ports>,
+    /// The process that took it. One that is forked has the handle and the lock too, but two would overwrite each
+    /// other's messages.
+    process: u32,
+}
+
+impl PortHandle {
+    fn check_process(&self) -> Result<(), Failure> {
+        if self.process == std::process::id() {
+            return Ok(());
+        }
+        Err(Failure::argument("the port belongs to the process from which this one was forked"))
+    }
 }
 
 #[derive(Debug)]
@@ -59,7 +71,7 @@ fn open(ports: &Arc<Ports>, name: &str, start: Start) -> Result<PortHandle, Fail
             End::Receiver(ports.receiver(name, start)?)
         }
     };
-    Ok(PortHandle { end, _ports: owner })
+    Ok(PortHandle { end, _ports: owner, process: std::process::id() })
 }
 
 /// Negative numbers mean for ever.
@@ -223,6 +235,7 @@ unsafe fn outgoing<'a>(
 ) -> Result<(&'a mut End, &'a [u8]), Failure> {
     // SAFETY: null or an open handle, which this thread alone uses.
     let port = unsafe { port.as_mut() }.ok_or_else(|| Failure::argument("the handle is null"))?;
+    port.check_process()?;
     if bytes.is_null() {
         return Err(Failure::argument("the message is null"));
     }
@@ -241,6 +254,7 @@ unsafe fn incoming<'a>(
 ) -> Result<(&'a mut PortHandle, &'a mut [u8], &'a mut Message), Failure> {
     // SAFETY: null or an open handle, which this thread alone uses.
     let port = unsafe { port.as_mut() }.ok_or_else(|| Failure::argument("the handle is null"))?;
+    port.check_process()?;
     if buffer.is_null() || message.is_null() {
         return Err(Failure::argument("the buffer or the place for the message is null"));
     }

@@ -1,7 +1,13 @@
 """Uses the Python package on the folder of a partition whose channels end in itself."""
 
+import array
+import faulthandler
+import os
+import signal
 import struct
 import sys
+import threading
+import time
 import unittest
 
 import takt_port
@@ -37,6 +43,23 @@ class Loopback(unittest.TestCase):
             self.assert_fails(Code.INVALID_PARAM, out.write, b"")
             self.assert_fails(Code.INVALID_CONFIG, out.write, bytes(513))
 
+    def test_all_bytes_of_a_message_go_whatever_its_length_counts(self):
+        class Longer(bytes):
+            def __len__(self):
+                return 64
+
+        values = array.array("d", [1.25, 2.5])
+        with Ports(FOLDER) as ports, ports.output("out") as out, ports.input("in") as level:
+            with ports.sender("send") as sender, ports.receiver("receive", anew=True) as receiver:
+                for message in values, memoryview(values), Longer(values.tobytes()):
+                    out.write(message)
+                    self.assertEqual(level.read().bytes, values.tobytes())
+                    sender.send(message)
+                    self.assertEqual(receiver.receive().bytes, values.tobytes())
+                for nothing in 3, "text", None:
+                    self.assertRaises(TypeError, out.write, nothing)
+                    self.assertRaises(TypeError, sender.send, nothing)
+
     def test_a_queue_keeps_the_order_and_is_full_at_its_depth(self):
         with Ports(FOLDER) as ports, ports.sender("send") as sender, ports.receiver("receive", anew=True) as receiver:
             for n in range(4):
@@ -52,6 +75,62 @@ class Loopback(unittest.TestCase):
             first = trail.receive()
             self.assertEqual((first.bytes, first.overflowed), (b"\2", True))
             self.assertFalse(trail.receive().overflowed)
+
+    def test_a_signal_ends_a_wait_that_has_no_end(self):
+        class Stop(Exception):
+            pass
+
+        def stop(*_):
+            raise Stop
+
+        faulthandler.dump_traceback_later(60, exit=True)
+        self.addCleanup(faulthandler.cancel_dump_traceback_later)
+        self.addCleanup(signal.signal, signal.SIGALRM, signal.signal(signal.SIGALRM, stop))
+        with Ports(FOLDER) as ports, ports.receiver("receive", anew=True) as receiver:
+            with ports.input("in", anew=True) as level:
+                for call in receiver.receive, level.read:
+                    signal.setitimer(signal.ITIMER_REAL, 0.01)
+                    self.assertRaises(Stop, call, timeout=None)
+
+    def test_a_wait_is_as_long_as_it_says(self):
+        with Ports(FOLDER) as ports, ports.receiver("receive", anew=True) as receiver:
+            begun = time.monotonic()
+            self.assert_fails(Code.TIMED_OUT, receiver.receive, timeout=0.5)
+            self.assertGreaterEqual(time.monotonic() - begun, 0.5)
+            self.assert_fails(Code.NOT_AVAILABLE, receiver.receive, timeout=-1)
+
+    def test_a_close_in_another_thread_ends_a_wait(self):
+        faulthandler.dump_traceback_later(60, exit=True)
+        self.addCleanup(faulthandler.cancel_dump_traceback_later)
+        with Ports(FOLDER) as ports, ports.receiver("receive", anew=True) as receiver:
+            waiting = lambda: self.assert_fails(Code.BAD_ARGUMENT, receiver.receive, timeout=None)
+            codes = []
+            thread = threading.Thread(target=lambda: (waiting(), codes.append("told")))
+            thread.start()
+            time.sleep(0.05)
+            receiver.close()
+            thread.join()
+            self.assertEqual(codes, ["told"])
+            ports.receiver("receive").close()
+
+    def test_a_process_that_is_forked_has_no_port(self):
+        with Ports(FOLDER) as ports, ports.output("out") as out, ports.input("in") as level:
+            with ports.sender("send") as sender, ports.receiver("receive", anew=True) as receiver:
+                out.write(b"parent")
+                child = os.fork()
+                if child == 0:
+                    try:
+                        for call in (lambda: out.write(b"x")), level.read, (lambda: sender.send(b"x")), receiver.receive:
+                            self.assert_fails(Code.BAD_ARGUMENT, call)
+                        out.close()
+                        self.assert_fails(Code.NO_ACTION, ports.output, "out")
+                        os._exit(0)
+                    finally:
+                        os._exit(1)
+                self.assertEqual(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), 0)
+                out.write(b"again")
+                self.assertEqual(level.read().bytes, b"again")
+                self.assert_fails(Code.NOT_AVAILABLE, receiver.receive)
 
     def test_a_port_that_is_not_there_in_use_or_of_another_kind_is_refused(self):
         with Ports(FOLDER) as ports, ports.output("out"):

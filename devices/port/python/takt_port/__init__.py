@@ -8,8 +8,12 @@
         print(struct.unpack("<d", sample.bytes[:8])[0], sample.age, sample.valid)
 
 `Ports` finds the ports. `output`, `input`, `sender` and `receiver` take one by its name in the partition file; a port has
-one owner at a time. Messages are bytes. Times are in seconds; a `timeout` of None waits as long as it takes. A
+one owner at a time. Messages are bytes: what is written or sent is an object that has them in memory, such as `bytes`, a
+`bytearray` or an `array`, and all of its bytes go. Times are in seconds; a `timeout` of None waits as long as it takes. A
 `PortError` has the return code in `code` (a `Code`) and says what was wrong.
+
+A port belongs to one thread at a time, but another one may close it. A process that was forked cannot use the ports of the
+one that it comes from; it takes its own.
 
 The package needs the shared library `libtakt_port.so`: beside this file, where the environment variable
 TAKT_PORT_LIBRARY says, or where the system looks for libraries.
@@ -20,6 +24,8 @@ import ctypes
 import enum
 import os
 import pathlib
+import threading
+import time
 
 __all__ = ["Code", "Description", "Input", "Output", "PortError", "Ports", "Receiver", "Sample", "Received", "Sender"]
 
@@ -109,8 +115,13 @@ def _check(code):
         raise PortError(code, _library.takt_port_last_error().decode(errors="replace"))
 
 
-def _nanoseconds(timeout):
-    return -1 if timeout is None else max(0, min(int(timeout * 1e9), 2**63 - 1))
+# The longest stay in the library in one piece. Python acts on a signal, such as that of Ctrl-C, only outside of it.
+_SLICE_S = 0.2
+
+
+def _bytes(message):
+    # The length of an object need not be that of its bytes, and bytes(3) would be three zeros.
+    return memoryview(message).tobytes()
 
 
 class Ports:
@@ -173,6 +184,7 @@ class _Port:
 
     def __init__(self, ports, name, anew):
         self._handle = ctypes.c_void_p()
+        self._lock, self._closed = threading.Lock(), False
         for port in ports:
             if port.name == name and (port.source, port.sampling) != (self._source, self._sampling):
                 kind = "sampling" if port.sampling else "queuing"
@@ -183,15 +195,38 @@ class _Port:
         _check(_library.takt_port_open(ports._handle, name.encode(), int(anew), ctypes.byref(self._handle)))
 
     def close(self):
-        """Lets go of the port, so that another process can take it."""
-        handle, self._handle = self._handle, ctypes.c_void_p()
-        _library.takt_port_close(handle)
+        """Lets go of the port, so that another process can take it. A call that waits in another thread ends within 0.2 s."""
+        self._closed = True
+        with self._lock:
+            handle, self._handle = self._handle, ctypes.c_void_p()
+            _library.takt_port_close(handle)
 
     def __enter__(self):
         return self
 
     def __exit__(self, *_):
         self.close()
+
+    def _call(self, call, taken=lambda: None):
+        # Under the lock, so that no other thread closes the port or overwrites the buffer. After a close the handle is null.
+        with self._lock:
+            _check(call(ctypes.c_void_p() if self._closed else self._handle))
+            return taken()
+
+    def _wait(self, timeout, call, taken=lambda: None):
+        """Calls with times to wait, in nanoseconds, until so many seconds are over."""
+        if timeout is not None and timeout <= 0:
+            return self._call(lambda handle: call(handle, 0), taken)
+        end = None if timeout is None else time.monotonic() + timeout
+        left = timeout
+        while True:
+            piece = _SLICE_S if left is None else min(left, _SLICE_S)
+            try:
+                return self._call(lambda handle: call(handle, max(1, int(piece * 1e9))), taken)
+            except PortError as error:
+                left = None if end is None else end - time.monotonic()
+                if error.code != Code.TIMED_OUT or left is not None and left <= 0:
+                    raise
 
     def _taken(self, message):
         return ctypes.string_at(self._buffer, message.length)
@@ -204,7 +239,8 @@ class Output(_Port):
 
     def write(self, message):
         """Replaces the message. Never waits."""
-        _check(_library.takt_port_write(self._handle, bytes(message), len(message)))
+        data = _bytes(message)
+        self._call(lambda handle: _library.takt_port_write(handle, data, len(data)))
 
 
 class Input(_Port):
@@ -216,10 +252,12 @@ class Input(_Port):
         """The newest message as a `Sample`. With `newer_than`, the stamp of a sample, it waits for another one."""
         message = _Message()
         known = None if newer_than is None else ctypes.byref(ctypes.c_uint64(newer_than))
-        size = len(self._buffer)
-        wait = _nanoseconds(timeout)
-        _check(_library.takt_port_read(self._handle, self._buffer, size, known, wait, ctypes.byref(message)))
-        return Sample(self._taken(message), message.stamp, message.age_ns / 1e9, message.valid == 1)
+        size, into = len(self._buffer), ctypes.byref(message)
+        return self._wait(
+            timeout,
+            lambda handle, wait: _library.takt_port_read(handle, self._buffer, size, known, wait, into),
+            lambda: Sample(self._taken(message), message.stamp, message.age_ns / 1e9, message.valid == 1),
+        )
 
 
 class Sender(_Port):
@@ -229,7 +267,8 @@ class Sender(_Port):
 
     def send(self, message, timeout=0):
         """Sends a message, and waits so long for room."""
-        _check(_library.takt_port_send(self._handle, bytes(message), len(message), _nanoseconds(timeout)))
+        data = _bytes(message)
+        self._wait(timeout, lambda handle, wait: _library.takt_port_send(handle, data, len(data), wait))
 
 
 class Receiver(_Port):
@@ -238,8 +277,16 @@ class Receiver(_Port):
     _source, _sampling = False, False
 
     def receive(self, timeout=0):
-        """Takes the oldest message as a `Received`, and waits so long for one."""
+        """Takes the oldest message as a `Received`, and waits so long for one.
+
+        NOT_AVAILABLE is an empty queue, or a message that cannot be believed and was skipped: the text tells which.
+
+        If a signal's handler raises, as that of Ctrl-C does, a message that has just been taken is lost.
+        """
         message = _Message()
-        size, wait = len(self._buffer), _nanoseconds(timeout)
-        _check(_library.takt_port_receive(self._handle, self._buffer, size, wait, ctypes.byref(message)))
-        return Received(self._taken(message), message.stamp, message.overflowed == 1)
+        size, into = len(self._buffer), ctypes.byref(message)
+        return self._wait(
+            timeout,
+            lambda handle, wait: _library.takt_port_receive(handle, self._buffer, size, wait, into),
+            lambda: Received(self._taken(message), message.stamp, message.overflowed == 1),
+        )

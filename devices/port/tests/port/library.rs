@@ -1,10 +1,11 @@
 //! The library: taking ports, using them, waiting, and what is not believed.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use takt_port::channel::{
-    OpenError, ReadError, ReceiveError, ReturnCode, SendError, Validity, offset,
+    Geometry, OpenError, Policy, ReadError, ReceiveError, ReturnCode, SendError, Validity, offset,
 };
 use takt_port::{CallError, Direction, PortError, Ports, PortsError, Start, Timeout};
 
@@ -185,6 +186,35 @@ fn status_sees_without_taking_and_takes_nothing_from_the_owner() {
     let mut buffer = [0; SIZE];
     let received = trail.receive(&mut buffer, Timeout::Zero).unwrap();
     assert_eq!((received.bytes, received.overflowed), (&[6_u8][..], true));
+}
+
+#[test]
+fn a_queue_that_both_ends_use_does_not_look_full() {
+    let folder = Loopback::new();
+    let (ports, others) = (open(&folder), open(&folder));
+    let mut sender = ports.sender("send", Start::Attach).unwrap();
+    let mut receiver = ports.receiver("receive", Start::Attach).unwrap();
+    let done = AtomicBool::new(false);
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut buffer = [0; SIZE];
+            while !done.load(Ordering::Relaxed) {
+                sender.send(b"x", Timeout::Zero).unwrap();
+                receiver.receive(&mut buffer, Timeout::Zero).unwrap();
+            }
+        });
+        let port = others.port("send").unwrap();
+        // An opening between the looks could be overtaken again and again; one in a hundred is many.
+        let full = (0..2_000).filter(|_| others.status(port).unwrap().waiting > Some(1)).count();
+        done.store(true, Ordering::Relaxed);
+        assert!(full < 20, "{full}");
+    });
+    // A destination that lies.
+    let queue = Geometry::queuing(MAXIMUM, DEPTH, Policy::Refuse).unwrap();
+    let sample = Geometry::sampling(MAXIMUM).unwrap();
+    let pages = [sample.source_bytes(), queue.source_bytes()].map(|b| b.next_multiple_of(4096));
+    folder.damage(4096 + pages[0] + pages[1] + offset::READ, &(1_u64 << 40).to_le_bytes());
+    assert_eq!(others.status(others.port("send").unwrap()).unwrap().waiting, Some(0));
 }
 
 #[test]

@@ -157,6 +157,23 @@ fn watch_shows_what_comes_while_it_waits() {
 }
 
 #[test]
+fn a_message_that_is_not_of_the_layout_is_told_as_digits_and_watch_goes_on() {
+    let folder = Loopback::new();
+    let send = |message: &str| shown(&run(&folder, &["send", "send", "--hex", message]));
+    send("0102ff");
+    let recv = ["recv", "receive", "--layout", "n:int"];
+    let expected = "takt-port: receive: the message has 3 bytes, the layout 2; it is 0102ff\n";
+    assert_eq!(refused(&run(&folder, &recv)), (70, expected.to_owned()));
+    for message in ["0100", "0102ff", "0200"] {
+        send(message);
+    }
+    let watch = ["watch", "receive", "--layout", "n:int", "--count", "3"];
+    let output = run(&folder, &watch);
+    assert_eq!(shown(&output), "n=1\nn=2\n");
+    assert_eq!(String::from_utf8_lossy(&output.stderr), expected);
+}
+
+#[test]
 fn an_overflow_is_told_with_the_message_behind_it() {
     let folder = Loopback::new();
     shown(&run_with(&folder, &["send", "log", "--hex"], b"00\n01\n02\n03\n04\n05"));

@@ -1,5 +1,7 @@
 //! What honest clients get, and what becomes of what they send.
 
+use std::cell::{Cell, RefCell};
+
 use super::*;
 
 #[test]
@@ -165,9 +167,18 @@ fn a_sampling_guest_reads_what_a_client_wrote_last() {
     let mut guest = SamplingDestination::open(region, geometry, Ticks(100)).unwrap();
     let client = connect(&bench.path()).unwrap();
     assert_eq!((client.send(b"old"), client.send(b"new")), (Sent::Yes, Sent::Yes));
+    // What no message can be is left behind, and does not become one.
+    let wrong = connect(&bench.path()).unwrap();
+    assert_eq!(wrong.send(&[b'?'; MAXIMUM as usize + 1]), Sent::Yes);
     bench.tick(&mut ports);
     let mut buffer = [0; MAXIMUM as usize];
     assert_eq!(guest.read(&mut buffer, bench.stamp()).unwrap().bytes, b"new");
+    // What had become old in the socket was never there as fresh.
+    assert_eq!(account(&mut ports).messages, 1);
+    let written = Peer::map(&bench.regions().source).unwrap().load(offset::WRITTEN / 8);
+    assert_eq!(written, 1);
+    bench.tick(&mut ports);
+    assert_eq!(account(&mut ports).messages, 1, "sent again");
 }
 
 #[test]
@@ -184,4 +195,49 @@ fn a_client_wakes_the_event_thread_once() {
     assert!(is_ready(&ports));
     bench.ready(&mut ports);
     assert!(!is_ready(&ports));
+}
+
+#[test]
+fn a_sample_that_comes_during_a_look_is_from_no_future() {
+    let bench = Bench::new(SAMPLING, MAXIMUM, HostPort::Socket, false);
+    let mut ports = bench.open();
+    let guest = RefCell::new(bench.sampling_source());
+    let client = connect(&bench.path()).unwrap();
+    guest.borrow_mut().write(b"before", bench.stamp()).unwrap();
+    // By the time at which the clock is read, the thread was put off for longer than the refresh period.
+    let came = Cell::new(false);
+    let late = || {
+        if !came.replace(true) {
+            guest.borrow_mut().write(b"after", takt_channel::Tsc(EPOCH.0 + 9_000)).unwrap();
+            return EPOCH;
+        }
+        Tsc(EPOCH.0 + 9_000)
+    };
+    ports.on_tick(&bench.clock, &late);
+    let header = Header { taken_ns: 9_000_000, age_ns: 0, flags: VALID, length: 5 };
+    assert_eq!(packet(&client), Some((header, b"after".to_vec())));
+    assert_eq!(account(&mut ports).hostile, 0);
+}
+
+#[test]
+fn no_two_messages_have_the_same_stamp() {
+    for kind in [SAMPLING, queuing(8, WhenFull::Refuse)] {
+        let bench = Bench::new(kind, MAXIMUM, HostPort::Socket, true);
+        let mut end = Source::open(bench.regions()).unwrap();
+        let mut queue = (kind != SAMPLING).then(|| bench.queuing_destination());
+        let region = || Peer::map(&bench.regions().source).unwrap();
+        let geometry = &bench.regions().geometry;
+        let mut sample = (kind == SAMPLING)
+            .then(|| SamplingDestination::open(region(), geometry, Ticks(100)).unwrap());
+        let mut buffer = [0; MAXIMUM as usize];
+        let mut stamps = Vec::new();
+        // The clock stands still, and then goes on.
+        for at in [5, 5, 5, 6, 20] {
+            assert!(end.send(b"x", &|| Tsc(at)));
+            stamps.extend(queue.as_mut().map(|queue| queue.receive(&mut buffer).unwrap().stamp.0));
+            let now = takt_channel::Tsc(at);
+            stamps.extend(sample.as_mut().map(|port| port.read(&mut buffer, now).unwrap().stamp.0));
+        }
+        assert_eq!(stamps, [5, 6, 7, 8, 20]);
+    }
 }

@@ -26,7 +26,7 @@ fn a_file_gets_each_message_once_and_the_last_ones_at_the_end() {
     }
     bench.tick(&mut ports);
     assert_eq!(records(&bench.path()).len(), 64);
-    ports.finish(&bench.clock, Tsc(EPOCH.0 + 50));
+    ports.finish(&bench.clock, &|| Tsc(EPOCH.0 + 50));
     let all = records(&bench.path());
     let messages: Vec<[u8; 4]> =
         all.iter().map(|(_, message)| message[..].try_into().unwrap()).collect();
@@ -42,6 +42,24 @@ fn a_file_gets_each_message_once_and_the_last_ones_at_the_end() {
     bench.queuing_source().send(b"more", bench.stamp()).unwrap();
     bench.tick(&mut ports);
     assert_eq!(records(&bench.path()).len(), 1_001);
+}
+
+#[test]
+fn at_the_end_what_cannot_be_believed_is_skipped_and_the_rest_is_written() {
+    let kind = queuing(10, WhenFull::Refuse);
+    let bench = Bench::new(kind, MAXIMUM, HostPort::File, false);
+    let mut ports = bench.open();
+    let mut guest = bench.queuing_source();
+    for n in 0..10 {
+        guest.send(&number(n), bench.stamp()).unwrap();
+    }
+    // The sequences of the first two messages; a slot is 128 bytes long.
+    let mut own = bench.own();
+    [0, 1].into_iter().for_each(|n| own.store((offset::SLOT + 128 * n) / 8, 0));
+    ports.finish(&bench.clock, &|| EPOCH);
+    let all: Vec<_> = records(&bench.path()).into_iter().map(|(_, message)| message).collect();
+    assert_eq!(all, (2..10).map(|n| number(n).to_vec()).collect::<Vec<_>>());
+    assert_eq!((account(&mut ports).hostile, ports.take_news().len()), (2, 0));
 }
 
 #[test]

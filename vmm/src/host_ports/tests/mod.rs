@@ -16,7 +16,7 @@ use takt_channel::{
     Store, Ticks, offset,
 };
 use takt_scheduler::table::PartitionId;
-use takt_scheduler::time::Nanos;
+use takt_scheduler::time::{Nanos, Tsc};
 use vmm_sys_util::tempdir::TempDir;
 
 use super::packet::{HEADER, Header, LOST, VALID};
@@ -132,7 +132,7 @@ impl Bench {
 
     pub(super) fn tick(&mut self, ports: &mut HostPorts) {
         self.now += 1;
-        ports.on_tick(&self.clock, Tsc(EPOCH.0 + self.now));
+        ports.on_tick(&self.clock, &|| Tsc(EPOCH.0 + self.now));
         for port in &mut ports.ports {
             if let Way::FileDestination(file) = &mut port.way {
                 file.settle(LONG, LONG).unwrap();
@@ -141,7 +141,7 @@ impl Bench {
     }
 
     fn ready(&self, ports: &mut HostPorts) {
-        ports.on_ready(&self.clock, Tsc(EPOCH.0 + self.now));
+        ports.on_ready(&self.clock, &|| Tsc(EPOCH.0 + self.now));
     }
 }
 

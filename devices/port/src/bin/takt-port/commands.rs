@@ -88,15 +88,18 @@ impl<'p> Source<'p> {
         while left > 0 {
             match self.next(ports, options, &mut buffer, timeout) {
                 Ok(message) => {
-                    options.shape.show(&message, &mut io::stdout().lock())?;
+                    match options.shape.show(&message, &mut io::stdout().lock()) {
+                        // The next one may be of the layout.
+                        Err(failure @ Failure::Shape(_)) => complain(&failure),
+                        shown => shown?,
+                    }
                     left -= 1;
                 }
                 Err(
                     error @ (CallError::Read(ReadError::Unstable | ReadError::Hostile(_))
                     | CallError::Receive(ReceiveError::Unstable | ReceiveError::Hostile(_))),
                 ) => {
-                    // An error is ignored: without a reader of the complaints the messages still count.
-                    let _ = writeln!(io::stderr(), "takt-port: {}: {error}", options.port);
+                    complain(&failed(&options.port)(error));
                     // It may go on lying at once.
                     thread::sleep(POLL_INTERVAL);
                 }
@@ -136,6 +139,11 @@ impl<'p> Source<'p> {
             }
         }
     }
+}
+
+/// Says what is wrong, and goes on: without a reader of the complaints the messages still count.
+fn complain(failure: &Failure) {
+    let _ = writeln!(io::stderr(), "takt-port: {failure}");
 }
 
 /// Room for the longest message of the port.

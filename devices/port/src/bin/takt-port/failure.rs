@@ -40,6 +40,11 @@ pub enum Failure {
 }
 
 impl Failure {
+    /// The message is taken from its queue, so what it was is told.
+    pub fn shape(port: &str, error: &str, digits: &str) -> Failure {
+        Failure::Shape(format!("{port}: {error}; it is {digits}"))
+    }
+
     /// The exit status: the return code of ARINC 653 if the call has one.
     pub fn status(&self) -> u8 {
         let code = match self {

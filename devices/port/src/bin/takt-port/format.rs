@@ -41,7 +41,7 @@ impl Shape {
         let bytes = message.bytes;
         let values = self.layout.as_ref().map(|layout| layout.decode(bytes)).transpose();
         let values =
-            values.map_err(|error| Failure::Shape(format!("{}: {error}", message.port)))?;
+            values.map_err(|error| Failure::shape(message.port, &error, &hexadecimal(bytes)))?;
         let written = match (self.json, values) {
             (true, fields) => {
                 let line = Line {

@@ -84,6 +84,6 @@ fn a_message_that_cannot_be_understood_is_a_usage_error() {
 fn a_message_of_another_length_than_the_layout_is_not_shown() {
     let message = Message { port: "p", code: 0, age_ns: 0, valid: None, bytes: &[1] };
     let error = shape(Some("a:int"), false, false).show(&message, &mut Vec::new()).unwrap_err();
-    assert_eq!(error.to_string(), "p: the message has 1 bytes, the layout 2");
+    assert_eq!(error.to_string(), "p: the message has 1 bytes, the layout 2; it is 01");
     assert_eq!(error.status(), 70);
 }

@@ -84,10 +84,21 @@ impl Type {
                 let unused = 64 - 8 * bytes as u32;
                 (value << unused >> unused == value).then_some(value.cast_unsigned())
             }
-            Self::Real => text.parse::<f32>().ok().map(|value| u64::from(value.to_bits())),
-            Self::Lreal => text.parse::<f64>().ok().map(f64::to_bits),
+            Self::Real => {
+                let value = text.parse::<f32>().ok()?;
+                (!value.is_infinite() || is_infinity(text)).then(|| u64::from(value.to_bits()))
+            }
+            Self::Lreal => {
+                let value = text.parse::<f64>().ok()?;
+                (!value.is_infinite() || is_infinity(text)).then(|| value.to_bits())
+            }
         }
     }
+}
+
+/// A number that is too large for its type reads as infinite too.
+fn is_infinity(number: &str) -> bool {
+    !number.bytes().any(|byte| byte.is_ascii_digit())
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -99,6 +99,23 @@ fn a_message_that_does_not_fit_says_why() {
     assert_eq!(error, "the message has 2 bytes, the layout 3");
 }
 
+#[test]
+fn a_number_that_is_too_large_is_no_infinity() {
+    let layout = layout("r:real, l:lreal");
+    for (line, says) in [
+        ("r=1e39 l=0", "r: 1e39 is not a value of real"),
+        ("r=-1e39 l=0", "r: -1e39 is not"),
+        ("r=0 l=1e309", "l: 1e309 is not a value of lreal"),
+    ] {
+        let error = layout.encode_text(line).unwrap_err();
+        assert!(error.contains(says), "{line}: {error}");
+    }
+    let error = layout.encode_json(&json!({"r": 1e39, "l": 0})).unwrap_err();
+    assert!(error.contains("is not a value of real"), "{error}");
+    let infinite = layout.encode_text("r=inf l=-Infinity").unwrap();
+    assert_eq!(layout.decode(&infinite).unwrap().to_string(), "r=inf l=-inf");
+}
+
 proptest! {
     #[test]
     fn whatever_bytes_come_are_shown_and_read_back(
