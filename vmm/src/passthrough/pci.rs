@@ -51,7 +51,7 @@ pub struct Function {
     driver: Option<PathBuf>,
     /// Whether it has been enabled for us.
     enabled: bool,
-    /// The command register as it was found.
+    /// The command register as it is given back.
     command: Option<u16>,
     /// The command register while a guest has the function, its interrupt switched off.
     taken: u16,
@@ -237,7 +237,9 @@ impl Function {
         };
         command::write(&config, 0, wanted).map_err(failed)?;
         let now = command::read(&config, 0).map_err(failed)?;
-        (self.command, self.taken) = (Some(found), wanted);
+        // The guest may have told the device to transfer. A set bit would carry that out after its end.
+        let given_back = if terms.trusted_dma { found } else { found & !command::MASTER };
+        (self.command, self.taken) = (Some(given_back), wanted);
         if !terms.trusted_dma && now & command::MASTER != 0 {
             return Err(DeviceError::MastersBus(self.name.clone()));
         }
@@ -276,10 +278,12 @@ impl Function {
         if self.enabled {
             self.write("enable", "0")?;
         }
-        match &self.driver {
-            Some(driver) => fs::write(driver.join("bind"), &self.name),
-            None => Ok(()),
+        let Some(driver) = &self.driver else { return Ok(()) };
+        // The driver sets the bus-master bit, and the device would do what the guest has left in it.
+        if self.folder.join("reset").exists() {
+            self.write("reset", "1")?;
         }
+        fs::write(driver.join("bind"), &self.name)
     }
 }
 

@@ -77,18 +77,47 @@ fn bus_mastering_is_off_while_a_guest_has_the_function() {
     assert_eq!(sysfs.command(), 0x403);
     assert_eq!(fs::read_to_string(sysfs.function().join("enable")).unwrap(), "1");
     drop(function);
-    assert_eq!(sysfs.command(), 0x404);
+    assert_eq!(sysfs.command(), 0x400, "what the guest has left in the device must not start");
     assert_eq!(fs::read_to_string(sysfs.function().join("enable")).unwrap(), "0");
 }
 
 #[test]
 fn a_trusted_function_may_master_the_bus() {
-    let sysfs = Sysfs::new(0);
-    let terms = Terms { trusted_dma: true, ..Terms::default() };
-    let function = sysfs.take(terms).unwrap();
-    assert_eq!(sysfs.command(), 0x407);
-    drop(function);
-    assert_eq!(sysfs.command(), 0);
+    for (found, taken) in [(0, 0x407), (0x104, 0x507)] {
+        let sysfs = Sysfs::new(found);
+        let terms = Terms { trusted_dma: true, ..Terms::default() };
+        let function = sysfs.take(terms).unwrap();
+        assert_eq!(sysfs.command(), taken);
+        drop(function);
+        assert_eq!(sysfs.command(), found);
+    }
+}
+
+#[test]
+fn a_function_is_reset_before_the_hosts_driver_has_it_again() {
+    let reset = format!("devices/{NAME}/reset");
+    let terms = Terms { unbind: true, ..Terms::default() };
+    let sysfs = Sysfs::new(7);
+    sysfs.bind();
+    fs::write(sysfs.0.join(&reset), "").unwrap();
+    drop(sysfs.take(terms).unwrap());
+    assert_eq!((sysfs.text(&reset).as_str(), sysfs.text("drivers/some/bind").as_str()), ("1", NAME));
+
+    // A reset that fails leaves it without a driver, which would let it master the bus.
+    fs::remove_file(sysfs.0.join(&reset)).unwrap();
+    fs::create_dir(sysfs.0.join(&reset)).unwrap();
+    fs::write(sysfs.0.join("drivers/some/bind"), "").unwrap();
+    drop(sysfs.take(terms).unwrap());
+    assert_eq!(sysfs.text("drivers/some/bind"), "");
+}
+
+#[test]
+fn a_function_without_a_driver_of_the_hosts_keeps_its_outputs() {
+    let sysfs = Sysfs::new(7);
+    let reset = format!("devices/{NAME}/reset");
+    fs::write(sysfs.0.join(&reset), "").unwrap();
+    drop(sysfs.take(Terms::default()).unwrap());
+    assert_eq!(sysfs.text(&reset), "");
 }
 
 #[test]
@@ -106,7 +135,7 @@ fn the_hosts_driver_is_asked_before_it_is_taken_away() {
     assert_eq!(sysfs.text("drivers/some/bind"), "");
     drop(function);
     assert_eq!(sysfs.text("drivers/some/bind"), NAME);
-    assert_eq!(sysfs.command(), 7);
+    assert_eq!(sysfs.command(), 3);
 }
 
 #[test]
@@ -147,7 +176,7 @@ fn the_interrupt_of_a_function_is_off_until_it_is_asked_for() {
     let function = sysfs.take(Terms::default()).unwrap();
     assert_eq!(sysfs.command(), 0x403);
     drop(function);
-    assert_eq!(sysfs.command(), 7);
+    assert_eq!(sysfs.command(), 3);
 
     sysfs.bind();
     sysfs.uio();
@@ -163,7 +192,7 @@ fn the_interrupt_of_a_function_is_off_until_it_is_asked_for() {
 
     // No driver on the host would end an interrupt that the guest has left behind.
     drop((line, function));
-    assert_eq!(sysfs.command(), 0x407);
+    assert_eq!(sysfs.command(), 0x403);
     assert_eq!(
         (overridden().as_str(), sysfs.text("drivers/uio_pci_generic/unbind").as_str()),
         ("\n", NAME)
