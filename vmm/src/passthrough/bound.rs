@@ -8,6 +8,9 @@ use std::path::{Path, PathBuf};
 use super::error::DeviceError;
 use crate::appliance::{self, Role};
 
+/// The file of a function that names the only driver which may be bound to it.
+pub(super) const OVERRIDE: &str = "driver_override";
+
 /// A driver that knows no function of its own and takes what it is told to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HostDriver {
@@ -23,6 +26,12 @@ impl HostDriver {
             HostDriver::Uio => "uio_pci_generic",
             HostDriver::Vfio => "vfio-pci",
         }
+    }
+
+    /// Whether a function has this driver, `driver`, because a run that was cut off chose it for it.
+    pub(super) fn is_left_over(self, driver: &str, function: &Path) -> bool {
+        let chosen = || fs::read_to_string(function.join(OVERRIDE)).unwrap_or_default();
+        driver == self.name() && chosen().trim_end() == self.name()
     }
 
     fn load(self, role: Role) -> io::Result<()> {

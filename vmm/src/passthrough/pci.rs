@@ -14,7 +14,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::bound::{Bound, HostDriver};
+use super::bound::{self, Bound, HostDriver};
 use super::command;
 use super::error::DeviceError;
 use super::uio;
@@ -40,6 +40,17 @@ pub struct Terms {
     pub vfio: bool,
     /// Make its interrupt available.
     pub interrupt: bool,
+}
+
+impl Terms {
+    /// The driver that it has meanwhile, if it needs one.
+    fn host_driver(self) -> Option<HostDriver> {
+        match self {
+            Self { vfio: true, .. } => Some(HostDriver::Vfio),
+            Self { interrupt: true, .. } => Some(HostDriver::Uio),
+            _ => None,
+        }
+    }
 }
 
 /// A PCI function that the host has handed over. Dropping it gives it back.
@@ -109,19 +120,17 @@ impl Function {
         };
         this.unbind(terms)?;
         let drivers = devices.with_file_name("drivers");
-        if terms.vfio {
-            // That enables it too.
-            this.bound =
-                Some(Bound::bind(HostDriver::Vfio, &this.folder, &drivers, name, terms.role)?);
-            return Ok(this);
+        // `vfio-pci` enables it too.
+        if !terms.vfio {
+            this.write("enable", "1").map_err(|e| this.cannot("enable", e))?;
+            this.enabled = true;
         }
-        this.write("enable", "1").map_err(|e| this.cannot("enable", e))?;
-        this.enabled = true;
-        if terms.interrupt {
-            this.bound =
-                Some(Bound::bind(HostDriver::Uio, &this.folder, &drivers, name, terms.role)?);
+        if let Some(driver) = terms.host_driver() {
+            this.bound = Some(Bound::bind(driver, &this.folder, &drivers, name, terms.role)?);
         }
-        this.set_command(terms)?;
+        if !terms.vfio {
+            this.set_command(terms)?;
+        }
         Ok(this)
     }
 
@@ -216,13 +225,24 @@ impl Function {
 
     fn unbind(&mut self, terms: Terms) -> Result<(), DeviceError> {
         let Ok(driver) = self.folder.join("driver").canonicalize() else { return Ok(()) };
-        if !terms.unbind {
-            let driver = driver.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            return Err(DeviceError::InUse { function: self.name.clone(), driver });
+        let name = driver.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let left_over =
+            terms.host_driver().is_some_and(|own| own.is_left_over(&name, &self.folder));
+        if !terms.unbind && !left_over {
+            return Err(DeviceError::InUse { function: self.name.clone(), driver: name });
         }
-        fs::write(driver.join("unbind"), &self.name)
-            .map_err(|e| self.cannot("take the host's driver from", e))?;
-        self.driver = Some(driver);
+        let failed = |e| self.cannot("take the host's driver from", e);
+        fs::write(driver.join("unbind"), &self.name).map_err(failed)?;
+        if left_over {
+            self.write(bound::OVERRIDE, "\n").map_err(failed)?;
+            let function = &self.name;
+            eprintln!(
+                "takt: {function}: {name} was left over by a run that was cut off; `echo {function} > /sys/bus/pci/drivers_probe` \
+                 gives it back to a driver of the host's when takt has ended"
+            );
+        } else {
+            self.driver = Some(driver);
+        }
         Ok(())
     }
 

@@ -34,7 +34,11 @@ impl Sysfs {
     }
 
     fn bind(&self) {
-        let driver = self.0.join("drivers/some");
+        self.bind_to("some");
+    }
+
+    fn bind_to(&self, driver: &str) {
+        let driver = self.0.join("drivers").join(driver);
         fs::create_dir_all(&driver).unwrap();
         std::os::unix::fs::symlink(&driver, self.function().join("driver")).unwrap();
     }
@@ -101,7 +105,10 @@ fn a_function_is_reset_before_the_hosts_driver_has_it_again() {
     sysfs.bind();
     fs::write(sysfs.0.join(&reset), "").unwrap();
     drop(sysfs.take(terms).unwrap());
-    assert_eq!((sysfs.text(&reset).as_str(), sysfs.text("drivers/some/bind").as_str()), ("1", NAME));
+    assert_eq!(
+        (sysfs.text(&reset).as_str(), sysfs.text("drivers/some/bind").as_str()),
+        ("1", NAME)
+    );
 
     // A reset that fails leaves it without a driver, which would let it master the bus.
     fs::remove_file(sysfs.0.join(&reset)).unwrap();
@@ -242,4 +249,41 @@ fn a_function_for_vfio_has_its_driver_and_is_otherwise_left_to_it() {
     );
     assert_eq!(sysfs.text("drivers/some/bind"), NAME);
     assert_eq!(sysfs.command(), 0x407);
+}
+
+#[test]
+fn a_driver_that_a_cut_off_run_has_left_over_is_taken_away_for_good() {
+    let interrupt = Terms { interrupt: true, ..Terms::default() };
+    let vfio = Terms { vfio: true, ..Terms::default() };
+    for (terms, driver) in [(interrupt, "uio_pci_generic"), (vfio, "vfio-pci")] {
+        for unbind in [false, true] {
+            let terms = Terms { unbind, ..terms };
+            let sysfs = Sysfs::new(0);
+            sysfs.bind_to(driver);
+            let chosen = format!("devices/{NAME}/driver_override");
+            fs::write(sysfs.0.join(&chosen), format!("{driver}\n")).unwrap();
+            let function = sysfs.take(terms).unwrap();
+            assert_eq!(sysfs.text(&format!("drivers/{driver}/unbind")), NAME);
+            assert_eq!((function.driver(), sysfs.text(&chosen).as_str()), (None, driver));
+            // The driver of the host's is not that one.
+            fs::write(sysfs.0.join(format!("drivers/{driver}/bind")), "").unwrap();
+            drop(function);
+            assert_eq!(sysfs.text(&format!("drivers/{driver}/bind")), "");
+            assert_eq!(sysfs.text(&chosen), "\n");
+        }
+    }
+}
+
+#[test]
+fn a_driver_that_takt_did_not_choose_is_the_hosts() {
+    let sysfs = Sysfs::new(0);
+    sysfs.bind_to("vfio-pci");
+    let vfio = Terms { vfio: true, ..Terms::default() };
+    let in_use = |terms| matches!(sysfs.take(terms), Err(DeviceError::InUse { .. }));
+    assert!(in_use(vfio), "no run of takt's has chosen it");
+    let chosen = sysfs.function().join("driver_override");
+    fs::write(&chosen, "vfio-pci\n").unwrap();
+    assert!(in_use(Terms { interrupt: true, ..Terms::default() }), "takt would bind another");
+    assert!(in_use(Terms::default()), "takt would bind none");
+    assert_eq!(fs::read_to_string(chosen).unwrap(), "vfio-pci\n");
 }
