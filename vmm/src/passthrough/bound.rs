@@ -55,6 +55,8 @@ pub struct Bound {
     function: PathBuf,
     driver: PathBuf,
     name: String,
+    /// The choice that was made for it before, as its file takes it.
+    chosen: String,
 }
 
 impl Bound {
@@ -78,10 +80,15 @@ impl Bound {
         if !folder.exists() {
             return Err(driver.missing(name));
         }
-        let this = Self { function: function.to_owned(), driver: folder, name: name.to_owned() };
+        let choice = function.join(OVERRIDE);
+        let failed = cannot("choose the host's driver for");
+        let chosen = fs::read_to_string(&choice).map_err(&failed)?;
+        // The kernel shows this word for no choice, and would take it for the name of a driver.
+        let chosen = if chosen.trim_end() == "(null)" { "\n".to_owned() } else { chosen };
+        let (function, owned) = (function.to_owned(), name.to_owned());
+        let this = Self { function, driver: folder, name: owned, chosen };
         // From here on the drop undoes it.
-        fs::write(this.function.join("driver_override"), driver.name())
-            .map_err(cannot("choose the host's driver for"))?;
+        fs::write(choice, driver.name()).map_err(&failed)?;
         fs::write(this.driver.join("bind"), name).map_err(cannot("bind the host's driver to"))?;
         Ok(this)
     }
@@ -101,7 +108,7 @@ impl Bound {
     fn give_back(&self) -> io::Result<()> {
         // Also of a function that could not be bound: the choice of the driver was made before.
         let unbound = fs::write(self.driver.join("unbind"), &self.name);
-        fs::write(self.function.join("driver_override"), "\n").and(unbound)
+        fs::write(self.function.join(OVERRIDE), &self.chosen).and(unbound)
     }
 }
 

@@ -19,6 +19,7 @@ impl Sysfs {
         config[4..6].copy_from_slice(&command.to_le_bytes());
         fs::write(function.join("config"), config).unwrap();
         fs::write(function.join("enable"), "").unwrap();
+        fs::write(function.join("driver_override"), "(null)\n").unwrap();
         fs::write(
             function.join("resource"),
             "0x00000000fea00000 0x00000000feafffff 0x0000000000040200\n\
@@ -272,6 +273,22 @@ fn a_driver_that_a_cut_off_run_has_left_over_is_taken_away_for_good() {
             assert_eq!(sysfs.text(&chosen), "\n");
         }
     }
+}
+
+#[test]
+fn a_choice_of_the_driver_that_was_made_before_is_put_back() {
+    let sysfs = Sysfs::new(0);
+    let chosen = format!("devices/{NAME}/driver_override");
+    fs::write(sysfs.0.join(&chosen), "some\n").unwrap();
+    sysfs.bind();
+    sysfs.vfio();
+    let function = sysfs.take(Terms { unbind: true, vfio: true, ..Terms::default() }).unwrap();
+    assert_eq!(sysfs.text(&chosen), "vfio-pci");
+    drop(function);
+    assert_eq!(
+        (sysfs.text(&chosen).as_str(), sysfs.text("drivers/some/bind").as_str()),
+        ("some\n", NAME)
+    );
 }
 
 #[test]
