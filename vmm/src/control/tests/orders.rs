@@ -12,6 +12,7 @@ use crate::handoff::handoff;
 use crate::health::{Table, Watch};
 use crate::life::{Event, Finished, Life, Order};
 use crate::memory::{GuestMemory, Pages};
+use crate::passthrough::safe_values::SafeValues;
 use crate::restart::{PlcLoader, Restart, Revivals};
 use crate::terminal::Lines;
 use crate::vcpu::first_state::FirstState;
@@ -25,8 +26,10 @@ fn account() -> (Account, Revivals<PlcGuest>) {
     let memory = GuestMemory::for_plc(RAM, Pages::Small, &[]).unwrap();
     let image = PlcImage::read(Source::Demo, RAM).unwrap();
     let processor = FirstState::none();
+    let (channels, safe_values) = (Vec::new(), SafeValues::default());
+    let programs = None;
     let loader =
-        PlcLoader { memory, image, programs: None, channels: Vec::new(), space: None, processor };
+        PlcLoader { memory, image, programs, channels, space: None, safe_values, processor };
     let spawn = |_: &str, _, work: Box<dyn FnOnce() + Send>| {
         std::thread::spawn(work);
         Ok(())
