@@ -36,7 +36,7 @@ use crate::control::protocol::EventKind;
 use crate::health::Detail;
 use crate::host_clock::HostClock;
 use crate::host_ports::HostPorts;
-use crate::host_watchdog::HostWatchdog;
+use crate::host_watchdog::SharedWatchdog;
 use crate::init_watch::Console;
 use crate::interrupts::Interrupts;
 use crate::outlet::Trace;
@@ -59,7 +59,7 @@ pub struct Supervisor {
     /// The ends of channels that are Takt's own.
     pub host_ports: Option<HostPorts>,
     /// The host's watchdog, if it is served.
-    pub watchdog: Option<HostWatchdog>,
+    pub watchdog: Option<SharedWatchdog>,
     /// What has an error when the guardian is gone, if there is one. It stays open for longer than this lives.
     pub guardian: Option<RawFd>,
     /// The control socket, if there is one.
