@@ -60,7 +60,7 @@ impl MutEventSubscriber for Supervisor {
             self.drain();
             self.tell_losses();
             self.accounts.iter().for_each(|a| a.look_for_silence(linux_machine::clock()));
-            self.look_at_kernels();
+            self.look_at_guests();
             self.watch_clock();
             self.watch_schedule();
             self.deliver_typed();

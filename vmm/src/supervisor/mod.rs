@@ -255,14 +255,17 @@ impl Supervisor {
         }
     }
 
-    /// Says which kernels do nothing any more.
-    fn look_at_kernels(&mut self) {
+    /// Says which kernels do nothing any more, and which partitions do not come to what must follow.
+    fn look_at_guests(&mut self) {
         let (base, now) = (self.desk.base(), self.desk.now());
         for account in &mut self.accounts {
-            let Some(news) = account.look_at_kernel(&base, now) else { continue };
-            let (name, news) = (&account.name, news.to_string());
-            self.screen.line("takt", &format!("{name}: {news}"));
-            tell(&mut self.operators, now, EventKind::Health, Some(name), &news);
+            let kernel = account.look_at_kernel(&base, now).map(|news| news.to_string());
+            let delay = account.look_for_delay(now).map(str::to_owned);
+            for news in kernel.into_iter().chain(delay) {
+                let name = &account.name;
+                self.screen.line("takt", &format!("{name}: {news}"));
+                tell(&mut self.operators, now, EventKind::Health, Some(name), &news);
+            }
         }
     }
 
