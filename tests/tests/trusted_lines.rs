@@ -8,7 +8,7 @@ use takt_tests::trusted_lines::by_folder;
 /// A change that needs fewer lowers it.
 const MOST: [(&str, usize); 13] = [
     ("vmm/src", 18_011),
-    ("vmm/plan/src", 8_325),
+    ("vmm/plan/src", 8_348),
     ("vmm/host/src", 640),
     ("vmm/record/src", 300),
     ("vmm/retain/src", 530),
