@@ -10,6 +10,7 @@ use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
 
 use crate::console_log::ConsoleLog;
+use crate::delay::Delay;
 use crate::handoff::Taker;
 use crate::health::{Detail, Watch};
 use crate::init_watch::Console;
@@ -80,6 +81,8 @@ pub struct Account {
     pub ends: Taker<Finished>,
     /// Whether its guest runs, and what is to become of it.
     pub life: Life,
+    /// What its threads have still to come to.
+    pub delay: Delay,
     /// Output that is no whole line yet.
     pub lines: Lines,
 }
@@ -205,6 +208,22 @@ impl Account {
         let runs = self.life.is_up() && self.control.has_guest();
         let control = (runs && self.records.is_none()).then_some(&*self.control);
         self.kernel.as_mut()?.look(base, now, control)
+    }
+
+    /// Looks whether its guest has not left, or not started again, long after it had to. Says so once.
+    pub fn look_for_delay(&mut self, now: Nanos) -> Option<&'static str> {
+        let silent = self.watchdog.as_ref().is_some_and(Timer::has_expired);
+        // The first processor halts the further ones when it has left.
+        let mut controls = [&self.control].into_iter().chain(&self.further);
+        let leaves = silent || controls.any(|control| control.stopping());
+        let awaited = match (self.life.is_up(), self.control.has_guest()) {
+            (true, true) if leaves => Some(
+                "it does not leave its processor, 1 s after it had to: the host's kernel may keep it",
+            ),
+            (true, false) => Some("it does not run yet, 1 s after it had to start"),
+            _ => None,
+        };
+        self.delay.look(awaited, now)
     }
 
     /// Takes everything out of the ring of records, and shows each window with its detours. Returns the

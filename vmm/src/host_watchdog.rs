@@ -11,12 +11,15 @@
 //!
 //! The interface is the kernel's `Documentation/watchdog/watchdog-api.rst`.
 
+use std::cell::RefCell;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::os::fd::AsRawFd;
+use std::rc::Rc;
 use std::sync::Arc;
 
 use takt_scheduler::time::Nanos;
+use thiserror::Error;
 
 use crate::appliance::{self, Role};
 use crate::vcpu::Control;
@@ -41,6 +44,34 @@ pub struct HostWatchdog {
     served: Nanos,
 }
 
+/// The host's watchdog cannot be served.
+#[derive(Debug, Error)]
+pub enum WatchdogError {
+    /// The host refuses.
+    #[error(
+        "cannot serve the host's watchdog, /dev/watchdog: {0}; is its driver loaded, and is it free of other users?"
+    )]
+    Host(#[from] io::Error),
+    /// It waits for another time.
+    #[error(
+        "the host's watchdog, /dev/watchdog, waits for {set}s and not for {wanted}s: its driver cannot have that time; write `watchdog = \"{set}s\"`, or another"
+    )]
+    Time {
+        /// Seconds in the file.
+        wanted: i32,
+        /// Seconds in the driver.
+        set: i32,
+    },
+}
+
+/// A driver that cannot have a time takes another, and says so by the call alone.
+const fn compare(wanted: i32, set: i32) -> Result<(), WatchdogError> {
+    if set == wanted { Ok(()) } else { Err(WatchdogError::Time { wanted, set }) }
+}
+
+/// The watchdog, for all that keep it running. With the last of them it is stopped.
+pub type SharedWatchdog = Rc<RefCell<HostWatchdog>>;
+
 /// A thread that has to get on.
 struct Thread {
     control: Arc<Control>,
@@ -60,13 +91,18 @@ impl HostWatchdog {
         frame: Nanos,
         threads: Vec<Arc<Control>>,
         role: Role,
-    ) -> io::Result<Self> {
+    ) -> Result<Self, WatchdogError> {
         appliance::load_watchdog_drivers(role);
         let mut device = OpenOptions::new().write(true).open(DEVICE)?;
-        let mut seconds = i32::try_from(time.0 / 1_000_000_000).unwrap_or(i32::MAX);
+        let wanted = i32::try_from(time.0 / 1_000_000_000).unwrap_or(i32::MAX);
+        let mut set = wanted;
         // SAFETY: the request reads and writes one int, which is live.
-        if unsafe { libc::ioctl(device.as_raw_fd(), SET_TIMEOUT as _, &raw mut seconds) } != 0 {
-            let error = io::Error::last_os_error();
+        let result =
+            match unsafe { libc::ioctl(device.as_raw_fd(), SET_TIMEOUT as _, &raw mut set) } {
+                0 => compare(wanted, set),
+                _ => Err(io::Error::last_os_error().into()),
+            };
+        if let Err(error) = result {
             // It runs since it was opened.
             let _ = device.write_all(STOP);
             return Err(error);
@@ -156,5 +192,26 @@ mod tests {
         let mut written = Vec::new();
         reader.read_to_end(&mut written).unwrap();
         assert_eq!(written, b"\0\0\0\0V");
+    }
+
+    #[test]
+    fn it_runs_until_the_last_that_keeps_it_is_gone() {
+        use std::io::Read;
+        let (watchdog, mut reader) = served();
+        let of_the_run: SharedWatchdog = Rc::new(RefCell::new(watchdog));
+        let of_the_supervisor = of_the_run.clone();
+        of_the_supervisor.borrow_mut().serve(INTERVAL);
+        drop(of_the_supervisor);
+        let mut written = [0xff; 2];
+        assert_eq!((reader.read(&mut written).unwrap(), written), (1, [0, 0xff]));
+        drop(of_the_run);
+        assert_eq!((reader.read(&mut written).unwrap(), written[0]), (1, b'V'));
+    }
+
+    #[test]
+    fn a_time_that_the_driver_has_not_taken_is_refused_with_both() {
+        assert!(compare(10, 10).is_ok());
+        let error = compare(1_000, 613).unwrap_err().to_string();
+        assert!(error.contains("waits for 613s and not for 1000s"), "{error}");
     }
 }

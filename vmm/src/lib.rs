@@ -11,6 +11,7 @@ pub mod console_log;
 pub mod control;
 pub mod cpuid;
 pub mod cpuset;
+pub mod delay;
 pub mod disk;
 pub mod doorbell;
 pub mod event;

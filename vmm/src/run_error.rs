@@ -15,6 +15,7 @@ use crate::cpuset::CpusetError;
 use crate::disk::DiskError;
 use crate::event::EventError;
 use crate::host_ports::HostPortError;
+use crate::host_watchdog::WatchdogError;
 use crate::huge_pages::HugePageError;
 use crate::interrupts::InterruptError;
 use crate::linux_machine::LinuxMachineError;
@@ -84,10 +85,8 @@ pub enum RunError {
     Sandbox(#[from] SandboxError),
     #[error(transparent)]
     Pci(#[from] PciError),
-    #[error(
-        "cannot serve the host's watchdog, /dev/watchdog: {0}; is its driver loaded, and is it free of other users?"
-    )]
-    Watchdog(std::io::Error),
+    #[error(transparent)]
+    Watchdog(#[from] WatchdogError),
     #[error(
         "partition {partition}: this host's KVM does not tell of bus locks (KVM_CAP_X86_BUS_LOCK_EXIT); take a processor that does, such as Intel's since Sapphire Rapids, or leave `bus_locks` out"
     )]

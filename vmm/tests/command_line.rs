@@ -21,6 +21,13 @@ fn text(bytes: &[u8]) -> String {
 }
 
 #[test]
+fn the_service_in_the_documentation_starts_nothing_again_that_has_ended_for_good() {
+    let service = fs::read_to_string("../docs/service.md").unwrap();
+    // A bad file, a host that cannot, and a failed partition, which `shut-down` is.
+    assert!(service.contains("\nRestartPreventExitStatus=2 3 4\n"));
+}
+
+#[test]
 fn a_bad_file_gives_status_2_one_message_and_starts_nothing() {
     let root = Path::new(PLAN).join(FOLDER);
     let absolute = root.canonicalize().unwrap();

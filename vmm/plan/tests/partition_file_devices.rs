@@ -67,6 +67,7 @@ fn the_report_lists_the_devices_last() {
     interrupt 254: of uio0
     at its end 0x00 to port 0x378
     at its end 0xffff to port 0x207e
+    warning: a reset of 0000:00:10.0 undoes this value when takt ends (vfio)
     at its end 0xffffffff to card + 0xffc
   other
     ports 0x3f8 to 0x3ff

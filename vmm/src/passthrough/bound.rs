@@ -8,6 +8,9 @@ use std::path::{Path, PathBuf};
 use super::error::DeviceError;
 use crate::appliance::{self, Role};
 
+/// The file of a function that names the only driver which may be bound to it.
+pub(super) const OVERRIDE: &str = "driver_override";
+
 /// A driver that knows no function of its own and takes what it is told to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HostDriver {
@@ -23,6 +26,12 @@ impl HostDriver {
             HostDriver::Uio => "uio_pci_generic",
             HostDriver::Vfio => "vfio-pci",
         }
+    }
+
+    /// Whether a function has this driver, `driver`, because a run that was cut off chose it for it.
+    pub(super) fn is_left_over(self, driver: &str, function: &Path) -> bool {
+        let chosen = || fs::read_to_string(function.join(OVERRIDE)).unwrap_or_default();
+        driver == self.name() && chosen().trim_end() == self.name()
     }
 
     fn load(self, role: Role) -> io::Result<()> {
@@ -46,6 +55,8 @@ pub struct Bound {
     function: PathBuf,
     driver: PathBuf,
     name: String,
+    /// The choice that was made for it before, as its file takes it.
+    chosen: String,
 }
 
 impl Bound {
@@ -69,10 +80,15 @@ impl Bound {
         if !folder.exists() {
             return Err(driver.missing(name));
         }
-        let this = Self { function: function.to_owned(), driver: folder, name: name.to_owned() };
+        let choice = function.join(OVERRIDE);
+        let failed = cannot("choose the host's driver for");
+        let chosen = fs::read_to_string(&choice).map_err(&failed)?;
+        // The kernel shows this word for no choice, and would take it for the name of a driver.
+        let chosen = if chosen.trim_end() == "(null)" { "\n".to_owned() } else { chosen };
+        let (function, owned) = (function.to_owned(), name.to_owned());
+        let this = Self { function, driver: folder, name: owned, chosen };
         // From here on the drop undoes it.
-        fs::write(this.function.join("driver_override"), driver.name())
-            .map_err(cannot("choose the host's driver for"))?;
+        fs::write(choice, driver.name()).map_err(&failed)?;
         fs::write(this.driver.join("bind"), name).map_err(cannot("bind the host's driver to"))?;
         Ok(this)
     }
@@ -92,7 +108,7 @@ impl Bound {
     fn give_back(&self) -> io::Result<()> {
         // Also of a function that could not be bound: the choice of the driver was made before.
         let unbound = fs::write(self.driver.join("unbind"), &self.name);
-        fs::write(self.function.join("driver_override"), "\n").and(unbound)
+        fs::write(self.function.join(OVERRIDE), &self.chosen).and(unbound)
     }
 }
 

@@ -64,14 +64,12 @@ impl Drop for Armed {
     }
 }
 
-/// Ends all guests and has the values of all partitions written; false if a thread has not answered.
-/// The process must end then.
-pub fn do_it() -> bool {
+/// Ends all guests and has the values of all partitions written; false if a thread has not answered, `None`
+/// if there are no values, or no guest that drives outputs. The process must end then.
+pub fn do_it() -> Option<bool> {
     // SAFETY: null, or a value that was leaked and so lives for ever, and that is never changed.
-    match unsafe { CURRENT.load(Ordering::SeqCst).as_ref() } {
-        Some(work) => work.finish(LOOKS),
-        None => true,
-    }
+    let work = unsafe { CURRENT.load(Ordering::SeqCst).as_ref() };
+    work.map(|work| work.finish(LOOKS))
 }
 
 impl Work {

@@ -14,7 +14,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::bound::{Bound, HostDriver};
+use super::bound::{self, Bound, HostDriver};
 use super::command;
 use super::error::DeviceError;
 use super::uio;
@@ -42,6 +42,17 @@ pub struct Terms {
     pub interrupt: bool,
 }
 
+impl Terms {
+    /// The driver that it has meanwhile, if it needs one.
+    fn host_driver(self) -> Option<HostDriver> {
+        match self {
+            Self { vfio: true, .. } => Some(HostDriver::Vfio),
+            Self { interrupt: true, .. } => Some(HostDriver::Uio),
+            _ => None,
+        }
+    }
+}
+
 /// A PCI function that the host has handed over. Dropping it gives it back.
 #[derive(Debug)]
 pub struct Function {
@@ -51,7 +62,7 @@ pub struct Function {
     driver: Option<PathBuf>,
     /// Whether it has been enabled for us.
     enabled: bool,
-    /// The command register as it was found.
+    /// The command register as it is given back.
     command: Option<u16>,
     /// The command register while a guest has the function, its interrupt switched off.
     taken: u16,
@@ -109,19 +120,17 @@ impl Function {
         };
         this.unbind(terms)?;
         let drivers = devices.with_file_name("drivers");
-        if terms.vfio {
-            // That enables it too.
-            this.bound =
-                Some(Bound::bind(HostDriver::Vfio, &this.folder, &drivers, name, terms.role)?);
-            return Ok(this);
+        // `vfio-pci` enables it too.
+        if !terms.vfio {
+            this.write("enable", "1").map_err(|e| this.cannot("enable", e))?;
+            this.enabled = true;
         }
-        this.write("enable", "1").map_err(|e| this.cannot("enable", e))?;
-        this.enabled = true;
-        if terms.interrupt {
-            this.bound =
-                Some(Bound::bind(HostDriver::Uio, &this.folder, &drivers, name, terms.role)?);
+        if let Some(driver) = terms.host_driver() {
+            this.bound = Some(Bound::bind(driver, &this.folder, &drivers, name, terms.role)?);
         }
-        this.set_command(terms)?;
+        if !terms.vfio {
+            this.set_command(terms)?;
+        }
         Ok(this)
     }
 
@@ -216,13 +225,24 @@ impl Function {
 
     fn unbind(&mut self, terms: Terms) -> Result<(), DeviceError> {
         let Ok(driver) = self.folder.join("driver").canonicalize() else { return Ok(()) };
-        if !terms.unbind {
-            let driver = driver.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            return Err(DeviceError::InUse { function: self.name.clone(), driver });
+        let name = driver.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let left_over =
+            terms.host_driver().is_some_and(|own| own.is_left_over(&name, &self.folder));
+        if !terms.unbind && !left_over {
+            return Err(DeviceError::InUse { function: self.name.clone(), driver: name });
         }
-        fs::write(driver.join("unbind"), &self.name)
-            .map_err(|e| self.cannot("take the host's driver from", e))?;
-        self.driver = Some(driver);
+        let failed = |e| self.cannot("take the host's driver from", e);
+        fs::write(driver.join("unbind"), &self.name).map_err(failed)?;
+        if left_over {
+            self.write(bound::OVERRIDE, "\n").map_err(failed)?;
+            let function = &self.name;
+            eprintln!(
+                "takt: {function}: {name} was left over by a run that was cut off; `echo {function} > /sys/bus/pci/drivers_probe` \
+                 gives it back to a driver of the host's when takt has ended"
+            );
+        } else {
+            self.driver = Some(driver);
+        }
         Ok(())
     }
 
@@ -237,7 +257,9 @@ impl Function {
         };
         command::write(&config, 0, wanted).map_err(failed)?;
         let now = command::read(&config, 0).map_err(failed)?;
-        (self.command, self.taken) = (Some(found), wanted);
+        // The guest may have told the device to transfer. A set bit would carry that out after its end.
+        let given_back = if terms.trusted_dma { found } else { found & !command::MASTER };
+        (self.command, self.taken) = (Some(given_back), wanted);
         if !terms.trusted_dma && now & command::MASTER != 0 {
             return Err(DeviceError::MastersBus(self.name.clone()));
         }
@@ -276,10 +298,12 @@ impl Function {
         if self.enabled {
             self.write("enable", "0")?;
         }
-        match &self.driver {
-            Some(driver) => fs::write(driver.join("bind"), &self.name),
-            None => Ok(()),
+        let Some(driver) = &self.driver else { return Ok(()) };
+        // The driver sets the bus-master bit, and the device would do what the guest has left in it.
+        if self.folder.join("reset").exists() {
+            self.write("reset", "1")?;
         }
+        fs::write(driver.join("bind"), &self.name)
     }
 }
 

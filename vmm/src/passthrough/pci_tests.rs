@@ -19,6 +19,7 @@ impl Sysfs {
         config[4..6].copy_from_slice(&command.to_le_bytes());
         fs::write(function.join("config"), config).unwrap();
         fs::write(function.join("enable"), "").unwrap();
+        fs::write(function.join("driver_override"), "(null)\n").unwrap();
         fs::write(
             function.join("resource"),
             "0x00000000fea00000 0x00000000feafffff 0x0000000000040200\n\
@@ -34,7 +35,11 @@ impl Sysfs {
     }
 
     fn bind(&self) {
-        let driver = self.0.join("drivers/some");
+        self.bind_to("some");
+    }
+
+    fn bind_to(&self, driver: &str) {
+        let driver = self.0.join("drivers").join(driver);
         fs::create_dir_all(&driver).unwrap();
         std::os::unix::fs::symlink(&driver, self.function().join("driver")).unwrap();
     }
@@ -77,18 +82,50 @@ fn bus_mastering_is_off_while_a_guest_has_the_function() {
     assert_eq!(sysfs.command(), 0x403);
     assert_eq!(fs::read_to_string(sysfs.function().join("enable")).unwrap(), "1");
     drop(function);
-    assert_eq!(sysfs.command(), 0x404);
+    assert_eq!(sysfs.command(), 0x400, "what the guest has left in the device must not start");
     assert_eq!(fs::read_to_string(sysfs.function().join("enable")).unwrap(), "0");
 }
 
 #[test]
 fn a_trusted_function_may_master_the_bus() {
-    let sysfs = Sysfs::new(0);
-    let terms = Terms { trusted_dma: true, ..Terms::default() };
-    let function = sysfs.take(terms).unwrap();
-    assert_eq!(sysfs.command(), 0x407);
-    drop(function);
-    assert_eq!(sysfs.command(), 0);
+    for (found, taken) in [(0, 0x407), (0x104, 0x507)] {
+        let sysfs = Sysfs::new(found);
+        let terms = Terms { trusted_dma: true, ..Terms::default() };
+        let function = sysfs.take(terms).unwrap();
+        assert_eq!(sysfs.command(), taken);
+        drop(function);
+        assert_eq!(sysfs.command(), found);
+    }
+}
+
+#[test]
+fn a_function_is_reset_before_the_hosts_driver_has_it_again() {
+    let reset = format!("devices/{NAME}/reset");
+    let terms = Terms { unbind: true, ..Terms::default() };
+    let sysfs = Sysfs::new(7);
+    sysfs.bind();
+    fs::write(sysfs.0.join(&reset), "").unwrap();
+    drop(sysfs.take(terms).unwrap());
+    assert_eq!(
+        (sysfs.text(&reset).as_str(), sysfs.text("drivers/some/bind").as_str()),
+        ("1", NAME)
+    );
+
+    // A reset that fails leaves it without a driver, which would let it master the bus.
+    fs::remove_file(sysfs.0.join(&reset)).unwrap();
+    fs::create_dir(sysfs.0.join(&reset)).unwrap();
+    fs::write(sysfs.0.join("drivers/some/bind"), "").unwrap();
+    drop(sysfs.take(terms).unwrap());
+    assert_eq!(sysfs.text("drivers/some/bind"), "");
+}
+
+#[test]
+fn a_function_without_a_driver_of_the_hosts_keeps_its_outputs() {
+    let sysfs = Sysfs::new(7);
+    let reset = format!("devices/{NAME}/reset");
+    fs::write(sysfs.0.join(&reset), "").unwrap();
+    drop(sysfs.take(Terms::default()).unwrap());
+    assert_eq!(sysfs.text(&reset), "");
 }
 
 #[test]
@@ -106,7 +143,7 @@ fn the_hosts_driver_is_asked_before_it_is_taken_away() {
     assert_eq!(sysfs.text("drivers/some/bind"), "");
     drop(function);
     assert_eq!(sysfs.text("drivers/some/bind"), NAME);
-    assert_eq!(sysfs.command(), 7);
+    assert_eq!(sysfs.command(), 3);
 }
 
 #[test]
@@ -147,7 +184,7 @@ fn the_interrupt_of_a_function_is_off_until_it_is_asked_for() {
     let function = sysfs.take(Terms::default()).unwrap();
     assert_eq!(sysfs.command(), 0x403);
     drop(function);
-    assert_eq!(sysfs.command(), 7);
+    assert_eq!(sysfs.command(), 3);
 
     sysfs.bind();
     sysfs.uio();
@@ -163,7 +200,7 @@ fn the_interrupt_of_a_function_is_off_until_it_is_asked_for() {
 
     // No driver on the host would end an interrupt that the guest has left behind.
     drop((line, function));
-    assert_eq!(sysfs.command(), 0x407);
+    assert_eq!(sysfs.command(), 0x403);
     assert_eq!(
         (overridden().as_str(), sysfs.text("drivers/uio_pci_generic/unbind").as_str()),
         ("\n", NAME)
@@ -213,4 +250,57 @@ fn a_function_for_vfio_has_its_driver_and_is_otherwise_left_to_it() {
     );
     assert_eq!(sysfs.text("drivers/some/bind"), NAME);
     assert_eq!(sysfs.command(), 0x407);
+}
+
+#[test]
+fn a_driver_that_a_cut_off_run_has_left_over_is_taken_away_for_good() {
+    let interrupt = Terms { interrupt: true, ..Terms::default() };
+    let vfio = Terms { vfio: true, ..Terms::default() };
+    for (terms, driver) in [(interrupt, "uio_pci_generic"), (vfio, "vfio-pci")] {
+        for unbind in [false, true] {
+            let terms = Terms { unbind, ..terms };
+            let sysfs = Sysfs::new(0);
+            sysfs.bind_to(driver);
+            let chosen = format!("devices/{NAME}/driver_override");
+            fs::write(sysfs.0.join(&chosen), format!("{driver}\n")).unwrap();
+            let function = sysfs.take(terms).unwrap();
+            assert_eq!(sysfs.text(&format!("drivers/{driver}/unbind")), NAME);
+            assert_eq!((function.driver(), sysfs.text(&chosen).as_str()), (None, driver));
+            // The driver of the host's is not that one.
+            fs::write(sysfs.0.join(format!("drivers/{driver}/bind")), "").unwrap();
+            drop(function);
+            assert_eq!(sysfs.text(&format!("drivers/{driver}/bind")), "");
+            assert_eq!(sysfs.text(&chosen), "\n");
+        }
+    }
+}
+
+#[test]
+fn a_choice_of_the_driver_that_was_made_before_is_put_back() {
+    let sysfs = Sysfs::new(0);
+    let chosen = format!("devices/{NAME}/driver_override");
+    fs::write(sysfs.0.join(&chosen), "some\n").unwrap();
+    sysfs.bind();
+    sysfs.vfio();
+    let function = sysfs.take(Terms { unbind: true, vfio: true, ..Terms::default() }).unwrap();
+    assert_eq!(sysfs.text(&chosen), "vfio-pci");
+    drop(function);
+    assert_eq!(
+        (sysfs.text(&chosen).as_str(), sysfs.text("drivers/some/bind").as_str()),
+        ("some\n", NAME)
+    );
+}
+
+#[test]
+fn a_driver_that_takt_did_not_choose_is_the_hosts() {
+    let sysfs = Sysfs::new(0);
+    sysfs.bind_to("vfio-pci");
+    let vfio = Terms { vfio: true, ..Terms::default() };
+    let in_use = |terms| matches!(sysfs.take(terms), Err(DeviceError::InUse { .. }));
+    assert!(in_use(vfio), "no run of takt's has chosen it");
+    let chosen = sysfs.function().join("driver_override");
+    fs::write(&chosen, "vfio-pci\n").unwrap();
+    assert!(in_use(Terms { interrupt: true, ..Terms::default() }), "takt would bind another");
+    assert!(in_use(Terms::default()), "takt would bind none");
+    assert_eq!(fs::read_to_string(chosen).unwrap(), "vfio-pci\n");
 }

@@ -89,6 +89,8 @@ impl Preparation<'_> {
         let lines = devices.as_ref().map_or(&[][..], |devices| &devices.lines);
         self.interrupts.attach(partition.name(), machine.vm, lines)?;
         let space = devices.as_ref().and_then(|devices| devices.space.clone());
+        let safe_values = devices.as_ref().map(|devices| devices.safe_values.clone());
+        let safe_values = safe_values.unwrap_or_default();
         if let Some(space) = &space {
             space.start(&memory)?;
         }
@@ -104,6 +106,7 @@ impl Preparation<'_> {
             programs,
             channels: ports.own,
             space,
+            safe_values,
             processor,
         };
         let (restart, revivals) = Restart::new(loader, self.spawner)?;

@@ -18,6 +18,7 @@ use crate::account::Account;
 use crate::boot::StartMode;
 use crate::boot::touch::TouchError;
 use crate::config::{Partition, ScheduleChange};
+use crate::delay::Delay;
 use crate::event;
 use crate::handoff::{Giver, Gone, handoff, lock};
 use crate::health::Watch;
@@ -192,6 +193,7 @@ impl Preparation<'_> {
             restart: None,
             life: Life::new(Starts::None),
             ends,
+            delay: Delay::default(),
             lines: Lines::default(),
         };
         Ok(Prepared { account, thread, further: Vec::new(), disks: Vec::new(), linux: None })

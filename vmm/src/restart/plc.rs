@@ -12,6 +12,7 @@ use crate::handoff::Giver;
 use crate::interrupts::apic;
 use crate::life::Starts;
 use crate::memory::GuestMemory;
+use crate::passthrough::safe_values::SafeValues;
 use crate::passthrough::vfio::Space;
 use crate::sandbox::Kind;
 use crate::vcpu::first_state::FirstState;
@@ -30,6 +31,8 @@ pub struct PlcLoader {
     pub channels: Vec<OwnRegion>,
     /// What may still write to the memory when the guest has ended.
     pub space: Option<Arc<Space>>,
+    /// What its outputs are until it drives them again.
+    pub safe_values: SafeValues,
     /// What the guest may have changed in the processor.
     pub processor: FirstState,
 }
@@ -46,6 +49,8 @@ impl Loader for PlcLoader {
     ) -> Result<(), LoadError> {
         if let Some(space) = &self.space {
             space.stop()?;
+            // A reset has set them to what they are after power-on.
+            self.safe_values.write_registers();
         }
         if let Some(programs) = &self.programs {
             programs.begin_start();
@@ -76,5 +81,64 @@ impl Loader for PlcLoader {
         // A thread that is gone has told of that too.
         let _ = thread.give(Box::new(revival));
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::File;
+    use std::io::Read;
+    use std::os::fd::FromRawFd;
+    use std::os::unix::fs::FileExt;
+
+    use super::*;
+    use crate::boot::plc::Source;
+    use crate::boot::{StartMode, StartReason};
+    use crate::handoff::handoff;
+    use crate::memory::Pages;
+    use crate::passthrough::mapping::Mapping;
+    use crate::passthrough::safe_values::{Target, Write};
+    use crate::passthrough::vfio::device::Device;
+    use crate::vcpu::port_access::Width;
+
+    const RAM: u64 = 4 << 20;
+
+    fn file() -> File {
+        // SAFETY: the name is a literal; the descriptor is new.
+        let file =
+            unsafe { File::from_raw_fd(libc::memfd_create(c"c".as_ptr(), libc::MFD_CLOEXEC)) };
+        file.set_len(4096).unwrap();
+        file
+    }
+
+    /// What is in the first register of a card after its partition was loaded anew.
+    fn register_after_a_start(confined: bool) -> u32 {
+        let mut card = file();
+        let memory = Arc::new(Mapping::new(&card, 0, 4096).unwrap());
+        let target = Target::Register(memory, 0);
+        let safe_values = SafeValues::new(vec![Write { target, width: Width::Four, value: 7 }]);
+        let configuration = file();
+        configuration.write_all_at(&[0; 64], 0).unwrap();
+        let space = || Space::of_device(Device::of_file(configuration, 0, false), file());
+        let mut loader = PlcLoader {
+            memory: GuestMemory::for_plc(RAM, Pages::Small, &[]).unwrap(),
+            image: PlcImage::read(Source::Demo, RAM).unwrap(),
+            programs: None,
+            channels: Vec::new(),
+            space: confined.then(space).map(Arc::new),
+            safe_values,
+            processor: FirstState::none(),
+        };
+        let start = Start { mode: StartMode::Cold, reason: StartReason::Operator };
+        loader.load(start, &mut handoff(1).0).unwrap();
+        let mut bytes = [0; 4];
+        card.read_exact(&mut bytes).unwrap();
+        u32::from_le_bytes(bytes)
+    }
+
+    #[test]
+    fn safe_values_are_written_again_after_a_reset() {
+        assert_eq!(register_after_a_start(true), 7);
+        assert_eq!(register_after_a_start(false), 0, "nothing has been reset");
     }
 }

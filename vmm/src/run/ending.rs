@@ -41,6 +41,8 @@ impl Running<'_> {
         let Running { bells, closing, mut outputs, guard, .. } = self;
         let base = facts.epoch.base;
         let start = footprint::now();
+        // A supervisor that fails takes its own with it, while guests still run.
+        let watchdog = supervisor.watchdog.clone();
         // The time that was asked for is that of the schedule.
         let supervised =
             supervisor.supervise(facts.options.duration.map(|time| Nanos(nanos(time))));
@@ -59,9 +61,10 @@ impl Running<'_> {
             thread.join();
         }
         if let Ok(supervisor) = &mut supervised {
-            // No guest with windows is left: from here on the watchdog is not fed.
             supervisor.watchdog = None;
         }
+        // No guest with windows is left: from here on the watchdog is not fed, and does not run.
+        drop(watchdog);
         facts.close_devices(waiting);
         let report = supervised.map_err(RunError::from).and_then(|mut supervisor| {
             if supervisor.ended_by_signal {

@@ -1,6 +1,8 @@
 //! The third stage, from threads that wait to guests that run: the last door, the epoch, and who is told first.
 
+use std::cell::RefCell;
 use std::os::fd::AsRawFd;
+use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -18,7 +20,7 @@ use crate::account::Account;
 use crate::config::{self, Partition, PartitionFile, Trust};
 use crate::disk::DiskThread;
 use crate::host_clock::HostClock;
-use crate::host_watchdog::HostWatchdog;
+use crate::host_watchdog::{HostWatchdog, SharedWatchdog};
 use crate::huge_pages;
 use crate::linux_machine;
 use crate::memory::Pages;
@@ -232,14 +234,14 @@ fn watchdog(
     options: &Options,
     accounts: &[Account],
     enforcers: &[WindowEnforcer],
-) -> Result<Option<HostWatchdog>, RunError> {
+) -> Result<Option<SharedWatchdog>, RunError> {
     let Some(time) = file.watchdog() else { return Ok(None) };
     let windowed = accounts.iter().filter(|account| account.records.is_some());
     let threads = windowed.map(|account| account.control.clone());
     let threads = threads.chain(enforcers.iter().map(|enforcer| enforcer.control.clone()));
-    HostWatchdog::start(time, file.schedules().frame(), threads.collect(), options.role)
-        .map(Some)
-        .map_err(RunError::Watchdog)
+    let frame = file.schedules().frame();
+    let watchdog = HostWatchdog::start(time, frame, threads.collect(), options.role)?;
+    Ok(Some(Rc::new(RefCell::new(watchdog))))
 }
 
 fn trace(file: &PartitionFile, outlet: Arc<Outlet>, base: Timebase) -> Trace {

@@ -26,7 +26,7 @@ thread_local! {
 }
 
 /// What is to be done before the end.
-static LAST_WORK: OnceLock<fn() -> bool> = OnceLock::new();
+static LAST_WORK: OnceLock<fn() -> Option<bool>> = OnceLock::new();
 
 /// The name under which the calling thread is shown.
 pub fn set_name(name: &str) {
@@ -39,11 +39,11 @@ pub fn set_name(name: &str) {
 }
 
 /// Installs the handler, which calls `emergency_stop` first: it must be safe in a signal handler, and tells
-/// whether it has been done.
+/// whether it has been done; `None` if there is nothing to do.
 ///
 /// # Errors
 /// What `sigaction` says.
-pub fn install(emergency_stop: fn() -> bool) -> io::Result<()> {
+pub fn install(emergency_stop: fn() -> Option<bool>) -> io::Result<()> {
     LAST_WORK.get_or_init(|| emergency_stop);
     register_signal_handler(libc::SIGSYS, handler)
         .map_err(|e| io::Error::from_raw_os_error(e.errno()))
@@ -62,18 +62,14 @@ struct Forbidden {
 }
 
 extern "C" fn handler(_: c_int, info: *mut libc::siginfo_t, _: *mut c_void) {
-    let done = LAST_WORK.get().is_none_or(|emergency_stop| emergency_stop());
+    let done = LAST_WORK.get().and_then(|emergency_stop| emergency_stop());
     // SAFETY: the kernel hands a filled-in structure to a handler with SA_SIGINFO, which lives as
     // long as the handler runs; this is how its first bytes are laid out for this signal.
     let (call, instruction) = unsafe {
         let info = info.cast::<Forbidden>();
         ((*info).call, (*info).instruction)
     };
-    let values = if done {
-        "safe values are written"
-    } else {
-        "a guest has not left its processor: its safe values are left to the guardian"
-    };
+    let values = last_words(done);
     let mut text = Text::default();
     let (name, length) = NAME.get();
     let name = name.get(..length).and_then(|name| std::str::from_utf8(name).ok()).unwrap_or("?");
@@ -86,6 +82,17 @@ extern "C" fn handler(_: c_int, info: *mut libc::siginfo_t, _: *mut c_void) {
     unsafe {
         libc::write(libc::STDERR_FILENO, text.bytes.as_ptr().cast(), text.length);
         libc::_exit(STATUS.into())
+    }
+}
+
+/// What is said of the safe values.
+const fn last_words(done: Option<bool>) -> &'static str {
+    match done {
+        Some(true) => "safe values are written",
+        Some(false) => {
+            "a guest has not left its processor: its safe values are left to the guardian"
+        }
+        None => "takt writes no safe values: there are none, or no guest runs",
     }
 }
 
@@ -114,6 +121,15 @@ impl Write for Text {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn safe_values_are_said_to_be_written_only_if_they_are() {
+        // No guest has been started in this process.
+        assert_eq!(crate::passthrough::emergency_stop::do_it(), None);
+        for (done, written) in [(Some(true), true), (Some(false), false), (None, false)] {
+            assert_eq!(last_words(done).contains("values are written"), written, "{done:?}");
+        }
+    }
 
     #[test]
     fn a_text_that_is_too_long_is_cut_off() {

@@ -51,8 +51,8 @@ impl MutEventSubscriber for Supervisor {
         } else if fd == self.sources.tick.as_raw_fd() {
             let _ = self.sources.tick.wait();
             // First, and before anything that a guest could make long.
-            if let Some(watchdog) = &mut self.watchdog {
-                watchdog.serve(self.desk.now());
+            if let Some(watchdog) = &self.watchdog {
+                watchdog.borrow_mut().serve(self.desk.now());
             }
             // Without its tick nothing would be looked after any more.
             self.running &= self.arm_timers().is_ok();
@@ -60,7 +60,7 @@ impl MutEventSubscriber for Supervisor {
             self.drain();
             self.tell_losses();
             self.accounts.iter().for_each(|a| a.look_for_silence(linux_machine::clock()));
-            self.look_at_kernels();
+            self.look_at_guests();
             self.watch_clock();
             self.watch_schedule();
             self.deliver_typed();

@@ -37,7 +37,7 @@ use crate::health::Detail;
 use crate::host_clock::HostClock;
 use crate::host_ports::HostPorts;
 use crate::host_ports::ends::Now;
-use crate::host_watchdog::HostWatchdog;
+use crate::host_watchdog::SharedWatchdog;
 use crate::init_watch::Console;
 use crate::interrupts::Interrupts;
 use crate::outlet::Trace;
@@ -60,7 +60,7 @@ pub struct Supervisor {
     /// The ends of channels that are Takt's own.
     pub host_ports: Option<HostPorts>,
     /// The host's watchdog, if it is served.
-    pub watchdog: Option<HostWatchdog>,
+    pub watchdog: Option<SharedWatchdog>,
     /// What has an error when the guardian is gone, if there is one. It stays open for longer than this lives.
     pub guardian: Option<RawFd>,
     /// The control socket, if there is one.
@@ -256,14 +256,17 @@ impl Supervisor {
         }
     }
 
-    /// Says which kernels do nothing any more.
-    fn look_at_kernels(&mut self) {
+    /// Says which kernels do nothing any more, and which partitions do not come to what must follow.
+    fn look_at_guests(&mut self) {
         let (base, now) = (self.desk.base(), self.desk.now());
         for account in &mut self.accounts {
-            let Some(news) = account.look_at_kernel(&base, now) else { continue };
-            let (name, news) = (&account.name, news.to_string());
-            self.screen.line("takt", &format!("{name}: {news}"));
-            tell(&mut self.operators, now, EventKind::Health, Some(name), &news);
+            let kernel = account.look_at_kernel(&base, now).map(|news| news.to_string());
+            let delay = account.look_for_delay(now).map(str::to_owned);
+            for news in kernel.into_iter().chain(delay) {
+                let name = &account.name;
+                self.screen.line("takt", &format!("{name}: {news}"));
+                tell(&mut self.operators, now, EventKind::Health, Some(name), &news);
+            }
         }
     }
 

@@ -23,6 +23,9 @@ use vmm_sys_util::signal::{SIGRTMIN, register_signal_handler};
 
 use super::exit_count::ExitCount;
 
+/// Most pieces of an access that are waited for: twice as many as the longest has that KVM emulates, of 64 bytes.
+const PIECES: usize = 16;
+
 thread_local! {
     /// `immediate_exit` of the vCPU that this thread owns.
     static IMMEDIATE_EXIT: Cell<*mut u8> = const { Cell::new(ptr::null_mut()) };
@@ -121,8 +124,10 @@ impl Kickable {
     /// such as starting a worker, must not fall into a window, and a SCHED_DEADLINE thread is
     /// refused it (`EAGAIN`).
     ///
+    /// It also ends what the last exit has left to be done.
+    ///
     /// # Errors
-    /// Any answer of KVM other than that it came back at once.
+    /// Any answer of KVM other than that it came back at once, or if more is left than an access has pieces.
     pub fn prime(&mut self) -> Result<(), kvm_ioctls::Error> {
         prime(&mut self.vcpu)
     }
@@ -134,15 +139,55 @@ impl Kickable {
 /// See there.
 pub fn prime(vcpu: &mut VcpuFd) -> Result<(), kvm_ioctls::Error> {
     vcpu.set_kvm_immediate_exit(1);
-    match vcpu.run() {
-        Err(e) if e.errno() != libc::EINTR => Err(e),
-        _ => Ok(()),
+    until_nothing_is_left(|| vcpu.run().map(drop))
+}
+
+/// An access of more than 8 bytes, or across two pages, comes in pieces, an exit for each. KVM finishes the
+/// instruction after the last piece, and writes the registers then: those of the next guest, if a piece is left.
+fn until_nothing_is_left(
+    mut run: impl FnMut() -> Result<(), kvm_ioctls::Error>,
+) -> Result<(), kvm_ioctls::Error> {
+    for _ in 0..PIECES {
+        match run() {
+            Ok(()) => {}
+            Err(e) if e.errno() == libc::EINTR => return Ok(()),
+            Err(e) => return Err(e),
+        }
     }
+    Err(kvm_ioctls::Error::new(libc::EBUSY))
 }
 
 impl Drop for Kickable {
     fn drop(&mut self) {
         IMMEDIATE_EXIT.set(ptr::null_mut());
         compiler_fence(Ordering::SeqCst);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What priming comes to if KVM exits so often before it comes back at once with `errno`, and how often it ran.
+    fn primed(pieces: usize, errno: i32) -> (Result<(), i32>, usize) {
+        let mut runs = 0;
+        let result = until_nothing_is_left(|| {
+            runs += 1;
+            if runs <= pieces { Ok(()) } else { Err(kvm_ioctls::Error::new(errno)) }
+        });
+        (result.map_err(|e| e.errno()), runs)
+    }
+
+    #[test]
+    fn all_pieces_of_an_access_are_over_before_a_guest_is_started_anew() {
+        assert_eq!(primed(0, libc::EINTR), (Ok(()), 1));
+        assert_eq!(primed(1, libc::EINTR), (Ok(()), 2));
+        assert_eq!(primed(PIECES - 1, libc::EINTR), (Ok(()), PIECES));
+    }
+
+    #[test]
+    fn what_has_no_end_or_fails_is_an_error() {
+        assert_eq!(primed(PIECES, libc::EINTR), (Err(libc::EBUSY), PIECES));
+        assert_eq!(primed(1, libc::EFAULT), (Err(libc::EFAULT), 2));
     }
 }

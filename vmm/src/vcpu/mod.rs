@@ -22,6 +22,7 @@
 
 pub mod background;
 pub mod exit_count;
+mod first_scan;
 pub mod first_state;
 pub mod guest;
 pub mod guest_timer;

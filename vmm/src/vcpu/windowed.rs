@@ -19,6 +19,7 @@ use takt_scheduler::time::{Timebase, Tsc};
 use takt_scheduler::timetable::{Slot, Timetable};
 
 use super::Control;
+use super::first_scan::FirstScan;
 use super::guest::{End, Guest, KvmFailure, Step};
 use super::guest_timer::{self, Deadlines};
 use super::kick::Kickable;
@@ -66,6 +67,7 @@ pub struct Windowed {
     log: Log,
     /// True until the guest's first scan since its start.
     starting: bool,
+    first_scan: FirstScan,
     /// True until the first window since the guest was started anew.
     rejoins: bool,
     tick: Tick,
@@ -132,6 +134,7 @@ impl Windowed {
             acted,
             log,
             starting: true,
+            first_scan: FirstScan::default(),
             rejoins: false,
             tick: Tick::default(),
         }
@@ -262,11 +265,15 @@ impl Windowed {
     }
 
     /// The deadline that a guest has missed in this window, or before it. Until its first scan it
-    /// has none to miss, as in the figures.
+    /// has none to miss, as in the figures, but that scan has to come.
     fn missed(&mut self, window: &WindowRecord, says_done: bool) -> Option<Detail> {
         let scanned = window.scan().is_some();
-        if !says_done || self.starting && !scanned {
+        if !says_done {
             return None;
+        }
+        if self.starting && !scanned {
+            let instants = (window.release, window.end);
+            return self.first_scan.missed(window.sequence, instants, self.base.frequency);
         }
         self.starting = false;
         let lost = window.skipped + u64::from(!scanned);
@@ -325,6 +332,7 @@ impl Windowed {
     /// first scan.
     pub fn restarted(&mut self) {
         self.starting = true;
+        self.first_scan = FirstScan::default();
         self.rejoins = true;
         self.tick.restarted();
         self.catch_up();

@@ -2,7 +2,10 @@
 //! once.
 
 use super::line;
-use crate::{Bar, InterruptSource, MemorySource, Partition, PartitionFile, SafePlace};
+use crate::{
+    Bar, DeviceMemory, InterruptSource, MemorySource, Partition, PartitionFile, Passthrough,
+    PciFunction, SafePlace,
+};
 
 /// Said of what the host itself runs on, where the file says that it is meant.
 const SHARED: &str = ", shared with the host";
@@ -58,8 +61,30 @@ pub fn list(out: &mut String, file: &PartitionFile) {
             };
             let digits = 2 + 2 * usize::from(safe.width);
             line(out, &format!("    at its end {:#0digits$x} to {place}", safe.value));
+            if let Some(function) = confined(it, &safe.place) {
+                let text = format!("a reset of {function} undoes this value when takt ends (vfio)");
+                line(out, &format!("    warning: {text}"));
+            }
         }
     }
+}
+
+/// The function in which a safe value is written, if that is VFIO's. It is if any entry of it says so.
+fn confined<'a>(it: &'a Passthrough, place: &SafePlace) -> Option<&'a PciFunction> {
+    let of_memory = |memory: &'a DeviceMemory| match &memory.source {
+        MemorySource::Pci(bar) => Some(bar),
+        _ => None,
+    };
+    let bar = match place {
+        SafePlace::Port(port) => {
+            let mut ports = it.ports.iter();
+            ports.find(|ports| (ports.first..=ports.last).contains(port))?.bar.as_ref()?
+        }
+        SafePlace::Register { memory, .. } => of_memory(it.memory.get(*memory)?)?,
+    };
+    let all = it.ports.iter().filter_map(|ports| ports.bar.as_ref());
+    let mut all = all.chain(it.memory.iter().filter_map(of_memory));
+    all.any(|other| other.vfio && other.function == bar.function).then_some(&bar.function)
 }
 
 fn bar(bar: &Bar) -> String {

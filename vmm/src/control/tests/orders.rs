@@ -1,6 +1,7 @@
 //! Orders to a partition whose thread is this one.
 
 use takt_devices::output;
+use takt_devices::watchdog::Timer;
 use takt_scheduler::time::{Nanos, Tsc};
 
 use super::super::Outcome;
@@ -8,10 +9,12 @@ use super::super::protocol::{ErrorKind, EventKind, State};
 use crate::account::Account;
 use crate::boot::StartMode;
 use crate::boot::plc::{PlcImage, Source};
+use crate::delay::Delay;
 use crate::handoff::handoff;
 use crate::health::{Table, Watch};
 use crate::life::{Event, Finished, Life, Order};
 use crate::memory::{GuestMemory, Pages};
+use crate::passthrough::safe_values::SafeValues;
 use crate::restart::{PlcLoader, Restart, Revivals};
 use crate::terminal::Lines;
 use crate::vcpu::first_state::FirstState;
@@ -25,8 +28,10 @@ fn account() -> (Account, Revivals<PlcGuest>) {
     let memory = GuestMemory::for_plc(RAM, Pages::Small, &[]).unwrap();
     let image = PlcImage::read(Source::Demo, RAM).unwrap();
     let processor = FirstState::none();
+    let (channels, safe_values) = (Vec::new(), SafeValues::default());
+    let programs = None;
     let loader =
-        PlcLoader { memory, image, programs: None, channels: Vec::new(), space: None, processor };
+        PlcLoader { memory, image, programs, channels, space: None, safe_values, processor };
     let spawn = |_: &str, _, work: Box<dyn FnOnce() + Send>| {
         std::thread::spawn(work);
         Ok(())
@@ -59,6 +64,7 @@ fn account() -> (Account, Revivals<PlcGuest>) {
         life: Life::new(restart.starts()),
         restart: Some(restart),
         ends: handoff(1).1,
+        delay: Delay::default(),
         lines: Lines::default(),
     };
     (account, revivals)
@@ -171,4 +177,44 @@ fn a_partition_is_started_again_and_again() {
         assert!(matches!(revivals.wait(None), Ok(Some(_))));
     }
     assert_eq!(plc.life.restarts(), 100);
+}
+
+#[test]
+fn a_partition_that_does_not_come_to_what_follows_is_told_of() {
+    let (mut plc, mut revivals) = account();
+    let told = |plc: &mut Account, ms| plc.look_for_delay(Nanos::from_millis(ms)).unwrap_or("");
+    plc.control.enter_guest();
+    assert_eq!((told(&mut plc, 0), told(&mut plc, 5_000)), ("", ""), "it runs");
+
+    plc.operate(Order::Restart(StartMode::Cold)).unwrap();
+    assert_eq!((told(&mut plc, 5_020), told(&mut plc, 6_000)), ("", ""));
+    assert!(told(&mut plc, 6_020).starts_with("it does not leave its processor"));
+    assert_eq!(told(&mut plc, 9_000), "");
+
+    plc.control.leave_guest();
+    left(&mut plc, End::Stopped).unwrap();
+    assert!(revivals.wait(None).is_ok());
+    assert_eq!(told(&mut plc, 9_020), "");
+    assert!(told(&mut plc, 10_020).starts_with("it does not run yet"));
+    plc.control.enter_guest();
+    assert_eq!((told(&mut plc, 10_040), told(&mut plc, 20_000)), ("", ""));
+
+    // A further processor that is kept, and a watchdog that has expired.
+    let other = std::sync::Arc::<crate::vcpu::Control>::default();
+    plc.further = vec![other.clone()];
+    other.halt();
+    assert_eq!(told(&mut plc, 20_020), "");
+    assert!(told(&mut plc, 21_020).starts_with("it does not leave its processor"));
+    other.halted();
+    assert_eq!(told(&mut plc, 21_040), "");
+    let timer = Timer::new(1);
+    timer.start(0);
+    assert!(timer.expires(u64::MAX - 1));
+    plc.watchdog = Some(timer);
+    assert_eq!(told(&mut plc, 21_060), "");
+    assert!(told(&mut plc, 22_060).starts_with("it does not leave its processor"));
+
+    plc.control.leave_guest();
+    left(&mut plc, End::Stopped);
+    assert_eq!((told(&mut plc, 22_080), told(&mut plc, 30_000)), ("", ""), "it has ended");
 }

@@ -146,3 +146,16 @@ fn open(path: &Path) -> Result<File, DeviceError> {
 fn cannot(what: &'static str, name: &str) -> impl Fn(io::Error) -> DeviceError {
     move |source| DeviceError::Host { what, device: name.to_owned(), source }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    impl Space {
+        /// Of this device, without a group; a file is in the place of its container.
+        pub fn of_device(device: Device, container: File) -> Self {
+            let devices = vec![("card".to_owned(), Arc::new(device))];
+            Self { devices, groups: Vec::new(), container }
+        }
+    }
+}
