@@ -31,8 +31,8 @@ impl Admission {
         let schedules = owner.met.iter().filter_map(|met| {
             let table = file.schedules().tables().get(met.schedule.0)?;
             let name = file.schedule_names().get(met.schedule.0)?;
-            let overhead = met.wake_up.plus(met.interrupts.time());
-            let supply = Supply::of(table, partition, overhead).ok()?;
+            let interrupts = met.interrupts.time();
+            let supply = Supply::of(table, partition, met.wake_up, interrupts).ok()?;
             Some((name.clone(), supply, met.rules.clone()))
         });
         Self {

@@ -72,7 +72,6 @@ pub fn check(
         &kinds,
         &events::of_interrupts(&owner.programs),
     );
-    let overhead = wake_up.plus(interrupts.time());
     for (i, table) in schedules.tables().iter().enumerate() {
         let schedule = ScheduleId(i);
         let rules = match owner.programs[..] {
@@ -87,10 +86,12 @@ pub fn check(
             continue;
         }
         let case = Case { draft, partition, schedule, rules, wake_up, interrupts };
-        match Supply::of(table, partition, overhead) {
+        match Supply::of(table, partition, wake_up, interrupts.time()) {
             Ok(supply) => met.push(case.judge(&supply)?),
             Err(SupplyError::NoWindows { .. }) => {}
-            Err(SupplyError::NothingLeft { .. }) => return Err(case.nothing_left(overhead)),
+            Err(SupplyError::NothingLeft { overhead, .. }) => {
+                return Err(case.nothing_left(overhead));
+            }
         }
     }
     Ok(met)

@@ -12,7 +12,7 @@
 
 use takt_abi::program::{OBJECTS_MAX, TASKS_MAX};
 use takt_program::TaskKind;
-use takt_scheduler::analysis::{Rule, Task, TaskSet, TaskSetError};
+use takt_scheduler::analysis::{Rule, Start, Task, TaskSet, TaskSetError};
 use takt_scheduler::table::{PartitionId, Table};
 use takt_scheduler::time::Nanos;
 
@@ -161,18 +161,18 @@ pub fn rules(
         tables.iter().flat_map(|table| table.windows_of(partition)).map(|w| w.offset).collect();
     let mut rules = Vec::new();
     for task in all {
-        let at_window_start = match task.release {
+        let released = match task.release {
             Release::Cyclic(period, offset) => {
                 let places = Places { bases: &bases, period, offset, frame: table.frame() };
                 match places.compare(table, partition) {
-                    Some(at_starts) => at_starts,
+                    Some(start) => start,
                     None => return Err(inside(task, programs[task.program].span.clone(), period)),
                 }
             }
-            Release::Event(_) | Release::Freewheeling => false,
+            Release::Event(_) | Release::Freewheeling => Start::Anywhere,
         };
         if let (Some(_), Some(deadline)) = (task.place, task.deadline) {
-            rules.push(Rule { deadline, at_window_start });
+            rules.push(Rule { deadline, released });
         }
     }
     Ok(rules)
@@ -187,14 +187,14 @@ struct Places<'a> {
 }
 
 impl Places<'_> {
-    /// Whether all lie at the beginning of windows; `None` if one lies inside of a window.
-    fn compare(&self, table: &Table, partition: PartitionId) -> Option<bool> {
+    /// Whether all lie at the beginning of windows, or some between them; `None` if one lies inside of a window.
+    fn compare(&self, table: &Table, partition: PartitionId) -> Option<Start> {
         // Multiples of the period, modulo the frame, are the multiples of their common divisor.
         let step = gcd(self.period.0, self.frame.0).max(1);
         if self.frame.0 / step > PLACES_MAX {
             return None;
         }
-        let mut at_starts = true;
+        let mut start = Start::Window;
         for base in self.bases {
             for k in 0..self.frame.0 / step {
                 let place =
@@ -203,11 +203,11 @@ impl Places<'_> {
                 match windows.find(|w| w.offset <= place && place < w.end()) {
                     Some(window) if window.offset == place => {}
                     Some(_) => return None,
-                    None => at_starts = false,
+                    None => start = Start::Outside,
                 }
             }
         }
-        Some(at_starts)
+        Some(start)
     }
 }
 

@@ -455,8 +455,8 @@ tasks of fast: they may ask for 8640001ms of the 15292800ms that its windows giv
   12us of each window are kept for timers of a Linux that Takt cannot place (2 x 6us)
   5us of each window are kept for a wake-up that the guard has no room for
   task     period  budget  priority  worst response  verdict
-  control  1ms     100us   255       923us           meets, 77us of 1ms to spare (bound)
-  logging  86400s  1ms     0         12999us         meets, 86399987001us of 86400s to spare (bound)
+  control  1ms     100us   255       941us           meets, 59us of 1ms to spare (bound)
+  logging  86400s  1ms     0         13940us         meets, 86399986060us of 86400s to spare (bound)
 
 tasks of slow: they may ask for 450us of the 484us that its windows give in 8ms: 93.0 %
   6us of each window are kept for the host's tick (1 x 6us)
@@ -491,8 +491,8 @@ tasks of fast: they may ask for 8640001ms of the 21945600ms that its windows giv
   12us of each window are kept for timers of a Linux that Takt cannot place (2 x 6us)
   5us of each window are kept for a wake-up that the guard has no room for
   task     period  budget  priority  worst response  verdict
-  control  1ms     100us   255       473us           meets, 527us of 1ms to spare (bound)
-  logging  86400s  1ms     0         6922us          meets, 86399993078us of 86400s to spare (bound)
+  control  1ms     100us   255       491us           meets, 509us of 1ms to spare (bound)
+  logging  86400s  1ms     0         6940us          meets, 86399993060us of 86400s to spare (bound)
 
 Whichever schedule holds
 
