@@ -103,10 +103,9 @@ fn limits<'a>(
     task: &'a ProgramTask,
     versions: &'a [(usize, Image<'_>)],
 ) -> impl Iterator<Item = Option<(Nanos, Option<Nanos>)>> + 'a {
-    let name = task.name.rsplit_once('.').map_or("", |(_, name)| name);
     let time = |time: Nanoseconds| Nanos(time.0);
     versions.iter().filter(|(place, _)| *place == task.program).map(move |(_, image)| {
-        let found = image.tasks().find(|task| task.name.eq_ignore_ascii_case(name))?;
+        let found = image.tasks().nth(task.number)?;
         Some((time(found.budget?), found.deadline.map(time)))
     })
 }

@@ -32,6 +32,8 @@ pub struct ProgramTask {
     pub name: String,
     /// Its program's place among those of the partition.
     pub program: usize,
+    /// Its place in the image. No version of the program changes it.
+    pub number: usize,
     /// When it is released.
     pub release: Release,
     /// As in the image: 0 is the most urgent.
@@ -92,9 +94,10 @@ pub fn check(programs: &[CheckedProgram]) -> Result<(CheckedTasks, Vec<ProgramTa
 fn tasks_of(at: usize, checked: &CheckedProgram) -> Vec<ProgramTask> {
     let Some(image) = checked.program.image() else { return Vec::new() };
     let time = |time: takt_program::Nanoseconds| Nanos(time.0);
-    let tasks = image.tasks().map(|task| ProgramTask {
+    let tasks = image.tasks().enumerate().map(|(number, task)| ProgramTask {
         name: format!("{}.{}", checked.program.name, task.name),
         program: at,
+        number,
         release: match task.kind {
             TaskKind::Cyclic { period, offset } => Release::Cyclic(time(period), time(offset)),
             TaskKind::Event { minimum, .. } => Release::Event(time(minimum)),
