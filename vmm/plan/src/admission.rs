@@ -11,7 +11,7 @@ use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::Nanos;
 
 use super::diagnostic::quote;
-use super::program_tasks::{JOB_OVERHEAD, ProgramTask};
+use super::program_tasks::{JOB_OVERHEAD, ProgramTask, budgets_of_a_job};
 use super::{NamedTask, PartitionFile};
 
 /// What the analysis of a partition's programs takes.
@@ -98,7 +98,7 @@ impl Admission {
     }
 }
 
-/// Budget and deadline that each version of a task's program gives it; none if it gives no budget.
+/// What a job may take and its deadline, as each version of a task's program says; none if it gives no budget.
 fn limits<'a>(
     task: &'a ProgramTask,
     versions: &'a [(usize, Image<'_>)],
@@ -106,6 +106,7 @@ fn limits<'a>(
     let time = |time: Nanoseconds| Nanos(time.0);
     versions.iter().filter(|(place, _)| *place == task.program).map(move |(_, image)| {
         let found = image.tasks().nth(task.number)?;
-        Some((time(found.budget?), found.deadline.map(time)))
+        let longest = found.budget?.0.saturating_mul(budgets_of_a_job(found.sensitivity));
+        Some((Nanos(longest), found.deadline.map(time)))
     })
 }

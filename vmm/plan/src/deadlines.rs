@@ -140,7 +140,11 @@ impl Case<'_> {
         };
         let name = quote(&owner.partition.name);
         let largest = self.largest_budget(&owner.tasks.set, task, supply);
-        let allowed = match largest.map(|budget| budget.less(owner.tasks.overhead)) {
+        let stated = |budget: Nanos| {
+            let micros = budget.less(owner.tasks.overhead).0 / owner.tasks.multiples[task] / 1_000;
+            (micros > 0).then(|| Nanos::from_micros(micros))
+        };
+        let allowed = match largest.and_then(stated) {
             Some(budget) => format!(
                 "with all else as it is, a budget of at most {budget}; or more time in the windows \
                  of {name}"

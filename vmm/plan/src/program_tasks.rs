@@ -38,8 +38,10 @@ pub struct ProgramTask {
     pub release: Release,
     /// As in the image: 0 is the most urgent.
     pub priority: u8,
-    /// The longest time that a job may take; `None`: it is not bounded.
+    /// The longest time that a job should take; `None`: it is not bounded.
     pub budget: Option<Nanos>,
+    /// How many jobs one after the other the guest lets exceed it.
+    pub sensitivity: u16,
     /// How long after its release a job is due; `None`: it is not.
     pub deadline: Option<Nanos>,
     /// Its place in the analysed set; `None`: it is not analysed.
@@ -68,6 +70,13 @@ impl Release {
     }
 }
 
+/// How many budgets a job may take. The guest's watchdog lets a job go on to as many as this, and a mixture of longer and shorter
+/// jobs delays no job more than if all were that long.
+#[must_use]
+pub const fn budgets_of_a_job(sensitivity: u16) -> u64 {
+    sensitivity as u64 + 1
+}
+
 /// The tasks of some programs: what is analysed of them, and all of them, the most urgent first.
 pub fn check(programs: &[CheckedProgram]) -> Result<(CheckedTasks, Vec<ProgramTask>), Diagnostic> {
     check_numbers(programs)?;
@@ -80,10 +89,12 @@ pub fn check(programs: &[CheckedProgram]) -> Result<(CheckedTasks, Vec<ProgramTa
         // Below a task without a bound, nothing is bounded.
         let (Some(period), Some(budget)) = (task.release.period(), task.budget) else { break };
         task.place = Some(checked.tasks.len());
-        let budget = budget.plus(JOB_OVERHEAD);
+        let budgets = budgets_of_a_job(task.sensitivity);
+        let budget = Nanos(budget.0.saturating_mul(budgets)).plus(JOB_OVERHEAD);
         let analysed = Task { period, budget, priority: urgency };
         checked.tasks.push(NamedTask { name: task.name.clone(), task: analysed });
         checked.budgets.push(programs[task.program].span.clone());
+        checked.multiples.push(budgets);
     }
     let set: Vec<Task> = checked.tasks.iter().map(|task| task.task).collect();
     checked.set = TaskSet::new(&set).map_err(|error| explain(error, &checked))?;
@@ -105,6 +116,7 @@ fn tasks_of(at: usize, checked: &CheckedProgram) -> Vec<ProgramTask> {
         },
         priority: task.priority,
         budget: task.budget.map(time),
+        sensitivity: task.sensitivity,
         deadline: task.deadline.map(time),
         place: None,
     });
@@ -140,8 +152,13 @@ fn explain(error: TaskSetError, checked: &CheckedTasks) -> Diagnostic {
         | TaskSetError::ShortPeriod { task, .. }
         | TaskSetError::LongPeriod { task, .. } => (task, "a period of 100 us to a day".to_owned()),
         TaskSetError::ZeroBudget { task } | TaskSetError::BudgetPastPeriod { task, .. } => {
-            let allowed = format!("a budget of at most the period, less {JOB_OVERHEAD} to switch");
-            (task, allowed)
+            let times = match checked.multiples.get(task) {
+                Some(multiple @ 2..) => {
+                    format!("{multiple} times its size, as its sensitivity lets a job take, ")
+                }
+                _ => String::new(),
+            };
+            (task, format!("a budget of {times}at most the period, less {JOB_OVERHEAD} to switch"))
         }
         TaskSetError::SamePriority { second, .. } => (second, "different priorities".to_owned()),
     };

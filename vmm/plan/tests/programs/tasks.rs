@@ -115,6 +115,20 @@ fn what_cannot_be_in_time_is_refused_at_its_image() {
 }
 
 #[test]
+fn a_job_may_take_as_many_budgets_as_its_sensitivity_lets_it() {
+    let with = |sensitivity: u16| {
+        let fast = Task { sensitivity, ..task("fast", 250 * US, 9 * US, 0) };
+        let tasks = vec![fast, task("slow", MS, 9 * US, 1)];
+        case("sensitive").file("a.plc", &program("a", tasks)).program("a.plc", "")
+    };
+    assert_eq!(responses(&with(0)), named(&[("a.fast", Some(22)), ("a.slow", Some(32))]));
+    assert_eq!(responses(&with(2)), named(&[("a.fast", Some(40)), ("a.slow", Some(50))]));
+    // A window gives 88, of which 1 is for switching.
+    with(9).refused(&["\"a.fast\"", "may ask for 91us", "a budget of at most 8us;"]);
+    with(40).refused(&["a budget of 41 times its size", "at most the period, less 1us"]);
+}
+
+#[test]
 fn releases_in_the_middle_of_a_window_are_refused() {
     let with = |period: u64, offset: u64, windows: [u64; 3]| {
         let mut task = task("t", period * US, 5 * US, 0);
