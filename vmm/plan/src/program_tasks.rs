@@ -22,8 +22,6 @@ use super::tasks::{CheckedTasks, NamedTask};
 
 /// What the kernel may take for each job beyond the task's own time: to switch to it and back, and to end it.
 pub const JOB_OVERHEAD: Nanos = Nanos::from_micros(1);
-/// Most places in a frame at which a task's releases may lie.
-const PLACES_MAX: u64 = 100_000;
 
 /// A task of a program.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -208,26 +206,30 @@ struct Places<'a> {
 
 impl Places<'_> {
     /// Whether all lie at the beginning of windows, or some between them; `None` if one lies inside of a window.
+    ///
+    /// There may be thousands of bases, places for each, and windows. So the places are never listed: each window looks for
+    /// the next place behind its beginning.
     fn compare(&self, table: &Table, partition: PartitionId) -> Option<Start> {
         // Multiples of the period, modulo the frame, are the multiples of their common divisor.
         let step = gcd(self.period.0, self.frame.0).max(1);
-        if self.frame.0 / step > PLACES_MAX {
-            return None;
-        }
-        let mut start = Start::Window;
-        for base in self.bases {
-            for k in 0..self.frame.0 / step {
-                let place =
-                    Nanos((base.0 + self.offset.0 % self.frame.0 + k * step) % self.frame.0);
-                let mut windows = table.windows_of(partition);
-                match windows.find(|w| w.offset <= place && place < w.end()) {
-                    Some(window) if window.offset == place => {}
-                    Some(_) => return None,
-                    None => start = Start::Outside,
-                }
+        let phase = |base: &Nanos| (base.0 % step + self.offset.0 % step) % step;
+        let mut phases: Vec<u64> = self.bases.iter().map(phase).collect();
+        phases.sort_unstable();
+        phases.dedup();
+        let mut at_starts = 0;
+        for window in table.windows_of(partition) {
+            let own = window.offset.0 % step;
+            let later = phases.partition_point(|phase| *phase <= own);
+            let around = || phases.first().map(|phase| phase + step);
+            let next = phases.get(later).copied().or_else(around)?;
+            if next - own < window.duration.0 {
+                return None;
             }
+            at_starts += u64::from(phases[..later].last() == Some(&own));
         }
-        Some(start)
+        // No two windows of a partition begin together, and no two places are the same.
+        let places = phases.len() as u64 * (self.frame.0 / step);
+        Some(if at_starts == places { Start::Window } else { Start::Outside })
     }
 }
 
@@ -246,4 +248,95 @@ fn inside(task: &ProgramTask, image: Span, period: Nanos) -> Diagnostic {
     let allowed = "releases at the beginning of windows, or between them: windows with the task's period, by \
                    the key `period`, or a task with a multiple of theirs";
     Diagnostic::new(image, found, allowed)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use takt_scheduler::table::{Cpu, Placement, Role, Window};
+
+    use super::*;
+
+    const PLC: PartitionId = PartitionId(0);
+
+    fn us(n: u64) -> Nanos {
+        Nanos::from_micros(n)
+    }
+
+    /// With windows of this offset, duration and period in us.
+    fn table(frame: u64, windows: &[(u64, u64, u64)]) -> Table {
+        let placement = Placement { cpu: Cpu(0), role: Role::Windowed { guard: Nanos::ZERO } };
+        let window = |&(offset, duration, period)| Window {
+            partition: PLC,
+            offset: us(offset),
+            duration: us(duration),
+            period: us(period),
+        };
+        let windows: Vec<Window> = windows.iter().map(window).collect();
+        Table::new(us(frame), &[placement], &windows).unwrap()
+    }
+
+    fn bases(table: &Table) -> Vec<Nanos> {
+        table.windows_of(PLC).map(|window| window.offset).collect()
+    }
+
+    /// Place by place, and window by window.
+    fn listed(places: &Places<'_>, table: &Table) -> Option<Start> {
+        let mut start = Start::Window;
+        for base in places.bases {
+            for job in 0..places.frame.0 / gcd(places.period.0, places.frame.0) {
+                let release = base.0 + places.offset.0 + job * places.period.0;
+                let place = Nanos(release % places.frame.0);
+                let mut windows = table.windows_of(PLC);
+                match windows.find(|w| w.offset <= place && place < w.end()) {
+                    Some(window) if window.offset == place => {}
+                    Some(_) => return None,
+                    None => start = Start::Outside,
+                }
+            }
+        }
+        Some(start)
+    }
+
+    #[test]
+    fn places_are_those_that_are_found_one_by_one() {
+        let mut found = [0; 3];
+        let tables = [
+            table(1_000, &[(0, 100, 250)]),
+            table(1_000, &[(50, 100, 1_000), (300, 150, 1_000)]),
+            table(1_200, &[(0, 100, 300), (150, 100, 600)]),
+            table(1_200, &[(100, 50, 1_200), (700, 400, 1_200)]),
+            table(1_000, &[(0, 1_000, 1_000)]),
+        ];
+        for (table, other) in tables.iter().flat_map(|a| tables.iter().map(move |b| (a, b))) {
+            let both = [bases(table), bases(other)].concat();
+            for (bases, period) in [bases(table), both]
+                .iter()
+                .flat_map(|bases| [100, 250, 300, 350, 500, 600, 1_000, 2_400].map(|p| (bases, p)))
+            {
+                for offset in [0, 50, 100, 150, 249, 300, 1_250] {
+                    let (period, offset) = (us(period), us(offset));
+                    let places = Places { bases, period, offset, frame: table.frame() };
+                    let start = places.compare(table, PLC);
+                    assert_eq!(start, listed(&places, table), "{table:?} {period} {offset}");
+                    found[start.map_or(2, |start| start as usize)] += 1;
+                }
+            }
+        }
+        assert!(found.iter().all(|count| *count > 20), "{found:?}");
+    }
+
+    #[test]
+    fn thousands_of_windows_and_places_take_no_time() {
+        let table = table(4_000_000, &[(0, 300, 1_000)]);
+        let bases = bases(&table);
+        let at = |offset| {
+            let (period, offset) = (us(1_000), us(offset));
+            Places { bases: &bases, period, offset, frame: table.frame() }.compare(&table, PLC)
+        };
+        let begun = Instant::now();
+        assert_eq!([0, 300, 299].map(at), [Some(Start::Window), Some(Start::Outside), None]);
+        assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    }
 }
