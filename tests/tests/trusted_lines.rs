@@ -8,13 +8,13 @@ use takt_tests::trusted_lines::by_folder;
 /// A change that needs fewer lowers it.
 const MOST: [(&str, usize); 13] = [
     ("vmm/src", 17_897),
-    ("vmm/plan/src", 8_325),
+    ("vmm/plan/src", 8_360),
     ("vmm/host/src", 640),
     ("vmm/record/src", 300),
     ("vmm/retain/src", 530),
     ("vmm/figures/src", 1_756),
     ("vmm/protocol/src", 730),
-    ("scheduler/src", 2_088),
+    ("scheduler/src", 2_140),
     ("devices/src", 1_770),
     ("devices/channel/src", 1_200),
     ("devices/abi/src", 1_115),
