@@ -40,7 +40,7 @@ mod task;
 
 pub use bound::{Rule, bound, bound_with};
 pub use replay::{JOBS_MAX, replay};
-pub use supply::{Supply, SupplyError};
+pub use supply::{Start, Supply, SupplyError};
 pub use task::{FrameError, PERIOD_MAX, PERIOD_MIN, TASKS_MAX, Task, TaskSet, TaskSetError};
 
 use crate::time::Nanos;
@@ -50,7 +50,8 @@ use crate::time::Nanos;
 pub enum Method {
     /// By [`replay()`]: response times are reached, and a miss is real.
     Exact,
-    /// By [`bound()`]: response times are upper bounds, and a refusal may be too cautious.
+    /// By [`bound()`], or by [`replay()`] with releases inside of windows: response times are upper bounds, and a refusal may
+    /// be too cautious.
     Bound,
 }
 
@@ -152,13 +153,18 @@ pub fn analyse_with(tasks: &TaskSet, rules: &[Rule], supply: &Supply) -> Analysi
     Analysis { method: Method::Bound, verdict: bound_with(tasks, rules, supply), load }
 }
 
-/// Judges a task set: exactly if a hyperperiod has at most [`JOBS_MAX`] jobs, else by the bound.
+/// Judges a task set: exactly if a hyperperiod has at most [`JOBS_MAX`] jobs, and none is released inside of a window in which there
+/// may be interrupts; else on the safe side.
 #[must_use]
 pub fn analyse(tasks: &TaskSet, supply: &Supply) -> Analysis {
     let load = Load::of(tasks, supply);
     match replay(tasks, supply) {
-        Some(verdict) => Analysis { method: Method::Exact, verdict, load },
-        None => Analysis { method: Method::Bound, verdict: bound(tasks, supply), load },
+        Some((method, verdict))
+            if method == Method::Exact || matches!(verdict, Verdict::Meets { .. }) =>
+        {
+            Analysis { method, verdict, load }
+        }
+        _ => Analysis { method: Method::Bound, verdict: bound(tasks, supply), load },
     }
 }
 

@@ -6,7 +6,8 @@
 //!
 //! * which schedule holds in which frame is one word ([`Switch`]), read with one load;
 //! * a request is only noted. A thread that ends windows adopts it the next time it wakes: it is a
-//!   deadline thread, so the time from its look at the clock to the store is bounded;
+//!   deadline thread, and looks at the clock just before the store. The host can stop it between the two all the same,
+//!   for longer than is allowed for. So it looks again behind the store, and what came too late is told;
 //! * the switch is adopted for the frame *after* the next one. A thread plans frame *n + 1* no
 //!   earlier than its guard before frame *n*, and by then the word says what holds there.
 
@@ -79,6 +80,8 @@ pub struct Status {
     pub next: ScheduleId,
     /// When the current one began to hold, since the epoch; `None` before the first switch.
     pub last_switch: Option<Nanos>,
+    /// That one was stored so late that threads may already have planned by the schedule before it.
+    pub late: bool,
 }
 
 /// Where requests are left and threads look which schedule holds.
@@ -92,6 +95,8 @@ pub struct ScheduleState {
     /// Frame of the last switch that has taken effect; 0 for none. Only the requester's side
     /// uses it.
     last: AtomicU64,
+    /// Frame of the last switch that was stored too late; 0 for none.
+    late: AtomicU64,
 }
 
 impl ScheduleState {
@@ -106,6 +111,7 @@ impl ScheduleState {
             word: AtomicU64::new(word),
             wanted: AtomicUsize::new(0),
             last: AtomicU64::new(0),
+            late: AtomicU64::new(0),
         }
     }
 
@@ -135,12 +141,13 @@ impl ScheduleState {
         Ok(())
     }
 
-    /// Makes a request take effect two frames on. `now` has just been read; see the module. Any
+    /// Makes a request take effect two frames on. `clock` tells the time since the epoch; see the module. Any
     /// number of threads may call this; it is wait-free. True for the one that made it so.
-    pub fn adopt(&self, now: Nanos) -> bool {
+    pub fn adopt(&self, clock: impl Fn() -> Nanos) -> bool {
         let Some(wanted) = self.wanted.load(Ordering::SeqCst).checked_sub(1) else { return false };
         let word = self.word.load(Ordering::SeqCst);
         let old = Switch::unpack(word);
+        let now = clock();
         if self.frame_at(now) < old.frame {
             return false;
         }
@@ -152,6 +159,9 @@ impl ScheduleState {
             .compare_exchange(word, new.pack(), Ordering::SeqCst, Ordering::SeqCst)
             .is_ok();
         if won {
+            if self.frame_at(clock().plus(GUARD_MAX)) + 2 > frame {
+                self.late.store(frame, Ordering::SeqCst);
+            }
             self.wanted.store(0, Ordering::SeqCst);
         }
         won
@@ -168,6 +178,7 @@ impl ScheduleState {
             current: if over { switch.after } else { switch.before },
             next: wanted.unwrap_or(switch.after),
             last_switch: (last > 0).then(|| Nanos(last * self.frame.0)),
+            late: last > 0 && last == self.late.load(Ordering::SeqCst),
         }
     }
 
@@ -179,6 +190,7 @@ impl ScheduleState {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::cell::RefCell;
 
     const FRAME: Nanos = Nanos::from_millis(10);
 
@@ -195,10 +207,10 @@ mod tests {
         let board = ScheduleState::new(FRAME, 2);
         board.request(id(1), ms(33)).unwrap();
         assert_eq!(board.switch().schedule_of(1 << 40), id(0), "it has not been adopted");
-        board.adopt(ms(34));
+        board.adopt(|| ms(34));
         let switch = board.switch();
         assert_eq!((switch.schedule_of(4), switch.schedule_of(5)), (id(0), id(1)));
-        board.adopt(ms(39));
+        board.adopt(|| ms(39));
         assert_eq!(board.switch(), switch, "once is enough");
     }
 
@@ -206,8 +218,24 @@ mod tests {
     fn near_a_frames_end_the_guard_before_the_next_one_has_begun() {
         let board = ScheduleState::new(FRAME, 2);
         board.request(id(1), ms(37)).unwrap();
-        board.adopt(ms(38));
+        board.adopt(|| ms(38));
         assert_eq!(board.switch().frame, 6);
+    }
+
+    #[test]
+    fn a_switch_that_was_stored_too_late_is_told() {
+        // From 39 ms on a thread with the longest guard may plan the frame at 50 ms, where the switch is.
+        for (stored, late) in [(Nanos(38_999_999), false), (ms(39), true), (ms(57), true)] {
+            let board = ScheduleState::new(FRAME, 2);
+            board.request(id(1), ms(33)).unwrap();
+            let times = RefCell::new([ms(34), stored].into_iter());
+            assert!(board.adopt(|| times.borrow_mut().next().unwrap()));
+            assert_eq!((board.switch().frame, board.status(ms(50)).late), (5, late), "{stored}");
+            assert!(!board.status(ms(49)).late, "it has not taken effect");
+            board.request(id(0), ms(60)).unwrap();
+            board.adopt(|| ms(61));
+            assert!(!board.status(ms(80)).late, "the next one was in time");
+        }
     }
 
     #[test]
@@ -215,11 +243,11 @@ mod tests {
         let board = ScheduleState::new(FRAME, 3);
         board.request(id(1), ms(0)).unwrap();
         assert_eq!(board.request(id(2), ms(0)), Err(SwitchError::UnderWay));
-        board.adopt(ms(1));
+        board.adopt(|| ms(1));
         assert_eq!(board.request(id(2), ms(19)), Err(SwitchError::UnderWay));
         assert_eq!(board.request(id(1), ms(20)), Err(SwitchError::NoAction));
         board.request(id(2), ms(20)).unwrap();
-        board.adopt(ms(21));
+        board.adopt(|| ms(21));
         let switch = Switch { before: id(1), after: id(2), frame: 4 };
         assert_eq!(board.switch(), switch);
     }
@@ -241,12 +269,12 @@ mod tests {
         assert_eq!(status(5), (0, 0, None));
         board.request(id(1), ms(5)).unwrap();
         assert_eq!(status(5), (0, 1, None));
-        board.adopt(ms(6));
+        board.adopt(|| ms(6));
         assert_eq!(status(19), (0, 1, None));
         assert_eq!(status(20), (1, 1, Some(ms(20))));
         board.request(id(0), ms(55)).unwrap();
         assert_eq!(status(56), (1, 0, Some(ms(20))));
-        board.adopt(ms(56));
+        board.adopt(|| ms(56));
         assert_eq!(status(57), (1, 0, Some(ms(20))));
         assert_eq!(status(70), (0, 0, Some(ms(70))));
     }

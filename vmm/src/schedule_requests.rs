@@ -26,12 +26,16 @@ pub struct Switched {
     /// The schedule that holds since then.
     pub schedule: ScheduleId,
     name: String,
+    late: bool,
 }
 
 impl fmt::Display for Switched {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ms = self.offset.0 as f64 / 1e6;
-        write!(f, "schedule \"{}\" holds since {ms:.3} ms", self.name)
+        write!(f, "schedule \"{}\" holds since {ms:.3} ms", self.name)?;
+        let late =
+            "; the host held up its adoption, so windows around that may be of both schedules";
+        f.write_str(if self.late { late } else { "" })
     }
 }
 
@@ -91,7 +95,7 @@ impl ScheduleRequests {
         let offset = status.last_switch?;
         let name = self.names[status.current.0].clone();
         let at = self.base.instant(offset);
-        Some(Switched { at, offset, schedule: status.current, name })
+        Some(Switched { at, offset, schedule: status.current, name, late: status.late })
     }
 
     /// Time since the epoch.
@@ -117,11 +121,14 @@ mod tests {
         assert_eq!(desk.poll(), None);
         assert!(desk.ask_for_next().starts_with("schedule \"maintenance\" will hold"));
         assert!(desk.ask_for_next().contains("under way"));
-        board.adopt(desk.now());
+        board.adopt(|| desk.now());
         while desk.now().0 < board.switch().frame * frame.0 {}
         let switched = desk.poll().unwrap();
         assert_eq!(switched.offset.0, board.switch().frame * frame.0);
         assert!(switched.to_string().starts_with("schedule \"maintenance\" holds since"));
+        assert!(!switched.to_string().contains("held up"));
+        let late = Switched { late: true, ..switched };
+        assert!(late.to_string().contains("held up its adoption"), "{late}");
         assert_eq!(desk.poll(), None);
     }
 }

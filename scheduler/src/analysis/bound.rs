@@ -11,10 +11,10 @@
 //!
 //! Nothing here relies on when tasks are released, only on the time between two releases. What is known
 //! of that makes the bound smaller: *s* is the release of a job, the task's own or a more urgent one. If all
-//! of these are released at the beginning of windows ([`Rule::at_window_start`]), *s* is such a beginning, and
-//! only intervals that start there need to be looked at.
+//! of these are released at the beginning of windows ([`Rule::released`]), *s* is such a beginning, and
+//! only intervals that start there need to be looked at. If none is released inside a window, *s* lies in none.
 
-use super::{Supply, Task, TaskSet, Verdict};
+use super::{Start, Supply, Task, TaskSet, Verdict};
 use crate::time::Nanos;
 
 /// Least and most steps of one iteration. Tens are usual; only near full load over a long period
@@ -29,15 +29,15 @@ const VISITS_MAX: usize = 1_000_000;
 pub struct Rule {
     /// How long after its release a job is due; at most the period.
     pub deadline: Nanos,
-    /// Whether all jobs are released at the beginning of windows.
-    pub at_window_start: bool,
+    /// Where all jobs are released.
+    pub released: Start,
 }
 
 impl Rule {
     /// Of a task of which nothing is known.
     #[must_use]
     pub const fn of(task: &Task) -> Rule {
-        Rule { deadline: task.period, at_window_start: false }
+        Rule { deadline: task.period, released: Start::Anywhere }
     }
 }
 
@@ -56,11 +56,11 @@ pub fn bound_with(tasks: &TaskSet, rules: &[Rule], supply: &Supply) -> Verdict {
     let mut higher = Vec::new();
     let visits = responses.len().saturating_mul(supply.slots_per_frame()).max(1);
     let steps = (VISITS_MAX / visits).clamp(STEPS[0], STEPS[1]);
-    let mut from_start = true;
+    let mut start = Start::Window;
     for (position, task) in tasks.by_urgency() {
         let rule = rules.get(position).copied().unwrap_or(Rule::of(task));
-        from_start &= rule.at_window_start;
-        let supply = Least { supply, from_start };
+        start = start.max(rule.released);
+        let supply = Least { supply, start };
         match response(task, rule.deadline, &higher, supply, steps) {
             Some(response) => responses[position] = response,
             None => {
@@ -76,26 +76,20 @@ pub fn bound_with(tasks: &TaskSet, rules: &[Rule], supply: &Supply) -> Verdict {
     Verdict::Meets { responses: responses.into() }
 }
 
-/// What windows give at the least, in any interval or in one that begins with a window.
+/// What windows give at the least in an interval that begins so.
 #[derive(Clone, Copy)]
 struct Least<'a> {
     supply: &'a Supply,
-    from_start: bool,
+    start: Start,
 }
 
 impl Least<'_> {
     fn minimum(self, length: Nanos) -> Nanos {
-        match self.from_start {
-            true => self.supply.minimum_from_start(length),
-            false => self.supply.minimum(length),
-        }
+        self.supply.minimum(self.start, length)
     }
 
     fn longest(self, demand: Nanos) -> Option<Nanos> {
-        match self.from_start {
-            true => self.supply.longest_from_start(demand),
-            false => self.supply.longest(demand),
-        }
+        self.supply.longest(self.start, demand)
     }
 }
 

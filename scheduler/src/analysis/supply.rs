@@ -3,6 +3,17 @@
 //! All questions are answered from one function, the supply from the epoch to an instant, and its
 //! inverse. Both are a division by the frame and a search among the windows of one frame, so an
 //! instant years ahead costs as much as one in the first frame, and is as exact.
+//!
+//! # Interrupts
+//!
+//! A window loses the wake-up's share at its start, and up to *i* to interrupts, anywhere. That function takes *i* as lost
+//! right behind the wake-up. So it is at most what an interval gets that begins outside of windows, or with one: each of its
+//! windows loses no less, and no later, than it really does.
+//!
+//! An interval that begins inside a window at *s* may lose *i* after *s*, of which the function knows nothing. It gets at least
+//! as much as one that begins at the window's end *e* and is shorter by *i*. If *s* is in the last *i* of the window, it reaches
+//! as far as that one or further. If *s* is earlier by *d*, it gets at least *d* before *e*, and what it reaches less far behind
+//! *e* is *d*. While the wake-up still has its share it gets no less than from the window's start.
 
 use thiserror::Error;
 
@@ -28,6 +39,17 @@ pub enum SupplyError {
     },
 }
 
+/// Where an interval may begin, the narrowest set of instants first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Start {
+    /// At the beginning of windows.
+    Window,
+    /// There, or between windows.
+    Outside,
+    /// At any time.
+    Anywhere,
+}
+
 /// The usable part of a window, in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Slot {
@@ -35,6 +57,15 @@ struct Slot {
     end: Nanos,
     /// What the slots before it in the frame give.
     before: Nanos,
+}
+
+/// A window in a frame, also one that gives nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Whole {
+    start: Nanos,
+    /// When the wake-up has had its share.
+    awake: Nanos,
+    end: Nanos,
 }
 
 /// The execution time that a partition gets, for ever. Instants are given since the epoch.
@@ -45,39 +76,44 @@ pub struct Supply {
     per_frame: Nanos,
     /// In order of time, none of them empty.
     slots: Box<[Slot]>,
-    /// Where windows begin in a frame, those that give nothing included.
-    starts: Box<[Nanos]>,
+    /// In order of time.
+    windows: Box<[Whole]>,
+    /// What each window loses to them, anywhere in it.
+    interrupts: Nanos,
 }
 
 impl Supply {
-    /// The supply of `partition`, with `overhead` lost at the start of each of its windows. A
-    /// window that is not longer than the overhead gives nothing.
+    /// The supply of `partition`. Each of its windows loses `wake_up` at its start, and `interrupts` anywhere in it. A
+    /// window that is not longer than both gives nothing.
     ///
     /// # Errors
     /// If there would be no supply at all, see [`SupplyError`].
     pub fn of(
         table: &Table,
         partition: PartitionId,
-        overhead: Nanos,
+        wake_up: Nanos,
+        interrupts: Nanos,
     ) -> Result<Supply, SupplyError> {
         if table.windows_of(partition).next().is_none() {
             return Err(SupplyError::NoWindows { partition });
         }
         let mut per_frame = Nanos::ZERO;
         let mut slots = Vec::new();
-        let mut starts = Vec::new();
+        let mut windows = Vec::new();
         for window in table.windows_of(partition) {
-            starts.push(window.offset);
-            let (start, end) = (window.offset.plus(overhead), window.end());
+            let (awake, end) = (window.offset.plus(wake_up), window.end());
+            windows.push(Whole { start: window.offset, awake, end });
+            let start = awake.plus(interrupts);
             if start < end {
                 slots.push(Slot { start, end, before: per_frame });
                 per_frame = per_frame.plus(end.less(start));
             }
         }
         if slots.is_empty() {
-            return Err(SupplyError::NothingLeft { partition, overhead });
+            return Err(SupplyError::NothingLeft { partition, overhead: wake_up.plus(interrupts) });
         }
-        Ok(Supply { frame: table.frame(), per_frame, slots: slots.into(), starts: starts.into() })
+        let (slots, windows) = (slots.into(), windows.into());
+        Ok(Supply { frame: table.frame(), per_frame, slots, windows, interrupts })
     }
 
     /// Length of the major frame.
@@ -91,7 +127,7 @@ impl Supply {
         self.slots.len()
     }
 
-    /// Supply between two instants; zero if `to` is not after `from`.
+    /// Supply between two instants, with all losses at the start of windows; zero if `to` is not after `from`.
     #[must_use]
     pub fn available(&self, from: Nanos, to: Nanos) -> Nanos {
         self.until(to).less(self.until(from))
@@ -115,42 +151,61 @@ impl Supply {
         frames.checked_mul(self.frame.0)?.checked_add(within.0).map(Nanos)
     }
 
-    /// The smallest supply in any interval of this length: the supply bound function.
-    ///
-    /// Only intervals that start just as a window closes need to be looked at. One that starts in
-    /// a window can be moved later, to where that window ends: its head gives up all of the way,
-    /// its tail gains no more. One that starts in a gap can be moved earlier, to where the gap
-    /// starts: its head gains nothing. Neither move adds to the supply.
-    #[must_use]
-    pub fn minimum(&self, length: Nanos) -> Nanos {
-        let frames = Nanos(length.0 / self.frame.0 * self.per_frame.0);
-        let rest = Nanos(length.0 % self.frame.0);
-        let least = self.slots.iter().map(|slot| self.available(slot.end, slot.end.plus(rest)));
-        frames.plus(least.min().unwrap_or(Nanos::ZERO))
+    /// Until when interrupts may hold up what begins at `instant`, beyond what [`finish`](Self::finish) knows of: it is
+    /// inside of a window, and they may all come behind it. `None` if there is nothing of that.
+    pub(super) fn held_up(&self, instant: Nanos) -> Option<Nanos> {
+        let within = Nanos(instant.0 % self.frame.0);
+        let begun = self.windows.partition_point(|window| window.awake < within);
+        let window = self.windows[..begun].last().filter(|window| within < window.end)?;
+        let lost = self.interrupts.min(window.end.less(within));
+        (lost > Nanos::ZERO).then(|| instant.plus(lost))
     }
 
-    /// The longest time that `demand` takes to be supplied, whenever it starts: the inverse of
+    /// The smallest supply in an interval of this length that begins so: the supply bound function.
+    ///
+    /// If it may begin in a gap, only intervals that start just as a window closes need to be looked at: one that starts
+    /// in a gap can be moved earlier, to where the gap starts, and its head gains nothing. For one that may begin inside a
+    /// window see the [module](self).
+    #[must_use]
+    pub fn minimum(&self, start: Start, length: Nanos) -> Nanos {
+        let ends = self.slots.iter().map(|slot| slot.end);
+        match start {
+            Start::Window => self.least_from(self.windows.iter().map(|w| w.start), length),
+            Start::Outside => self.least_from(ends, length),
+            Start::Anywhere => self.least_from(ends, length.less(self.interrupts)),
+        }
+    }
+
+    /// The longest time that `demand` takes to be supplied in an interval that begins so: the inverse of
     /// [`minimum`](Self::minimum). `None` if that is beyond the type's 584 years.
     #[must_use]
-    pub fn longest(&self, demand: Nanos) -> Option<Nanos> {
-        self.slots.iter().try_fold(Nanos::ZERO, |longest, slot| {
-            Some(longest.max(self.finish(slot.end, demand)?.less(slot.end)))
-        })
+    pub fn longest(&self, start: Start, demand: Nanos) -> Option<Nanos> {
+        let ends = self.slots.iter().map(|slot| slot.end);
+        match start {
+            Start::Window => self.longest_from(self.windows.iter().map(|w| w.start), demand),
+            Start::Outside => self.longest_from(ends, demand),
+            Start::Anywhere if demand == Nanos::ZERO => Some(Nanos::ZERO),
+            Start::Anywhere => {
+                let longest = self.longest_from(ends, demand)?;
+                longest.0.checked_add(self.interrupts.0).map(Nanos)
+            }
+        }
     }
 
-    /// The smallest supply in any interval of this length that begins with a window.
-    #[must_use]
-    pub fn minimum_from_start(&self, length: Nanos) -> Nanos {
-        let after = self.starts.iter().map(|start| self.available(*start, start.plus(length)));
-        after.min().unwrap_or(Nanos::ZERO)
+    fn least_from(&self, starts: impl Iterator<Item = Nanos>, length: Nanos) -> Nanos {
+        let frames = Nanos(length.0 / self.frame.0 * self.per_frame.0);
+        let rest = Nanos(length.0 % self.frame.0);
+        let least = starts.map(|start| self.available(start, start.plus(rest))).min();
+        frames.plus(least.unwrap_or(Nanos::ZERO))
     }
 
-    /// The longest time that `demand` takes to be supplied from the beginning of any window. `None` if that
-    /// is beyond the type's 584 years.
-    #[must_use]
-    pub fn longest_from_start(&self, demand: Nanos) -> Option<Nanos> {
-        self.starts.iter().try_fold(Nanos::ZERO, |longest, start| {
-            Some(longest.max(self.finish(*start, demand)?.less(*start)))
+    fn longest_from(
+        &self,
+        mut starts: impl Iterator<Item = Nanos>,
+        demand: Nanos,
+    ) -> Option<Nanos> {
+        starts.try_fold(Nanos::ZERO, |longest, start| {
+            Some(longest.max(self.finish(start, demand)?.less(start)))
         })
     }
 

@@ -29,6 +29,34 @@ pub fn open_ticks(frame: u64, windows: &[(u64, u64)], overhead: u64) -> Vec<bool
     (0..frame).map(open).collect()
 }
 
+/// The same of many frames, each window of which also loses `interrupts` ticks in one place, wherever that hurts. For each
+/// window one of `places` chooses it: half of them choose a release inside of the window, if there is one.
+pub fn disturbed_ticks(
+    open: &[bool],
+    (frames, windows): (u64, &[(u64, u64)]),
+    interrupts: u64,
+    releases: &[u64],
+    places: &[u64],
+) -> Vec<bool> {
+    let frame = open.len() as u64;
+    let mut ticks = open.repeat(frames as usize);
+    let mut places = places.iter().cycle();
+    for (number, (start, end)) in (0..frames).flat_map(|n| windows.iter().map(move |w| (n, *w))) {
+        let window = number * frame + start..number * frame + end;
+        let inside: Vec<u64> = releases.iter().copied().filter(|r| window.contains(r)).collect();
+        let place = places.next().copied().unwrap_or(0);
+        let first = match place % 2 == 0 && !inside.is_empty() {
+            true => inside[(place / 2) as usize % inside.len()],
+            false => window.start + place / 2 % (end - start),
+        };
+        let lost = (first..window.end).filter(|tick| open[(tick % frame) as usize]);
+        for tick in lost.take(interrupts as usize) {
+            ticks[tick as usize] = false;
+        }
+    }
+    ticks
+}
+
 /// Runs all jobs, for ever if need be; the longest response of each task, or the first miss.
 pub fn simulate(open: &[bool], tasks: usize, jobs: &[Job]) -> Result<Vec<u64>, Miss> {
     let mut responses = vec![0; tasks];

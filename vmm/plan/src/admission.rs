@@ -11,7 +11,7 @@ use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::Nanos;
 
 use super::diagnostic::quote;
-use super::program_tasks::{JOB_OVERHEAD, ProgramTask};
+use super::program_tasks::{JOB_OVERHEAD, ProgramTask, budgets_of_a_job};
 use super::{NamedTask, PartitionFile};
 
 /// What the analysis of a partition's programs takes.
@@ -31,8 +31,8 @@ impl Admission {
         let schedules = owner.met.iter().filter_map(|met| {
             let table = file.schedules().tables().get(met.schedule.0)?;
             let name = file.schedule_names().get(met.schedule.0)?;
-            let overhead = met.wake_up.plus(met.interrupts.time());
-            let supply = Supply::of(table, partition, overhead).ok()?;
+            let interrupts = met.interrupts.time();
+            let supply = Supply::of(table, partition, met.wake_up, interrupts).ok()?;
             Some((name.clone(), supply, met.rules.clone()))
         });
         Self {
@@ -98,15 +98,15 @@ impl Admission {
     }
 }
 
-/// Budget and deadline that each version of a task's program gives it; none if it gives no budget.
+/// What a job may take and its deadline, as each version of a task's program says; none if it gives no budget.
 fn limits<'a>(
     task: &'a ProgramTask,
     versions: &'a [(usize, Image<'_>)],
 ) -> impl Iterator<Item = Option<(Nanos, Option<Nanos>)>> + 'a {
-    let name = task.name.rsplit_once('.').map_or("", |(_, name)| name);
     let time = |time: Nanoseconds| Nanos(time.0);
     versions.iter().filter(|(place, _)| *place == task.program).map(move |(_, image)| {
-        let found = image.tasks().find(|task| task.name.eq_ignore_ascii_case(name))?;
-        Some((time(found.budget?), found.deadline.map(time)))
+        let found = image.tasks().nth(task.number)?;
+        let longest = found.budget?.0.saturating_mul(budgets_of_a_job(found.sensitivity));
+        Some((Nanos(longest), found.deadline.map(time)))
     })
 }

@@ -72,7 +72,6 @@ pub fn check(
         &kinds,
         &events::of_interrupts(&owner.programs),
     );
-    let overhead = wake_up.plus(interrupts.time());
     for (i, table) in schedules.tables().iter().enumerate() {
         let schedule = ScheduleId(i);
         let rules = match owner.programs[..] {
@@ -87,10 +86,12 @@ pub fn check(
             continue;
         }
         let case = Case { draft, partition, schedule, rules, wake_up, interrupts };
-        match Supply::of(table, partition, overhead) {
+        match Supply::of(table, partition, wake_up, interrupts.time()) {
             Ok(supply) => met.push(case.judge(&supply)?),
             Err(SupplyError::NoWindows { .. }) => {}
-            Err(SupplyError::NothingLeft { .. }) => return Err(case.nothing_left(overhead)),
+            Err(SupplyError::NothingLeft { overhead, .. }) => {
+                return Err(case.nothing_left(overhead));
+            }
         }
     }
     Ok(met)
@@ -139,7 +140,11 @@ impl Case<'_> {
         };
         let name = quote(&owner.partition.name);
         let largest = self.largest_budget(&owner.tasks.set, task, supply);
-        let allowed = match largest.map(|budget| budget.less(owner.tasks.overhead)) {
+        let stated = |budget: Nanos| {
+            let micros = budget.less(owner.tasks.overhead).0 / owner.tasks.multiples[task] / 1_000;
+            (micros > 0).then(|| Nanos::from_micros(micros))
+        };
+        let allowed = match largest.and_then(stated) {
             Some(budget) => format!(
                 "with all else as it is, a budget of at most {budget}; or more time in the windows \
                  of {name}"

@@ -7,15 +7,17 @@
 //!   later;
 //! * a processor of a Linux on the same CPU whose kernel means harm: it has one timer that Takt does not see (the one-shot
 //!   and periodic modes of its local APIC), and does not run while a window is used. So it goes off once, or
-//!   each time that KVM lets a periodic one (`min_timer_period_us`).
-//!
+//!   each time that KVM lets a periodic one (`min_timer_period_us`);
+//! * the kernel's timer that takes a deadline thread's bandwidth back, some time after the thread has gone to sleep. The window
+//!   enforcer of the CPU has one, and so has the thread of each other partition with windows there. None of them wakes in
+//!   this window, so each goes off once at the most. That of the partition's own thread is gone when the thread wakes;
 //! * an interrupt that releases a task of the partition's own. The guest lets it come once for each job of that task,
 //!   which is an exit, and takes it, which is another.
 //!
 //! Other interrupts of devices are not counted: their owner says where they go (`takt doctor`).
 
 use takt_scheduler::schedules::Schedules;
-use takt_scheduler::table::PartitionId;
+use takt_scheduler::table::{PartitionId, Role};
 use takt_scheduler::time::Nanos;
 
 use crate::Kind;
@@ -35,6 +37,8 @@ pub struct Allowance {
     pub tick: u64,
     /// Of the timers of Linuxes on the same CPU.
     pub linux: u64,
+    /// Of the kernel's timers for the bandwidth of deadline threads.
+    pub bandwidth: u64,
     /// Interrupts that release tasks, and the exits by which they are let in.
     pub devices: u64,
 }
@@ -43,7 +47,7 @@ impl Allowance {
     /// What all of them take.
     #[must_use]
     pub fn time(&self) -> Nanos {
-        Nanos((self.tick + self.linux + self.devices) * INTERRUPT.0)
+        Nanos((self.tick + self.linux + self.bandwidth + self.devices) * INTERRUPT.0)
     }
 }
 
@@ -60,6 +64,10 @@ pub fn allowance(
     let beside = kinds.iter().enumerate().filter(|(i, kind)| {
         *i != partition.0 && here(PartitionId(*i)) && matches!(kind, Kind::Linux { .. })
     });
+    let windowed = schedules.placements().iter().enumerate().filter(|(i, placement)| {
+        *i != partition.0 && placement.cpu == own && matches!(placement.role, Role::Windowed { .. })
+    });
+    let bandwidth = 1 + windowed.count() as u64;
     let longest = schedules.timetable_of(partition).map_or(Nanos::ZERO, |t| t.longest());
     let within = |period: Nanos| 1 + longest.0 / period.0;
     // Each has a timer of its own.
@@ -67,7 +75,7 @@ pub fn allowance(
     // Between two of one task lies a release. So one can come just before a release and the next just after it, and
     // then the minimum passes.
     let devices = released.iter().map(|minimum| 2 * (1 + within(*minimum))).sum();
-    Allowance { tick: within(TICK), linux, devices }
+    Allowance { tick: within(TICK), linux, bandwidth, devices }
 }
 
 #[cfg(test)]
@@ -110,18 +118,39 @@ mod tests {
 
     #[test]
     fn a_window_allows_for_ticks_and_for_the_timer_of_a_linux_beside_it() {
-        assert_eq!(for_window(300, 0), us(18), "a tick, and two of a period of 200 us");
-        assert_eq!(for_window(300, 1), us(6));
-        assert_eq!(for_window(2_500, 1), us(18));
-        assert_eq!(for_window(150, 0), us(12));
-        assert_eq!(beside(300, &[0, 0]), us(30), "each Linux has a timer");
-        assert_eq!(beside(300, &[0, 1]), us(18));
+        // One is the window enforcer's.
+        assert_eq!(for_window(300, 0), us(6 + 18), "a tick, and two of a period of 200 us");
+        assert_eq!(for_window(300, 1), us(6 + 6));
+        assert_eq!(for_window(2_500, 1), us(6 + 18));
+        assert_eq!(for_window(150, 0), us(6 + 12));
+        assert_eq!(beside(300, &[0, 0]), us(6 + 30), "each Linux has a timer");
+        assert_eq!(beside(300, &[0, 1]), us(6 + 18));
+    }
+
+    #[test]
+    fn a_window_allows_for_the_bandwidth_of_threads_on_its_cpu() {
+        let guard = us(20);
+        let on = |cpu| Placement { cpu: Cpu(cpu), role: Role::Windowed { guard } };
+        let window = |partition, offset| Window {
+            partition: PartitionId(partition),
+            offset: us(offset),
+            duration: us(100),
+            period: us(1_000),
+        };
+        let windows = [window(0, 50), window(1, 250), window(2, 450), window(3, 50)];
+        let placements = [on(0), on(0), on(0), on(1)];
+        let schedules = Schedules::new(us(1_000), &placements, &[&windows]).unwrap();
+        let plc = Kind::Plc { image: None };
+        let bandwidth =
+            |partition| allowance(&schedules, PartitionId(partition), &[&plc; 4], &[]).bandwidth;
+        // The window enforcer, and the threads of the two others.
+        assert_eq!((bandwidth(0), bandwidth(2), bandwidth(3)), (3, 3, 1));
     }
 
     #[test]
     fn a_window_allows_for_interrupts_that_release_tasks() {
         // Two in a window that is shorter than the minimum, with two exits each.
-        assert_eq!(with_interrupts(300, &[1], &[us(1_000)]), us(6 + 4 * 6));
-        assert_eq!(with_interrupts(300, &[1], &[us(1_000), us(200)]), us(6 + 4 * 6 + 6 * 6));
+        assert_eq!(with_interrupts(300, &[1], &[us(1_000)]), us(6 + 6 + 4 * 6));
+        assert_eq!(with_interrupts(300, &[1], &[us(1_000), us(200)]), us(6 + 6 + 4 * 6 + 6 * 6));
     }
 }

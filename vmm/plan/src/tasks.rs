@@ -30,7 +30,9 @@ pub struct CheckedTasks {
     pub tasks: Vec<NamedTask>,
     /// The place for each task that says how long it takes.
     pub budgets: Vec<Span>,
-    /// What was added to each budget that the place says.
+    /// How often each budget counts that the place says.
+    pub multiples: Vec<u64>,
+    /// What was added to each then.
     pub overhead: Nanos,
 }
 
@@ -38,7 +40,8 @@ impl CheckedTasks {
     /// No tasks.
     pub fn none() -> CheckedTasks {
         let set = TaskSet::default();
-        CheckedTasks { set, tasks: Vec::new(), budgets: Vec::new(), overhead: Nanos::ZERO }
+        let (tasks, budgets, multiples) = (Vec::new(), Vec::new(), Vec::new());
+        CheckedTasks { set, tasks, budgets, multiples, overhead: Nanos::ZERO }
     }
 }
 
@@ -76,7 +79,8 @@ pub fn check(
         Diagnostic::new(span, error.to_string(), allowed).and(frame.span(), "the major frame")
     })?;
     let budgets = tables.iter().map(|table| table.get_ref().0.budget.span()).collect();
-    Ok(CheckedTasks { set, tasks, budgets, overhead: Nanos::ZERO })
+    let multiples = vec![1; tasks.len()];
+    Ok(CheckedTasks { set, tasks, budgets, multiples, overhead: Nanos::ZERO })
 }
 
 fn check_priority(priority: &Spanned<i64>) -> Result<u8, Diagnostic> {

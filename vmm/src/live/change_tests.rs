@@ -300,7 +300,7 @@ fn what_is_no_version_of_the_program_is_refused_and_nothing_is_written() {
         (
             &image(1, 2, 300_000),
             "with the larger budgets of both versions, in the schedule \"normal\" the task \"a.main\" is not proven \
-             to meet its deadlines: it and the more urgent tasks may ask for 301us, and the windows may give only 294us",
+             to meet its deadlines: it and the more urgent tasks may ask for 301us, and the windows may give only 288us",
         ),
         (&large, "longer than the program's bank"),
     ] {

@@ -65,7 +65,7 @@ pub fn run(windows: &Windows, base: &Timebase, own: &Control) {
         if let Slot::Window(release) = slot {
             owners[release.schedule.0][release.window].end_window(now);
         }
-        if board.adopt(base.offset(now)) {
+        if board.adopt(|| base.offset(Tsc::now())) {
             deadlines.iter().for_each(|deadlines| deadlines.look_again());
         }
         let next = timetable.after(&slot, board.switch());

@@ -9,7 +9,7 @@ use takt_scheduler::time::Nanos;
 
 use super::{line, tables, unconnected};
 use crate::points;
-use crate::program_tasks::{ProgramTask, Release};
+use crate::program_tasks::{ProgramTask, Release, budgets_of_a_job};
 use crate::programs::{action_name, hex};
 use crate::{Bus, Bytes, Connection, Partition, PartitionFile, Program, Trust, percent};
 
@@ -65,7 +65,10 @@ fn fate(task: &ProgramTask, response: Option<Nanos>) -> [String; 7] {
         task.name.clone(),
         released,
         task.priority.to_string(),
-        or_none(task.budget),
+        match (budgets_of_a_job(task.sensitivity), task.budget) {
+            (budgets @ 2.., Some(budget)) => format!("{budgets} x {budget}"),
+            (_, budget) => or_none(budget),
+        },
         or_none(task.deadline),
         response.map_or("-".to_owned(), |response| response.to_string()),
         verdict,

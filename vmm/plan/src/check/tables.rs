@@ -73,13 +73,14 @@ pub fn keep(out: &mut String, met: &Met) {
 }
 
 fn kept(met: &Met) -> impl Iterator<Item = (Nanos, String)> {
-    let Allowance { tick, linux, devices } = met.interrupts;
+    let Allowance { tick, linux, bandwidth, devices } = met.interrupts;
     let interrupts = |count: u64, what: &str| {
         (Nanos(count * INTERRUPT.0), format!("{what} ({count} x {INTERRUPT})"))
     };
     let terms = [
         interrupts(tick, "the host's tick"),
         interrupts(linux, "timers of a Linux that Takt cannot place"),
+        interrupts(bandwidth, "the kernel's timers for the bandwidth of threads"),
         interrupts(devices, "interrupts that release tasks, and letting them in"),
         (met.wake_up, "a wake-up that the guard has no room for".to_owned()),
     ];

@@ -64,6 +64,38 @@ fn a_version_counts_with_the_larger_budgets_and_the_shorter_deadlines_of_all_tha
     assert!(check(&[&a, &other(1_000, 30)], &[&b]).is_err());
 }
 
+/// A dot belongs to a name like any other character.
+#[test]
+fn a_task_whose_name_ends_with_that_of_another_has_its_own_budget() {
+    let with =
+        |axis, fast| program("a", &[("fast", 1_000, fast, 0), ("axis.fast", 1_000, axis, 1)]);
+    let old = with(30, 30);
+    let file = Case::new("dots").file("a.plc", &old).program("a.plc", "").good();
+    let admission = Admission::of(&file, file.partitions()[0].id());
+    let check = |new: &[u8]| admission.check(&[(0, parsed(&old)), (0, parsed(new))]);
+    assert_eq!(check(&with(40, 30)), Ok(()));
+    let said = check(&with(900, 30)).unwrap_err();
+    assert!(said.contains("the task \"a.axis.fast\" "), "{said}");
+}
+
+/// A version may let its jobs exceed their budget more often.
+#[test]
+fn a_larger_sensitivity_counts_like_a_larger_budget() {
+    let with = |sensitivity: u16| {
+        let mut program = empty("a");
+        let fast = task("fast", 1_000_000, 60_000, 0);
+        program.task(Task { sensitivity, ..fast });
+        program.build().unwrap()
+    };
+    let old = with(0);
+    let file = Case::new("sensitive").file("a.plc", &old).program("a.plc", "").good();
+    let admission = Admission::of(&file, file.partitions()[0].id());
+    let check = |new: &[u8]| admission.check(&[(0, parsed(&old)), (0, parsed(new))]);
+    assert_eq!(check(&with(2)), Ok(()));
+    let said = check(&with(4)).unwrap_err();
+    assert!(said.contains("may ask for 301us"), "{said}");
+}
+
 #[test]
 fn a_shorter_deadline_is_reckoned_with() {
     let with = |deadline: u64| {

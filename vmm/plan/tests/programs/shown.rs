@@ -29,7 +29,7 @@ fn programs_are_shown_with_tasks_points_and_writers() {
     for line in [
         "tasks of plc: they may ask for ",
         "  task         released   priority  budget  deadline  worst response  verdict",
-        "  tank.main    each 1ms   0         50us    1ms       57us            meets, 943us of 1ms to spare",
+        "  tank.main    each 1ms   0         50us    1ms       63us            meets, 937us of 1ms to spare",
         "  tank.log     each 10ms  9         none    10ms      -               not analysed: it has no budget",
         "programs of plc",
         "  tank: tank 1.2.3",
