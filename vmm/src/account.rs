@@ -217,8 +217,10 @@ impl Account {
         let mut changes = Vec::new();
         let Some(records) = &mut self.records else { return changes };
         while let Ok(record) = records.pop() {
-            if let Record::Guard(change) = record {
-                changes.push(change);
+            match (&record, &mut self.releases) {
+                (Record::Guard(change), _) => changes.push(*change),
+                (Record::Skipped(skipped), Some(releases)) => releases.skip(skipped),
+                _ => {}
             }
             let Some((window, detours)) = self.assembler.add(&record) else { continue };
             self.occupied = self.occupied.plus(frequency.nanos(window.left.since(window.due)));
