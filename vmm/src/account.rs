@@ -6,9 +6,11 @@ use rtrb::Consumer;
 use takt_devices::output::{Allowance, OutputEnd};
 use takt_devices::watchdog::Timer;
 use takt_scheduler::guard::GuardChange;
+use takt_scheduler::switch::Switch;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
 
+use crate::attendance::Attendance;
 use crate::console_log::ConsoleLog;
 use crate::handoff::Taker;
 use crate::health::{Detail, Watch};
@@ -52,6 +54,8 @@ pub struct Account {
     pub records: Option<Consumer<Record>>,
     /// Detours whose window is not in the ring yet.
     pub assembler: WindowAssembler,
+    /// Whether its windows are entered, if its guest tells of its scans.
+    pub attendance: Option<Attendance>,
     /// True if its guest tells of its scans.
     pub says_done: bool,
     /// What becomes of its errors.
@@ -205,6 +209,13 @@ impl Account {
         let runs = self.life.is_up() && self.control.has_guest();
         let control = (runs && self.records.is_none()).then_some(&*self.control);
         self.kernel.as_mut()?.look(base, now, control)
+    }
+
+    /// The error that its thread does not come to its windows. All that it has recorded before `now` must have been
+    /// taken.
+    pub fn look_for_absence(&mut self, switch: Switch, now: Nanos) -> Option<Detail> {
+        let occupied = self.control.has_guest().then_some(self.occupied);
+        self.attendance.as_mut()?.look(occupied, switch, now)
     }
 
     /// Takes everything out of the ring of records, and shows each window with its detours. Returns the
