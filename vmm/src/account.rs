@@ -6,9 +6,11 @@ use rtrb::Consumer;
 use takt_devices::output::{Allowance, OutputEnd};
 use takt_devices::watchdog::Timer;
 use takt_scheduler::guard::GuardChange;
+use takt_scheduler::switch::Switch;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
 
+use crate::attendance::Attendance;
 use crate::console_log::ConsoleLog;
 use crate::delay::Delay;
 use crate::handoff::Taker;
@@ -53,6 +55,8 @@ pub struct Account {
     pub records: Option<Consumer<Record>>,
     /// Detours whose window is not in the ring yet.
     pub assembler: WindowAssembler,
+    /// Whether its windows are entered, if its guest tells of its scans.
+    pub attendance: Option<Attendance>,
     /// True if its guest tells of its scans.
     pub says_done: bool,
     /// What becomes of its errors.
@@ -226,6 +230,13 @@ impl Account {
         self.delay.look(awaited, now)
     }
 
+    /// The error that its thread does not come to its windows. All that it has recorded before `now` must have been
+    /// taken.
+    pub fn look_for_absence(&mut self, switch: Switch, now: Nanos) -> Option<Detail> {
+        let occupied = self.control.has_guest().then_some(self.occupied);
+        self.attendance.as_mut()?.look(occupied, switch, now)
+    }
+
     /// Takes everything out of the ring of records, and shows each window with its detours. Returns the
     /// changes of the release guard that are to be told, the latest last.
     pub fn take_records(
@@ -236,8 +247,10 @@ impl Account {
         let mut changes = Vec::new();
         let Some(records) = &mut self.records else { return changes };
         while let Ok(record) = records.pop() {
-            if let Record::Guard(change) = record {
-                changes.push(change);
+            match (&record, &mut self.releases) {
+                (Record::Guard(change), _) => changes.push(*change),
+                (Record::Skipped(skipped), Some(releases)) => releases.skip(skipped),
+                _ => {}
             }
             let Some((window, detours)) = self.assembler.add(&record) else { continue };
             self.occupied = self.occupied.plus(frequency.nanos(window.left.since(window.due)));

@@ -5,6 +5,7 @@
 
 pub mod account;
 pub mod appliance;
+pub mod attendance;
 pub mod boot;
 pub mod channels;
 pub mod console_log;

@@ -151,6 +151,22 @@ fn without_a_guard_the_wake_up_is_the_jitter_and_each_disturbance_is_told_with_i
     is_drawn(&folder, of("releases"));
 }
 
+#[test]
+fn a_release_that_the_host_sleeps_through_is_lost_and_told() {
+    let file = File::new("1ms").plc("plc", None, "release_guard = \"20us\"").linux(BUSY);
+    // The wake-up of the test comes 80 us after the release.
+    let file = file.schedule("normal").window("plc", 0, 60);
+    let run = file.run("slept-through").for_jitter().lasting("2s").hooked("late-wake-up=1200");
+    let outcome = run.with("--max-lost").with("0").run();
+    assert_eq!(outcome.status, 5, "{}", outcome.output);
+    let of = |key: &str| outcome.number("plc", key);
+    assert_eq!((of("lost"), of("events.totals.deadline-missed")), (1, 1), "{}", outcome.output);
+    assert!(of("late_releases") >= 1, "{}", outcome.output);
+    let latest = of("wake_up_latency_ns.max");
+    assert!((100_000..120_000).contains(&latest), "{}", outcome.output);
+    outcome.assert_shows("plc: deadline-missed: release 1200 passed without a scan -> log");
+}
+
 /// Looks at what `scripts/run jitter --out` has left.
 fn is_drawn(folder: &Path, releases: u64) {
     let read = |name: &str| fs::read_to_string(folder.join(name)).unwrap_or_default();

@@ -8,7 +8,7 @@ use takt_scheduler::time::{Nanos, Timebase};
 use crate::bins::Bins;
 use crate::report::{self, Summary};
 use crate::worst::Worst;
-use takt_record::{Detour, WindowRecord};
+use takt_record::{Detour, Skipped, WindowRecord};
 
 /// Longer than a guest that waits for its release takes to see it: a start that is later has a cause
 /// that is told.
@@ -78,12 +78,12 @@ pub struct Releases {
     starting: bool,
     /// Releases at which the guest started its scan.
     happened: u64,
-    /// Windows in which the guest started up, before its first scan.
+    /// Windows in which the guest started up, before its first scan, those that the host slept through included.
     start_up: u64,
     /// Releases that never happened: the host came after the window's end, or the guest was still
     /// busy with an earlier scan.
     lost: u64,
-    /// Releases for which the wake-up was later than the guard.
+    /// Wake-ups that were later than the guard, so that their release was late or even lost.
     late: u64,
     /// Windows that ended before the guest was done, and before its scan was.
     overruns: u64,
@@ -175,7 +175,6 @@ impl Releases {
         self.guard.record(nanos(record.release.since(record.due)));
         self.entry.record(nanos(record.entered.since(record.woken)));
         self.starting = false;
-        self.lost += record.skipped;
         self.late += u64::from(record.is_late());
         if record.overrun {
             self.overruns += 1;
@@ -204,6 +203,17 @@ impl Releases {
                 self.exit.record(nanos(record.left.since(scan.done)));
             }
         }
+    }
+
+    /// Adds releases that passed while the thread was not there.
+    pub fn skip(&mut self, skipped: &Skipped) {
+        if self.starting {
+            self.start_up += skipped.count;
+            return;
+        }
+        self.lost += skipped.count;
+        self.late += 1;
+        self.wake_up.record(self.base.frequency.nanos(skipped.woken.since(skipped.due)));
     }
 
     /// The figures; `unrecorded` windows are in none of them.
@@ -295,9 +305,28 @@ mod tests {
         account.add(&record(None), &[]);
         account.add(&record(Some((999, 1100))), &[]);
         account.add(&record(Some((1301, 1302))), &[]);
-        account.add(&WindowRecord { skipped: 5, ..record(Some((1000, 1001))) }, &[]);
+        account.add(&record(Some((1000, 1001))), &[]);
         let r = account.report(0);
-        assert_eq!((r.releases, r.lost), (2, 8));
+        assert_eq!((r.releases, r.lost), (2, 3));
+    }
+
+    #[test]
+    fn releases_that_the_host_slept_through_are_lost_and_their_wake_up_is_one() {
+        let mut account = account();
+        let skipped = |count, woken| Skipped { count, due: Tsc(980), woken: Tsc(woken) };
+        // It is still starting up.
+        account.skip(&skipped(3, 90_000));
+        account.add(&record(Some((1004, 1104))), &[]);
+        // The window after them tells of them too.
+        account.skip(&skipped(5, 5_980));
+        account.add(&WindowRecord { skipped: 5, ..record(Some((1004, 1104))) }, &[]);
+        // After these there is no window.
+        account.skip(&skipped(10_000, 2_980));
+        let r = account.report(0);
+        assert_eq!((r.start_up_windows, r.releases), (3, 2));
+        assert_eq!((r.lost, r.late_releases), (10_005, 2));
+        let wake_up = r.wake_up_latency_ns.unwrap();
+        assert_eq!((wake_up.min, wake_up.max), (5, 5_000));
     }
 
     #[test]

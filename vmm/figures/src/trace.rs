@@ -21,7 +21,7 @@
 //! | | `port exit`, `memory exit`, `signal`, `other exit` | left and entered again |
 //! | | *`release`* | the release; its `args` have the whole record |
 //! | | *`late release`* | the guest was entered only here, after the release |
-//! | | *`lost releases`* | so many before this one were skipped |
+//! | | *`lost releases`* | so many before this one were skipped; those after the last window are only in the report |
 //! | | *`done`*, *`end of the guest`* | left before the window's end, and not to return in it, or ever |
 //! | | *`kick`*, *`overrun`* | the window's end enforced; its end, if the scan was not done |
 //! | | *`unfinished`* | the window's end, if tasks go on in the next one |

@@ -186,11 +186,11 @@ pub enum TaskState {
 pub struct ReleaseStatus {
     /// Releases that happened.
     pub happened: u64,
-    /// Windows that the guest needed to start up.
+    /// Windows that the guest needed to start up, those that the host slept through included.
     pub start_up_windows: u64,
     /// Releases that never happened.
     pub lost: u64,
-    /// Releases that came later than the guard can absorb.
+    /// Wake-ups that came later than the guard can absorb: their releases were late, or lost as well.
     pub late: u64,
     /// Windows that ended by a kick before the scan was complete.
     pub overruns: u64,
@@ -203,7 +203,7 @@ pub struct ReleaseStatus {
     pub release_latency_ns: Option<Summary>,
     /// From the guest's start to its end.
     pub execution_ns: Option<Summary>,
-    /// From when the thread was to wake up to when it did.
+    /// From when the thread was to wake up to when it did, also where the window was over by then.
     pub wake_up_latency_ns: Option<Summary>,
 }
 

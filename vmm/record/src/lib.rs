@@ -25,8 +25,21 @@ pub enum Record {
     Detour(Detour),
     /// A window is over.
     Window(WindowRecord),
+    /// Releases have passed while the thread was not there.
+    Skipped(Skipped),
     /// From the next window on the release guard has another length.
     Guard(GuardChange),
+}
+
+/// Releases in a row whose windows were over before the thread came.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Skipped {
+    /// How many.
+    pub count: u64,
+    /// When the thread was to wake up for the first of them.
+    pub due: Tsc,
+    /// When it did.
+    pub woken: Tsc,
 }
 
 /// An exit from the guest after which it was entered again in the same window.
@@ -69,7 +82,8 @@ pub struct WindowRecord {
     pub sequence: u64,
     /// Under which schedule.
     pub schedule: ScheduleId,
-    /// Releases before this one that were skipped because the host came too late for them.
+    /// Releases before this one that were skipped because the host came too late for them. Each of them was in a
+    /// [`Skipped`] too, at once.
     pub skipped: u64,
     /// Where the release lies.
     pub release: Tsc,

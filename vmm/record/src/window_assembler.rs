@@ -38,7 +38,7 @@ impl WindowAssembler {
                 self.detours.push(*detour);
                 None
             }
-            Record::Guard(_) => None,
+            Record::Guard(_) | Record::Skipped(_) => None,
             Record::Window(window) => {
                 let mut earliest = window.entered;
                 self.detours.retain(|d| {

@@ -7,6 +7,7 @@ use std::fmt;
 
 use kvm_ioctls::VcpuExit;
 use takt_abi::memory::ERROR_TEXT_BYTES;
+use takt_scheduler::time::Nanos;
 
 use super::Fault;
 
@@ -19,6 +20,8 @@ pub enum Detail {
     Overrun(u64),
     /// So many releases passed without a scan, the last of them with this number.
     Lost(u64, u64),
+    /// The guest's thread has entered no window for this long.
+    Absent(Nanos),
     /// The guest reports an error with this code and text.
     Application(u32, Text),
     /// The host's time-stamp counter has turned bad.
@@ -60,7 +63,7 @@ impl Detail {
     pub const fn fault(&self) -> Fault {
         match self {
             Detail::Access(_) => Fault::IllegalRequest,
-            Detail::Overrun(_) | Detail::Lost(..) => Fault::DeadlineMissed,
+            Detail::Overrun(_) | Detail::Lost(..) | Detail::Absent(_) => Fault::DeadlineMissed,
             Detail::Application(..) => Fault::ApplicationError,
             Detail::Clock(_) => Fault::ClockFault,
             Detail::BusLock(_) => Fault::BusLock,
@@ -79,6 +82,7 @@ impl fmt::Display for Detail {
             Detail::Lost(count, last) => {
                 write!(f, "{count} releases up to {last} passed without a scan")
             }
+            Detail::Absent(time) => write!(f, "no window was entered for {time}"),
             Detail::Application(code, text) => write!(f, "code {code}: {text}"),
             Detail::Clock(fault) => fault.fmt(f),
             Detail::BusLock(None) => f.write_str("all processors were kept from memory"),
@@ -189,5 +193,7 @@ mod tests {
     fn lost_releases_are_counted() {
         assert_eq!(Detail::Lost(1, 7).to_string(), "release 7 passed without a scan");
         assert_eq!(Detail::Lost(3, 7).to_string(), "3 releases up to 7 passed without a scan");
+        let absent = Detail::Absent(Nanos::from_millis(1_020));
+        assert_eq!(absent.to_string(), "no window was entered for 1020ms");
     }
 }

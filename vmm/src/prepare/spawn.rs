@@ -15,6 +15,7 @@ use vmm_sys_util::eventfd::EventFd;
 use super::crew::{Crew, Health};
 use super::{Preparation, Prepared};
 use crate::account::Account;
+use crate::attendance::Attendance;
 use crate::boot::StartMode;
 use crate::boot::touch::TouchError;
 use crate::config::{Partition, ScheduleChange};
@@ -146,6 +147,7 @@ impl Preparation<'_> {
             }),
             _ => None,
         };
+        let timetable = plan.as_ref().filter(|_| says_done).map(|plan| plan.timetable.clone());
         let ports = guest.io_ranges();
         let domain = self.domains.entry(cpu);
         let group = self.groups.entry(partition);
@@ -178,6 +180,7 @@ impl Preparation<'_> {
             log: None,
             keyboard: None,
             records,
+            attendance: timetable.map(Attendance::new),
             assembler: WindowAssembler::default(),
             says_done,
             health: watch,

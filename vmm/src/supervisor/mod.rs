@@ -183,7 +183,8 @@ impl Supervisor {
                     load.add(&bytes, self.desk.now());
                 }
             }
-            let base = self.desk.base();
+            // What a thread has told by now is in its ring.
+            let (base, before) = (self.desk.base(), self.desk.now());
             let (trace, operators) = (&mut self.trace, &mut self.operators);
             let changes = account.take_records(base.frequency, |name, window, detours| {
                 if let Some(trace) = trace {
@@ -193,6 +194,13 @@ impl Supervisor {
                     operators.window(name, window, detours);
                 }
             });
+            if let Some(absent) = account.look_for_absence(self.desk.switch(), before) {
+                let name = account.name.clone();
+                account.raise(absent, before, |line| {
+                    self.screen.line("takt", &format!("{name}: {line}"));
+                    tell(&mut self.operators, before, EventKind::Health, Some(&name), line);
+                });
+            }
             let Account { name, health, .. } = account;
             let now = base.offset(Tsc::now());
             for change in changes {

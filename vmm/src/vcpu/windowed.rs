@@ -5,6 +5,8 @@
 //! guest, which itself waits for the exact instant; the latency of the wake-up disappears in that
 //! wait.
 
+mod skipped;
+
 use std::sync::Arc;
 
 use kvm_ioctls::VcpuExit;
@@ -70,6 +72,8 @@ pub struct Windowed {
     first_scan: FirstScan,
     /// True until the first window since the guest was started anew.
     rejoins: bool,
+    /// Releases that have passed since the last window.
+    skipped: u64,
     tick: Tick,
 }
 
@@ -136,6 +140,7 @@ impl Windowed {
             starting: true,
             first_scan: FirstScan::default(),
             rejoins: false,
+            skipped: 0,
             tick: Tick::default(),
         }
     }
@@ -162,22 +167,24 @@ impl Windowed {
         health: &mut Reporter,
     ) -> End {
         let mut kernel_exits = kickable.count_exits();
-        let mut skipped = 0;
         loop {
             let release = match self.slot {
                 Slot::Window(release) => release,
                 Slot::Idle(idle) => {
-                    if !self.sleep(self.base.instant(idle.start), control) {
-                        return End::Stopped;
+                    let start = self.base.instant(idle.start);
+                    if !self.sleep(start, control) {
+                        return self.leave(self.slot, End::Stopped, health);
                     }
-                    self.catch_up();
+                    if let Some(end) = self.pass(start, Tsc::now(), health) {
+                        return end;
+                    }
                     continue;
                 }
             };
             if self.acted != self.switch.frame && self.switch.frame <= release.frame {
                 self.acted = self.switch.frame;
                 if let Some(mode) = self.plan.on_switch {
-                    return End::ScheduleChange(mode);
+                    return self.leave(self.slot, End::ScheduleChange(mode), health);
                 }
             }
             let start = self.base.instant(release.start);
@@ -185,13 +192,14 @@ impl Windowed {
             let due = start.before(self.base.frequency.ticks(self.plan.guard.length()));
             let late = self.plan.late_wake_up.delay(release.sequence);
             if !self.sleep(due.after(self.base.frequency.ticks(late)), control) {
-                return End::Stopped;
+                return self.leave(self.slot, End::Stopped, health);
             }
             let woken = Tsc::now();
             if woken >= end {
                 self.arrived(due, woken);
-                self.catch_up();
-                skipped += self.slot.sequence().saturating_sub(release.sequence);
+                if let Some(end) = self.pass(due, woken, health) {
+                    return end;
+                }
                 continue;
             }
             // What the guest is told of the window after this one is also what will be.
@@ -204,7 +212,7 @@ impl Windowed {
             self.tick.window_over(kickable.vcpu(), expired);
             let ended = match ran.outcome {
                 // A window that the end of the run has cut is not recorded.
-                Outcome::Ended(End::Stopped) => return End::Stopped,
+                Outcome::Ended(End::Stopped) => return self.leave(next, End::Stopped, health),
                 Outcome::Ended(end) => Some(end),
                 Outcome::Done | Outcome::Expired => None,
             };
@@ -212,7 +220,7 @@ impl Windowed {
             let mut record = WindowRecord {
                 sequence: release.sequence,
                 schedule: release.schedule,
-                skipped,
+                skipped: std::mem::take(&mut self.skipped),
                 release: start,
                 end,
                 due,
@@ -247,7 +255,6 @@ impl Windowed {
                 return end;
             }
             kernel_exits = counted;
-            skipped = 0;
             (self.slot, self.switch) = (next, switch);
         }
     }
@@ -264,8 +271,8 @@ impl Windowed {
         }
     }
 
-    /// The deadline that a guest has missed in this window, or before it. Until its first scan it
-    /// has none to miss, as in the figures, but that scan has to come.
+    /// The deadline that a guest has missed in this window. Until its first scan it has none to miss, as in the
+    /// figures, but that scan has to come.
     fn missed(&mut self, window: &WindowRecord, says_done: bool) -> Option<Detail> {
         let scanned = window.scan().is_some();
         if !says_done {
@@ -276,14 +283,10 @@ impl Windowed {
             return self.first_scan.missed(window.sequence, instants, self.base.frequency);
         }
         self.starting = false;
-        let lost = window.skipped + u64::from(!scanned);
-        match (window.overrun, lost) {
+        match (window.overrun, scanned) {
             (true, _) => Some(Detail::Overrun(window.sequence)),
-            (false, 0) => None,
-            (false, lost) => {
-                let last = window.sequence.saturating_sub(u64::from(scanned));
-                Some(Detail::Lost(lost, last))
-            }
+            (false, true) => None,
+            (false, false) => Some(Detail::Lost(1, window.sequence)),
         }
     }
 
@@ -334,6 +337,7 @@ impl Windowed {
         self.starting = true;
         self.first_scan = FirstScan::default();
         self.rejoins = true;
+        self.skipped = 0;
         self.tick.restarted();
         self.catch_up();
     }

@@ -85,11 +85,11 @@ fn null_or<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
 pub struct Releases {
     /// Releases that happened.
     pub releases: u64,
-    /// Windows that the guest needed to start up, before its first scan.
+    /// Windows that the guest needed to start up, before its first scan, those that the host slept through included.
     pub start_up_windows: u64,
-    /// Releases that never happened.
+    /// Releases that never happened, whether the guest's thread or the guest was not there for them.
     pub lost: u64,
-    /// Releases that came later than the guard can absorb.
+    /// Wake-ups that came later than the guard can absorb: their releases were late, or lost as well.
     pub late_releases: u64,
     /// Windows that ended by a kick before the guest's scan was complete.
     pub overruns: u64,
@@ -101,7 +101,7 @@ pub struct Releases {
     pub release_latency_ns: Option<Summary>,
     /// From the guest's start to its end.
     pub execution_ns: Option<Summary>,
-    /// From when the thread was to wake up to when it did.
+    /// From when the thread was to wake up to when it did, also where the window was over by then.
     pub wake_up_latency_ns: Option<Summary>,
     /// The release guard: how long before each release the thread was to wake up.
     #[serde(default)]

@@ -49,6 +49,7 @@ fn account() -> (Account, Revivals<PlcGuest>) {
         log: None,
         keyboard: None,
         records: None,
+        attendance: None,
         assembler: WindowAssembler::default(),
         says_done: true,
         health: Watch::new(Table::PLC).0,
