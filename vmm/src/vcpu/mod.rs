@@ -47,8 +47,10 @@ use takt_scheduler::time::{Nanos, Tsc};
 /// What other threads may know of a vCPU's thread and ask of it.
 #[derive(Debug, Default)]
 pub struct Control {
-    stop: AtomicBool,
-    halt: AtomicBool,
+    /// When the thread was asked to end, as a TSC value; 0 if it was not.
+    stop: AtomicU64,
+    /// The same, to leave its guest.
+    halt: AtomicU64,
     /// End of the window that is being run, as a TSC value; 0 outside a window.
     running_until: AtomicU64,
     /// When the window that is being run was ended by a kick, as a TSC value; 0 if it was not.
@@ -68,7 +70,7 @@ impl Control {
     /// they run.
     pub fn stop_all(controls: &[Arc<Control>]) {
         for control in controls {
-            control.stop.store(true, Ordering::SeqCst);
+            control.stop.store(Tsc::now().0, Ordering::SeqCst);
         }
         for control in controls {
             control.kick();
@@ -100,13 +102,13 @@ impl Control {
 
     /// Asks this thread to leave its guest, whatever that does, and to wait for a new start.
     pub fn halt(&self) {
-        self.halt.store(true, Ordering::SeqCst);
+        self.halt.store(Tsc::now().0, Ordering::SeqCst);
         self.kick();
     }
 
     /// The thread has told of its end: nothing more is asked of it.
     pub fn halted(&self) {
-        self.halt.store(false, Ordering::SeqCst);
+        self.halt.store(0, Ordering::SeqCst);
     }
 
     /// How the thread's wake-ups have gone so far.
@@ -127,13 +129,20 @@ impl Control {
     /// True if the guest shall run no more: the thread is to end or to wait.
     #[must_use]
     pub fn stopping(&self) -> bool {
-        self.ending() || self.halt.load(Ordering::SeqCst)
+        self.ending() || self.halt.load(Ordering::SeqCst) != 0
+    }
+
+    /// When the thread was first asked to leave its guest, if it was.
+    #[must_use]
+    pub fn asked_to_stop(&self) -> Option<Tsc> {
+        let asked = [&self.stop, &self.halt].map(|order| order.load(Ordering::SeqCst));
+        asked.into_iter().filter(|tsc| *tsc != 0).min().map(Tsc)
     }
 
     /// True once [`stop_all`](Self::stop_all) was called: the thread is to end.
     #[must_use]
     pub fn ending(&self) -> bool {
-        self.stop.load(Ordering::SeqCst)
+        self.stop.load(Ordering::SeqCst) != 0
     }
 
     /// Takes the thread out of its guest if the window it runs is over.

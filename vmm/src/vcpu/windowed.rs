@@ -173,7 +173,7 @@ impl Windowed {
                 Slot::Idle(idle) => {
                     let start = self.base.instant(idle.start);
                     if !self.sleep(start, control) {
-                        return self.leave(self.slot, End::Stopped, health);
+                        return self.leave(self.slot, End::Stopped, control, health);
                     }
                     if let Some(end) = self.pass(start, Tsc::now(), health) {
                         return end;
@@ -184,7 +184,7 @@ impl Windowed {
             if self.acted != self.switch.frame && self.switch.frame <= release.frame {
                 self.acted = self.switch.frame;
                 if let Some(mode) = self.plan.on_switch {
-                    return self.leave(self.slot, End::ScheduleChange(mode), health);
+                    return self.leave(self.slot, End::ScheduleChange(mode), control, health);
                 }
             }
             let start = self.base.instant(release.start);
@@ -192,7 +192,7 @@ impl Windowed {
             let due = start.before(self.base.frequency.ticks(self.plan.guard.length()));
             let late = self.plan.late_wake_up.delay(release.sequence);
             if !self.sleep(due.after(self.base.frequency.ticks(late)), control) {
-                return self.leave(self.slot, End::Stopped, health);
+                return self.leave(self.slot, End::Stopped, control, health);
             }
             let woken = Tsc::now();
             if woken >= end {
@@ -212,7 +212,9 @@ impl Windowed {
             self.tick.window_over(kickable.vcpu(), expired);
             let ended = match ran.outcome {
                 // A window that the end of the run has cut is not recorded.
-                Outcome::Ended(End::Stopped) => return self.leave(next, End::Stopped, health),
+                Outcome::Ended(End::Stopped) => {
+                    return self.leave(next, End::Stopped, control, health);
+                }
                 Outcome::Ended(end) => Some(end),
                 Outcome::Done | Outcome::Expired => None,
             };
@@ -339,12 +341,12 @@ impl Windowed {
         self.rejoins = true;
         self.skipped = 0;
         self.tick.restarted();
-        self.catch_up();
+        self.catch_up(Tsc::now());
     }
 
-    /// Goes on to the first slot that is not over.
-    fn catch_up(&mut self) {
-        let now = self.base.offset(Tsc::now());
+    /// Goes on to the first slot that is not over at this instant.
+    fn catch_up(&mut self, now: Tsc) {
+        let now = self.base.offset(now);
         self.switch = self.plan.board.switch();
         self.slot = self.plan.timetable.catch_up(&self.slot, now, self.switch);
     }

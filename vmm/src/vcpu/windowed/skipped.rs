@@ -7,15 +7,16 @@ use takt_scheduler::timetable::Slot;
 
 use super::Windowed;
 use crate::health::{Detail, Reporter};
+use crate::vcpu::Control;
 use crate::vcpu::guest::End;
 use crate::vcpu::record::{Record, Skipped};
 
 impl Windowed {
-    /// Goes on from a slot that is over to the first one that is not, and tells of the releases that this
-    /// passes. Returns the guest's end if its table does not let it go on after that.
+    /// Goes on from a slot that is over at this instant to the first one that is not, and tells of the releases that
+    /// this passes. Returns the guest's end if its table does not let it go on after that.
     pub(super) fn pass(&mut self, due: Tsc, woken: Tsc, health: &mut Reporter) -> Option<End> {
         let from = self.slot.sequence();
-        self.catch_up();
+        self.catch_up(woken);
         let next = self.slot.sequence();
         let count = next.saturating_sub(from);
         if count == 0 {
@@ -30,14 +31,21 @@ impl Windowed {
         health.raise(Detail::Lost(count, next - 1), 1)
     }
 
-    /// The end of a guest that is to have this one before `slot`, for which its thread may already be too late.
-    pub(super) fn leave(&mut self, slot: Slot, end: End, health: &mut Reporter) -> End {
+    /// The end of a guest that is to have this one before `slot`, for which its thread may have been too late already when
+    /// it was asked to stop. What it passes after that is no lost release.
+    pub(super) fn leave(
+        &mut self,
+        slot: Slot,
+        end: End,
+        control: &Control,
+        health: &mut Reporter,
+    ) -> End {
         let guard = self.base.frequency.ticks(self.plan.guard.length());
         let (due, over) = match slot {
             Slot::Window(release) => (self.base.instant(release.start).before(guard), release.end),
             Slot::Idle(idle) => (self.base.instant(idle.start), idle.start),
         };
-        let now = Tsc::now();
+        let now = control.asked_to_stop().unwrap_or_else(Tsc::now);
         if self.base.instant(over) > now {
             return end;
         }

@@ -75,7 +75,7 @@ const LOST: End = End::Raised(Detail::Lost(11, 10));
 fn what_a_thread_has_slept_through_is_told_before_it_sleeps_again() {
     let (mut thread, mut health, mut records) = windowed(10, lost_counts(Action::Idle));
     thread.starting = false;
-    let (due, woken) = (Tsc(5), Tsc(7));
+    let (due, woken) = (Tsc(5), Tsc::now());
     assert_eq!(thread.pass(due, woken, &mut health), Some(LOST));
     assert_eq!(skipped(&mut records), Some(Skipped { count: 11, due, woken }));
     // The next window has it for the trace.
@@ -85,7 +85,7 @@ fn what_a_thread_has_slept_through_is_told_before_it_sleeps_again() {
 #[test]
 fn a_guest_that_is_starting_misses_no_deadline_and_its_windows_are_told() {
     let (mut thread, mut health, mut records) = windowed(10, lost_counts(Action::Idle));
-    assert_eq!(thread.pass(Tsc(5), Tsc(7), &mut health), None);
+    assert_eq!(thread.pass(Tsc(5), Tsc::now(), &mut health), None);
     assert_eq!(skipped(&mut records).unwrap().count, 11);
 }
 
@@ -93,35 +93,47 @@ fn a_guest_that_is_starting_misses_no_deadline_and_its_windows_are_told() {
 fn a_stop_tells_of_what_was_slept_through_until_then_and_of_nothing_else() {
     let (mut thread, mut health, mut records) = windowed(10, lost_counts(Action::Log));
     thread.starting = false;
-    let first = thread.slot;
-    assert_eq!(thread.leave(first, End::Stopped, &mut health), End::Stopped);
+    let (first, control) = (thread.slot, Control::default());
+    assert_eq!(thread.leave(first, End::Stopped, &control, &mut health), End::Stopped);
     let Skipped { count, due, woken } = skipped(&mut records).unwrap();
     let epoch = thread.base.epoch;
     assert_eq!((count, health.noted()), (11, 1));
     assert_eq!(due, epoch.before(thread.base.frequency.ticks(GUARD)));
     assert!(woken > thread.base.instant(Nanos(10 * FRAME.0)));
     // It has caught up with the schedule, so nothing is told twice.
-    assert_eq!(thread.leave(thread.slot, End::Stopped, &mut health), End::Stopped);
+    assert_eq!(thread.leave(thread.slot, End::Stopped, &control, &mut health), End::Stopped);
     assert_eq!((skipped(&mut records), health.noted()), (None, 1));
+}
+
+#[test]
+fn what_passes_after_the_order_to_stop_is_no_lost_release() {
+    let (mut thread, mut health, mut records) = windowed(10, lost_counts(Action::Log));
+    thread.starting = false;
+    let control = Control::default();
+    // The order came before the epoch's first window had ended, and is seen ten frames later.
+    control.stop.store(thread.base.epoch.0 + 1, std::sync::atomic::Ordering::SeqCst);
+    assert_eq!(thread.leave(thread.slot, End::Stopped, &control, &mut health), End::Stopped);
+    assert_eq!((skipped(&mut records), health.noted()), (None, 0));
 }
 
 #[test]
 fn windows_after_frames_without_any_are_told_too() {
     let (mut thread, mut health, mut records) = windowed(10, lost_counts(Action::Log));
     thread.starting = false;
+    let control = Control::default();
     let board = thread.plan.board.clone();
     let at = |frame: u64| Nanos(frame * FRAME.0);
     // Without windows from frame 2 on, with them again from frame 6 on.
     for (schedule, frame) in [(1, 0), (0, 4)] {
         board.request(ScheduleId(schedule), at(frame)).unwrap();
-        assert!(board.adopt(at(frame)));
+        assert!(board.adopt(|| at(frame)));
         thread.switch = board.switch();
         if schedule == 1 {
             thread.slot = thread.plan.timetable.catch_up(&thread.slot, at(3), thread.switch);
         }
     }
     assert!(matches!(thread.slot, Slot::Idle(idle) if (idle.frame, idle.sequence) == (3, 2)));
-    assert_eq!(thread.leave(thread.slot, End::Stopped, &mut health), End::Stopped);
+    assert_eq!(thread.leave(thread.slot, End::Stopped, &control, &mut health), End::Stopped);
     // Those of the frames 6 to 10.
     assert_eq!((skipped(&mut records).unwrap().count, thread.slot.sequence()), (5, 7));
     assert_eq!(health.noted(), 1);
