@@ -191,10 +191,12 @@ impl Windowed {
             let end = self.base.instant(release.end);
             let due = start.before(self.base.frequency.ticks(self.plan.guard.length()));
             let late = self.plan.late_wake_up.delay(release.sequence);
-            if !self.sleep(due.after(self.base.frequency.ticks(late)), control) {
+            let slept = self.sleep(due.after(self.base.frequency.ticks(late)), control);
+            let woken = Tsc::now();
+            // What another partition's thread does at its end can take this one's window.
+            if !slept || woken >= end && control.stopping() {
                 return self.leave(self.slot, End::Stopped, control, health);
             }
-            let woken = Tsc::now();
             if woken >= end {
                 self.arrived(due, woken);
                 if let Some(end) = self.pass(due, woken, health) {
