@@ -165,7 +165,7 @@ impl Supply {
     ///
     /// If it may begin in a gap, only intervals that start just as a window closes need to be looked at: one that starts
     /// in a gap can be moved earlier, to where the gap starts, and its head gains nothing. For one that may begin inside a
-    /// window see the [module](self).
+    /// window see the first comment of this file.
     #[must_use]
     pub fn minimum(&self, start: Start, length: Nanos) -> Nanos {
         let ends = self.slots.iter().map(|slot| slot.end);
