@@ -113,6 +113,93 @@ class Loopback(unittest.TestCase):
             self.assertEqual(codes, ["told"])
             ports.receiver("receive").close()
 
+    def handle_alarm(self, handler):
+        faulthandler.dump_traceback_later(60, exit=True)
+        self.addCleanup(faulthandler.cancel_dump_traceback_later)
+        self.addCleanup(signal.signal, signal.SIGALRM, signal.signal(signal.SIGALRM, handler))
+
+    def test_a_close_in_a_handler_ends_the_wait_that_it_interrupts(self):
+        with Ports(FOLDER) as ports, ports.receiver("receive", anew=True) as receiver:
+            self.handle_alarm(lambda *_: receiver.close())
+            signal.setitimer(signal.ITIMER_REAL, 0.05)
+            self.assert_fails(Code.BAD_ARGUMENT, receiver.receive, timeout=None)
+            ports.receiver("receive").close()
+
+    def test_a_close_in_a_handler_leaves_the_handle_to_the_call_that_it_interrupts(self):
+        def write(handle):
+            signal.raise_signal(signal.SIGALRM)
+            self.assert_fails(Code.NO_ACTION, ports.output, "out")
+            return takt_port._library.takt_port_write(handle, b"whole", 5)
+
+        with Ports(FOLDER) as ports, ports.output("out") as out, ports.input("in") as level:
+            self.handle_alarm(lambda *_: out.close())
+            out._call(write)
+            self.assertEqual(level.read().bytes, b"whole")
+            self.assert_fails(Code.BAD_ARGUMENT, out.write, b"x")
+            ports.output("out").close()
+
+    def test_a_call_in_a_handler_is_refused_if_it_interrupts_one(self):
+        with Ports(FOLDER) as ports, ports.receiver("receive", anew=True) as receiver:
+            told = []
+            self.handle_alarm(lambda *_: told.append(self.assert_fails(Code.BAD_ARGUMENT, receiver.receive)))
+            signal.setitimer(signal.ITIMER_REAL, 0.05)
+            self.assert_fails(Code.TIMED_OUT, receiver.receive, timeout=0.3)
+            self.assertEqual(len(told), 1)
+            self.assert_fails(Code.NOT_AVAILABLE, receiver.receive)
+
+    def test_a_process_that_is_forked_during_a_call_closes_the_port_at_once(self):
+        with Ports(FOLDER) as ports, ports.receiver("receive", anew=True) as receiver:
+            thread = threading.Thread(target=self.assert_fails, args=(Code.BAD_ARGUMENT, receiver.receive, None))
+            thread.start()
+            time.sleep(0.05)
+            closed, tell = os.pipe()
+            child = os.fork()
+            if child == 0:
+                try:
+                    signal.alarm(20)
+                    self.assert_fails(Code.BAD_ARGUMENT, receiver.receive)
+                    receiver.close()
+                    self.assert_fails(Code.BAD_ARGUMENT, receiver.receive)
+                    os.write(tell, b"closed")
+                    signal.pause()
+                finally:
+                    os._exit(1)
+            os.close(tell)
+            told = os.read(closed, 6)
+            os.close(closed)
+            receiver.close()
+            thread.join()
+            try:
+                self.assertEqual(told, b"closed")
+                ports.receiver("receive").close()
+            finally:
+                os.kill(child, signal.SIGKILL)
+                os.waitpid(child, 0)
+
+    def test_a_handler_that_forks_and_closes_leaves_the_handle_to_the_call_in_the_child(self):
+        child = []
+
+        def fork(*_):
+            child.append(os.fork())
+            if child[0] == 0:
+                out.close()
+
+        def write(handle):
+            signal.raise_signal(signal.SIGALRM)
+            return takt_port._library.takt_port_write(handle, b"parent", 6)
+
+        with Ports(FOLDER) as ports, ports.output("out") as out, ports.input("in") as level:
+            self.handle_alarm(fork)
+            try:
+                out._call(write)
+            except PortError as error:
+                os._exit(0 if error.code == Code.BAD_ARGUMENT and "_handle" not in vars(out) else 1)
+            finally:
+                if child == [0]:
+                    os._exit(1)
+            self.assertEqual(os.waitstatus_to_exitcode(os.waitpid(child[0], 0)[1]), 0)
+            self.assertEqual(level.read().bytes, b"parent")
+
     def test_a_process_that_is_forked_has_no_port(self):
         with Ports(FOLDER) as ports, ports.output("out") as out, ports.input("in") as level:
             with ports.sender("send") as sender, ports.receiver("receive", anew=True) as receiver:

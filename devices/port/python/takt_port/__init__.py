@@ -12,8 +12,9 @@ one owner at a time. Messages are bytes: what is written or sent is an object th
 `bytearray` or an `array`, and all of its bytes go. Times are in seconds; a `timeout` of None waits as long as it takes. A
 `PortError` has the return code in `code` (a `Code`) and says what was wrong.
 
-A port belongs to one thread at a time, but another one may close it. A process that was forked cannot use the ports of the
-one that it comes from; it takes its own.
+A port belongs to one thread at a time, but another one may close it, and so may a signal's handler. A handler that
+interrupts a call of a port cannot make another one of that port: it is BAD_ARGUMENT. A process that was forked cannot use
+the ports of the one that it comes from; it may close them, and takes its own.
 
 The package needs the shared library `libtakt_port.so`: beside this file, where the environment variable
 TAKT_PORT_LIBRARY says, or where the system looks for libraries.
@@ -184,7 +185,10 @@ class _Port:
 
     def __init__(self, ports, name, anew):
         self._handle = ctypes.c_void_p()
-        self._lock, self._closed = threading.Lock(), False
+        # A signal's handler may close the port while its own thread has the lock.
+        self._lock, self._closed = threading.RLock(), False
+        # The thread that is in a call. In a forked process it may be one that is not there, and then nothing frees the lock.
+        self._caller, self._process = None, os.getpid()
         for port in ports:
             if port.name == name and (port.source, port.sampling) != (self._source, self._sampling):
                 kind = "sampling" if port.sampling else "queuing"
@@ -195,11 +199,22 @@ class _Port:
         _check(_library.takt_port_open(ports._handle, name.encode(), int(anew), ctypes.byref(self._handle)))
 
     def close(self):
-        """Lets go of the port, so that another process can take it. A call that waits in another thread ends within 0.2 s."""
+        """Lets go of the port, so that another process can take it. A call that waits in another thread ends within 0.2 s.
+
+        In a signal's handler that interrupts a call of the port, the port is let go of when that call ends.
+        """
         self._closed = True
-        with self._lock:
-            handle, self._handle = self._handle, ctypes.c_void_p()
-            _library.takt_port_close(handle)
+        if self._process != os.getpid():
+            self._free()
+        else:
+            with self._lock:
+                self._free()
+
+    def _free(self):
+        # The call that a handler has interrupted may be about to use the handle; it frees the handle itself.
+        if self._caller is not threading.current_thread():
+            # In one step: a handler that comes in between would free the handle too.
+            _library.takt_port_close(self.__dict__.pop("_handle", None))
 
     def __enter__(self):
         return self
@@ -208,10 +223,20 @@ class _Port:
         self.close()
 
     def _call(self, call, taken=lambda: None):
+        if self._process != os.getpid():
+            raise PortError(Code.BAD_ARGUMENT, "the port belongs to the process from which this one was forked")
         # Under the lock, so that no other thread closes the port or overwrites the buffer. After a close the handle is null.
         with self._lock:
-            _check(call(ctypes.c_void_p() if self._closed else self._handle))
-            return taken()
+            if self._caller is not None:
+                raise PortError(Code.BAD_ARGUMENT, "a signal's handler has interrupted a call of this port")
+            try:
+                self._caller = threading.current_thread()
+                _check(call(None if self._closed else self._handle))
+                return taken()
+            finally:
+                self._caller = None
+                if self._closed:
+                    self._free()
 
     def _wait(self, timeout, call, taken=lambda: None):
         """Calls with times to wait, in nanoseconds, until so many seconds are over."""
