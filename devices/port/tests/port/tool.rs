@@ -169,8 +169,14 @@ fn a_message_that_is_not_of_the_layout_is_told_as_digits_and_watch_goes_on() {
     }
     let watch = ["watch", "receive", "--layout", "n:int", "--count", "3"];
     let output = run(&folder, &watch);
-    assert_eq!(shown(&output), "n=1\nn=2\n");
+    assert_eq!(output.status.code(), Some(70), "{output:?}");
+    assert_eq!(String::from_utf8_lossy(&output.stdout), "n=1\nn=2\n");
+    let expected = format!("{expected}takt-port: receive: messages that could not be shown: 1\n");
     assert_eq!(String::from_utf8_lossy(&output.stderr), expected);
+    for message in ["0100", "0200", "0300"] {
+        send(message);
+    }
+    assert_eq!(shown(&run(&folder, &watch)), "n=1\nn=2\nn=3\n");
 }
 
 #[test]

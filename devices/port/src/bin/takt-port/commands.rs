@@ -80,17 +80,22 @@ impl<'p> Source<'p> {
         })
     }
 
-    /// Shows what comes, whatever a peer that cannot be believed does in between.
+    /// Shows what comes, whatever a peer that cannot be believed does in between. Messages that cannot be shown count,
+    /// and are a failure at the end.
     fn watch(mut self, ports: &Ports, options: &Incoming) -> Result<(), Failure> {
         let mut buffer = buffer(ports, options)?;
         let timeout = options.timeout.unwrap_or(Timeout::Forever);
         let mut left = options.count.unwrap_or(u64::MAX);
+        let mut unshown = 0;
         while left > 0 {
             match self.next(ports, options, &mut buffer, timeout) {
                 Ok(message) => {
                     match options.shape.show(&message, &mut io::stdout().lock()) {
                         // The next one may be of the layout.
-                        Err(failure @ Failure::Shape(_)) => complain(&failure),
+                        Err(failure @ Failure::Shape(_)) => {
+                            complain(&failure);
+                            unshown += 1;
+                        }
                         shown => shown?,
                     }
                     left -= 1;
@@ -106,7 +111,10 @@ impl<'p> Source<'p> {
                 Err(error) => return Err(failed(&options.port)(error)),
             }
         }
-        Ok(())
+        match unshown {
+            0 => Ok(()),
+            count => Err(Failure::Unshown { port: options.port.clone(), count }),
+        }
     }
 
     fn next<'a>(

@@ -34,6 +34,14 @@ pub enum Failure {
     /// A message that was received has not the shape of the layout.
     #[error("{0}")]
     Shape(String),
+    /// Messages that were received had not the shape of the layout, and were told of when they came.
+    #[error("{port}: messages that could not be shown: {count}")]
+    Unshown {
+        /// The port.
+        port: String,
+        /// How many.
+        count: u64,
+    },
     /// Standard input or output.
     #[error("standard {0}: {1}")]
     Stream(&'static str, io::Error),
@@ -49,7 +57,7 @@ impl Failure {
     pub fn status(&self) -> u8 {
         let code = match self {
             Self::Usage(_) => return USAGE,
-            Self::Ports(_) | Self::Shape(_) | Self::Stream(..) => None,
+            Self::Ports(_) | Self::Shape(_) | Self::Unshown { .. } | Self::Stream(..) => None,
             Self::Port(error) => error.code(),
             Self::Call { error, .. } => error.code(),
         };
