@@ -20,7 +20,7 @@ pub struct Exchanges {
     writing: u64,
     /// Programs that have stopped and whose outputs are still as they were, a bit for each.
     to_stop: u32,
-    /// They have waited since a window before the last one began.
+    /// They have waited since the last window began.
     waited: bool,
     /// The one of them whose outputs are being stopped, and where they go on; 0 where they begin.
     stopping: (u8, u8),
@@ -49,9 +49,15 @@ impl Exchanges {
         self.to_stop != 0
     }
 
+    /// True if those of this program are.
+    pub const fn stops_of(&self, program: u8) -> bool {
+        self.to_stop & 1 << program != 0
+    }
+
     /// A window begins. True if outputs have waited for the whole last one to be stopped.
     pub const fn window(&mut self) -> bool {
-        core::mem::replace(&mut self.waited, self.to_stop != 0) && self.to_stop != 0
+        let stops = self.to_stop != 0;
+        core::mem::replace(&mut self.waited, stops) && stops
     }
 
     fn pass(&self, id: TaskId, release: u64) -> Pass {
@@ -94,25 +100,20 @@ impl Kernel {
             let Some(program) = &self.programs[usize::from(job.program)] else { return true };
             program.process.take(job.task);
             self.apply_forces(job.program);
-            self.charge_work(id, self.stamp, self.entered);
-            if self.scheduler.running() != Some(id) {
-                return false;
-            }
         }
         let mut pass = self.exchanges.pass(id, self.window.release);
         let Some(program) = &self.programs[usize::from(job.program)] else { return true };
         let done = self.io.write(job, &mut pass, &program.process, &mut self.ports);
-        if !done {
-            self.exchanges.next[id.index()] = pass.next as u8;
-            self.exchanges.writing |= 1 << id.0;
-        }
+        self.exchanges.next[id.index()] = if done { 0 } else { pass.next as u8 };
+        self.exchanges.writing &= !(1 << id.0);
+        self.exchanges.writing |= u64::from(!done) << id.0;
         if let Some(violation) = self.charge(id, self.stamp, self.entered) {
             self.used_up_by_outputs(id, violation);
         }
         done && self.scheduler.running() == Some(id)
     }
 
-    /// Outputs have left, so the job is complete, and a budget that it has used up by them skips nothing.
+    /// The job has ended, and outputs have left: a budget that it has used up by them skips nothing.
     #[inline(never)]
     fn used_up_by_outputs(&mut self, id: TaskId, violation: Violation) {
         if self.entry_of(id).on_overrun == action::SKIP && !self.is_on_trial(id) {
@@ -126,7 +127,7 @@ impl Kernel {
     /// of the window is still to come, which would be late by all of them.
     pub fn stop_outputs(&mut self, program: u8) {
         self.exchanges.to_stop |= 1 << program;
-        self.stop_what_waits();
+        self.exchanges.waited = !self.stop_what_waits();
     }
 
     /// Stops outputs that wait for it. The release of the window comes first, and its most urgent task; if that has had all

@@ -6,6 +6,7 @@
 
 use super::kernel::{Kernel, Window};
 use super::processor;
+use super::program::Program;
 use takt_kernel::time::Span;
 use takt_plc_guest::{cycle, interrupt, pages, port};
 
@@ -21,6 +22,7 @@ impl Kernel {
         if self.begin_window().is_none() {
             return;
         }
+        self.window.idled = true;
         interrupt::end();
         if self.print_untold() {
             return;
@@ -43,14 +45,19 @@ impl Kernel {
     }
 
     /// An initialisation or a freewheeling task may never end, and then no time is idle. The others of the partition
-    /// must come back all the same: a piece in each window. No values are copied beside it: they could be half of a job's.
+    /// must come back all the same: a piece in each window after such a one. No values are copied beside it: they could be
+    /// half of a job's.
     #[inline(never)]
     pub fn help_others(&mut self) {
-        if !self.window.helped && self.begin_window().is_some() {
-            self.window.helped = true;
-            if !self.do_a_piece(false) && next_window_is_far(self.window.end_tsc) {
-                self.tell_figures();
-            }
+        if !self.window.starved || self.window.helped || self.begin_window().is_none() {
+            return;
+        }
+        self.window.helped = true;
+        if !self.stop_what_waits()
+            && !self.do_a_piece(false)
+            && next_window_is_far(self.window.end_tsc)
+        {
+            self.tell_figures();
         }
     }
 
@@ -69,7 +76,11 @@ impl Kernel {
     fn load_a_piece(&mut self) -> bool {
         let release = self.window.release;
         let mut programs = self.programs.iter_mut().flatten();
-        let Some(program) = programs.find(|p| p.can_load(release)) else { return false };
+        // Zeros that are still to be written must not come behind what its next life writes.
+        let stops = |p: &Program| self.exchanges.stops_of(p.id.0);
+        let Some(program) = programs.find(|p| p.can_load(release) && !stops(p)) else {
+            return false;
+        };
         let end = self.clock.instant(self.window.end_tsc).min(self.scheduler.next_event());
         if self.clock.instant(cycle::now()).after(LOADING) > end {
             return false;

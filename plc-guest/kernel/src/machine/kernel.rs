@@ -106,7 +106,10 @@ pub struct Window {
     pub end_tsc: u64,
     /// Its beginning has been told to the host.
     begun: bool,
-    /// A piece of what idle time is for was done in it beside a task that may never end.
+    /// It has had time that no task needs; the one before had none.
+    pub idled: bool,
+    pub starved: bool,
+    /// A piece of what is done in such time was done in it beside a task that may never end.
     pub helped: bool,
     /// Outputs of a program that has stopped have waited for the whole of a window.
     pub overdue: bool,
@@ -119,6 +122,8 @@ impl Window {
         start: Instant(0),
         end_tsc: 0,
         begun: false,
+        idled: true,
+        starved: false,
         helped: false,
         overdue: false,
     };
@@ -259,6 +264,8 @@ impl Kernel {
             release_tsc: information.release_tsc,
             start,
             end_tsc: information.window_end_tsc,
+            starved: !self.window.idled,
+            idled: false,
             overdue: self.exchanges.window(),
             ..Window::NONE
         };
@@ -376,9 +383,10 @@ impl Kernel {
         }
         if self.scheduler.running() == Some(task) {
             match entry {
-                Entry::Call => self.call(task),
+                // A STOP that comes too late in its window is made again.
+                Entry::Call if !ends => self.call(task),
                 Entry::End => self.end(task),
-                Entry::Tick | Entry::Fault => {}
+                Entry::Tick | Entry::Call | Entry::Fault => {}
             }
         }
     }
@@ -519,6 +527,8 @@ impl Kernel {
         let wanted = if self.change.is_leaving(place.program) { action::LOG } else { wanted };
         match wanted {
             action::LOG => {}
+            // Half of its outputs have left: it is complete when all have.
+            action::SKIP if self.exchanges.writes(id) => {}
             action::SKIP if self.scheduler.task(id).settings().release != Release::Start => {
                 // A violation that is found at a job's end is not the next one's.
                 if self.scheduler.task(id).has_violated() {

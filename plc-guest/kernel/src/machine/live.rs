@@ -1,7 +1,8 @@
 //! Orders from Takt while the PLC runs, the answers, and samples of what is watched.
 //!
 //! A step is one order or one part of a sample, taken in a window in which no task is ready or will be, with time left
-//! for the longest of them: so no release and no job ever waits for an order. Orders come from Takt and are checked all
+//! for the longest of them: so no release and no job ever waits for an order. If there is no such window, because a job
+//! never ends, orders are taken beside it ([`idle`](super::idle)). Orders come from Takt and are checked all
 //! the same, as a program's calls are. What cannot be answered because Takt has not taken the answers before is
 //! counted.
 
@@ -17,7 +18,7 @@ use takt_abi::program::PROGRAMS_MAX;
 use takt_channel::Tsc;
 use takt_kernel::forces::Forces;
 use takt_kernel::scheduler::Phase;
-use takt_kernel::task::{State, TaskId, Wait};
+use takt_kernel::task::{ProgramId, State, TaskId, Wait};
 use takt_kernel::time::Span;
 use takt_kernel::watch::Watch;
 use takt_plc_guest::channel::{self, Receiver, Sender};
@@ -138,12 +139,15 @@ impl Kernel {
                 self.live.part = 0;
                 Ok(())
             }
-            Order::Write { point, value } => self.place(point.range).map(|area| {
+            Order::Write { point, value } => self.place(point.range).and_then(|area| {
+                self.is_between_jobs(point.range.program)?;
                 self.put(area, point, value);
                 self.change.program_runs(point.range.program);
                 self.apply_forces_again(point.range.program);
+                Ok(())
             }),
             Order::Force { point, value } => self.place(point.range).and_then(|area| {
+                self.is_between_jobs(point.range.program)?;
                 self.live.forces.set(point, value)?;
                 self.put(area, point, value);
                 self.change.program_runs(point.range.program);
@@ -160,6 +164,15 @@ impl Kernel {
             Order::Change { program, step } => return self.go_on_with_change(program, step),
         };
         Answer::Reply(reply)
+    }
+
+    /// Beside a job that may never end, a value of its own program would come into the middle of it.
+    fn is_between_jobs(&self, program: u8) -> Result<(), Refusal> {
+        let beside = self.scheduler.running().is_some();
+        match beside && !self.scheduler.is_between_jobs(ProgramId(program)) {
+            true => Err(Refusal::NotNow),
+            false => Ok(()),
+        }
     }
 
     /// Some bytes of a program, if it has them.
