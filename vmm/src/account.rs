@@ -233,7 +233,9 @@ impl Account {
     /// The error that its thread does not come to its windows. All that it has recorded before `now` must have been
     /// taken.
     pub fn look_for_absence(&mut self, switch: Switch, now: Nanos) -> Option<Detail> {
-        let occupied = self.control.has_guest().then_some(self.occupied);
+        // One that is to leave is told of as such.
+        let comes = self.control.has_guest() && !self.control.stopping();
+        let occupied = comes.then_some(self.occupied);
         self.attendance.as_mut()?.look(occupied, switch, now)
     }
 

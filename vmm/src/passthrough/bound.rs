@@ -1,7 +1,7 @@
 //! Binding a PCI function to a driver of the kernel's that hands it to a process, by its address, since
 //! numbers of devices depend on who came first.
 
-use std::fs;
+use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -31,7 +31,18 @@ impl HostDriver {
     /// Whether a function has this driver, `driver`, because a run that was cut off chose it for it.
     pub(super) fn is_left_over(self, driver: &str, function: &Path) -> bool {
         let chosen = || fs::read_to_string(function.join(OVERRIDE)).unwrap_or_default();
-        driver == self.name() && chosen().trim_end() == self.name()
+        driver == self.name() && chosen().trim_end() == self.name() && !self.is_used(function)
+    }
+
+    /// Whether another process has the group of this function open, such as a virtual machine of the host's.
+    fn is_used(self, function: &Path) -> bool {
+        let group = fs::read_link(function.join("iommu_group")).unwrap_or_default();
+        let Some(group) = group.file_name().filter(|_| self == HostDriver::Vfio) else {
+            return false;
+        };
+        let opened =
+            File::options().read(true).write(true).open(Path::new("/dev/vfio").join(group));
+        opened.is_err_and(|error| error.kind() == io::ErrorKind::ResourceBusy)
     }
 
     fn load(self, role: Role) -> io::Result<()> {

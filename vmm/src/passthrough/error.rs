@@ -34,6 +34,9 @@ pub enum DeviceError {
         /// Its driver.
         driver: String,
     },
+    /// It belongs to another Takt.
+    #[error("{0} is in use by another Takt")]
+    Held(String),
     /// The host refused something.
     #[error("cannot {what} {device}: {source}")]
     Host {

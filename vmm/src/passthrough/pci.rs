@@ -70,6 +70,8 @@ pub struct Function {
     bound: Option<Bound>,
     /// Once it is [confined](Self::confine).
     vfio: Option<Arc<Device>>,
+    /// Its folder, locked: it belongs to one process.
+    _held: File,
 }
 
 /// Where the kernel has put what is behind a register.
@@ -103,11 +105,13 @@ impl Function {
     /// See [`DeviceError`]. What was changed until then is put back.
     pub fn take(devices: &Path, name: &str, terms: Terms) -> Result<Self, DeviceError> {
         let folder = devices.join(name);
-        fs::metadata(&folder).map_err(|source| DeviceError::Missing {
+        let held = File::open(&folder).map_err(|source| DeviceError::Missing {
             device: name.to_owned(),
             path: folder.clone(),
             source,
         })?;
+        // What another Takt has now looks like what one that was cut off has left over.
+        held.try_lock().map_err(|_| DeviceError::Held(name.to_owned()))?;
         let mut this = Self {
             name: name.to_owned(),
             folder,
@@ -117,6 +121,7 @@ impl Function {
             taken: 0,
             bound: None,
             vfio: None,
+            _held: held,
         };
         this.unbind(terms)?;
         let drivers = devices.with_file_name("drivers");

@@ -218,6 +218,10 @@ impl Body {
             // For as long as the guest runs: no other thread counts for it.
             let end = windowed.run(kickable, &mut guest, &self.own, &mut lock(&health));
             guest.left();
+            // Its memory is loaded anew soon, and a read that has not ended would write there.
+            if !self.own.ending() {
+                kickable.settle();
+            }
             self.own.leave_guest();
             let starting = guest.says_done() && windowed.starting();
             self.tell((end, Nanos::ZERO), starting, windowed.unrecorded());

@@ -120,6 +120,17 @@ impl Kickable {
         &mut self.vcpu
     }
 
+    /// Ends what the last exit has left to be done, while memory is still that of the guest that has left. Of a string
+    /// instruction it ends the element that has begun: KVM would go on with up to 1024 others, one for each exit.
+    pub fn settle(&mut self) {
+        if let Ok(mut registers) = self.vcpu.get_regs() {
+            registers.rcx = 1;
+            let _ = self.vcpu.set_regs(&registers);
+        }
+        // What is left then is found before the next guest starts.
+        let _ = self.prime();
+    }
+
     /// Runs the vCPU without entering the guest: what KVM does on a thread's first `KVM_RUN`,
     /// such as starting a worker, must not fall into a window, and a SCHED_DEADLINE thread is
     /// refused it (`EAGAIN`).

@@ -70,7 +70,7 @@ impl Control {
     /// they run.
     pub fn stop_all(controls: &[Arc<Control>]) {
         for control in controls {
-            control.stop.store(Tsc::now().0, Ordering::SeqCst);
+            order(&control.stop);
         }
         for control in controls {
             control.kick();
@@ -102,7 +102,7 @@ impl Control {
 
     /// Asks this thread to leave its guest, whatever that does, and to wait for a new start.
     pub fn halt(&self) {
-        self.halt.store(Tsc::now().0, Ordering::SeqCst);
+        order(&self.halt);
         self.kick();
     }
 
@@ -171,4 +171,9 @@ impl Control {
         let kicked = Tsc(self.kicked.swap(0, Ordering::SeqCst));
         (kicked >= end).then_some(kicked)
     }
+}
+
+/// Notes that the thread is asked for this from now on, if it has not been before.
+fn order(since: &AtomicU64) {
+    let _ = since.compare_exchange(0, Tsc::now().0, Ordering::SeqCst, Ordering::SeqCst);
 }
