@@ -4,11 +4,8 @@
 //! goes on when the task that it is for is the most urgent again.
 
 use super::TASKS;
-use super::faults::Untold;
 use super::io::{Job, Pass};
-use super::kernel::{Kernel, USED_UP};
-use takt_abi::program::action;
-use takt_kernel::scheduler::Violation;
+use super::kernel::Kernel;
 use takt_kernel::task::TaskId;
 
 /// Which of it has begun.
@@ -56,7 +53,7 @@ impl Exchanges {
 
     /// A window begins. True if outputs have waited for the whole last one to be stopped.
     pub const fn window(&mut self) -> bool {
-        let stops = self.to_stop != 0;
+        let stops = self.stops();
         core::mem::replace(&mut self.waited, stops) && stops
     }
 
@@ -103,24 +100,12 @@ impl Kernel {
         }
         let mut pass = self.exchanges.pass(id, self.window.release);
         let Some(program) = &self.programs[usize::from(job.program)] else { return true };
+        self.exchanges.writing |= 1 << id.0;
         let done = self.io.write(job, &mut pass, &program.process, &mut self.ports);
         self.exchanges.next[id.index()] = if done { 0 } else { pass.next as u8 };
-        self.exchanges.writing &= !(1 << id.0);
-        self.exchanges.writing |= u64::from(!done) << id.0;
-        if let Some(violation) = self.charge(id, self.stamp, self.entered) {
-            self.used_up_by_outputs(id, violation);
-        }
+        self.charge_work(id, self.stamp, self.entered);
+        self.exchanges.writing &= !(u64::from(done) << id.0);
         done && self.scheduler.running() == Some(id)
-    }
-
-    /// The job has ended, and outputs have left: a budget that it has used up by them skips nothing.
-    #[inline(never)]
-    fn used_up_by_outputs(&mut self, id: TaskId, violation: Violation) {
-        if self.entry_of(id).on_overrun == action::SKIP && !self.is_on_trial(id) {
-            self.tell(id, Untold::Violation { what: USED_UP, wanted: action::LOG, leaves: false });
-        } else {
-            self.violated(id, violation);
-        }
     }
 
     /// Outputs of a program that has stopped take the values that the partition file wants: at once, unless the release

@@ -47,8 +47,6 @@ use takt_program::{Start as StartMode, TaskInformation};
 /// A release may be this much early. Instants of windows and of tasks are rounded apart, and a task
 /// whose release is a nanosecond after its window's must not wait for the next window.
 const ROUNDING: Span = Span(50);
-/// What is told of a job that has had its budget.
-pub const USED_UP: &str = "has used up its budget";
 /// Exit code of a guest that a program's error has ended, by the partition file's wish.
 const STOPPED_BY_PROGRAM: u32 = 2;
 
@@ -489,7 +487,7 @@ impl Kernel {
         self.see_to_the_late();
     }
 
-    pub fn entry_of(&self, id: TaskId) -> &takt_abi::program::Program {
+    fn entry_of(&self, id: TaskId) -> &takt_abi::program::Program {
         let program = usize::from(self.places[id.index()].program);
         self.programs[program].as_ref().map_or(&takt_abi::program::Program::NONE, |p| &p.entry)
     }
@@ -500,19 +498,21 @@ impl Kernel {
         }
     }
 
-    pub fn is_on_trial(&self, id: TaskId) -> bool {
-        self.change.is_on_trial(self.places[id.index()].program)
-    }
-
     /// A job has not kept a limit.
     #[inline(never)]
     pub fn violated(&mut self, id: TaskId, violation: Violation) {
         let entry = self.entry_of(id);
         let (what, wanted) = match violation {
-            Violation::Budget => (USED_UP, entry.on_overrun),
+            Violation::Budget => ("has used up its budget", entry.on_overrun),
             Violation::Deadline => ("was not complete at its deadline", entry.on_deadline),
         };
-        let leaves = violation == Violation::Budget && self.is_on_trial(id);
+        // Some of its outputs have left: it is complete when all have.
+        let wanted = match wanted {
+            action::SKIP if self.exchanges.writes(id) => action::LOG,
+            wanted => wanted,
+        };
+        let leaves = violation == Violation::Budget
+            && self.change.is_on_trial(self.places[id.index()].program);
         self.tell(id, Untold::Violation { what, wanted, leaves });
         if violation == Violation::Budget && self.trial_fails(id, ChangeReason::Budget) {
             return;
@@ -527,8 +527,6 @@ impl Kernel {
         let wanted = if self.change.is_leaving(place.program) { action::LOG } else { wanted };
         match wanted {
             action::LOG => {}
-            // Half of its outputs have left: it is complete when all have.
-            action::SKIP if self.exchanges.writes(id) => {}
             action::SKIP if self.scheduler.task(id).settings().release != Release::Start => {
                 // A violation that is found at a job's end is not the next one's.
                 if self.scheduler.task(id).has_violated() {
