@@ -123,6 +123,13 @@ impl File {
         self
     }
 
+    /// Lets each Linux so far have windows instead of what they leave.
+    #[must_use]
+    pub fn in_windows(mut self) -> Self {
+        self.text = self.text.replace("background = true\n", "");
+        self
+    }
+
     /// Adds words to the kernel's command line of each Linux so far.
     #[must_use]
     pub fn words(mut self, words: &str) -> Self {

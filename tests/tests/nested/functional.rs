@@ -87,3 +87,24 @@ fn a_linux_that_restarts_comes_back_as_often_as_it_may_and_the_plc_loses_nothing
     assert_eq!(outcome.number("linux", "events.totals.partition-reset"), 2);
     outcome.assert_kept_its_time("plc", outcome.cycles(1_000) - 10);
 }
+
+/// A Linux with windows runs in the loop of a PLC, on a thread that may do less.
+#[test]
+fn a_linux_with_windows_restarts_as_often_as_it_may() {
+    let outcome = File::new("10ms")
+        .plc("plc", None, "")
+        .linux("reboot -f")
+        .in_windows()
+        .lines("restarts = { at_most = 1, within = \"60s\" }")
+        .schedule("normal")
+        .window("plc", 0, 200)
+        .window("linux", 500, 9_000)
+        .run("reboot-in-windows")
+        .lasting("30s")
+        .typing(&[("asked for a restart -> idle: started again 1 time within 60s", "\x1dq")])
+        .run();
+    assert_eq!(outcome.status, 4, "{}", outcome.output);
+    assert_eq!(outcome.output.matches("Linux version ").count(), 2, "{}", outcome.output);
+    assert_eq!(outcome.number("linux", "restarts"), 1, "{}", outcome.output);
+    outcome.assert_kept_its_time("plc", outcome.cycles(10_000) - 10);
+}

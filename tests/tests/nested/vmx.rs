@@ -44,11 +44,10 @@ fn both_guests_run_on_vmx() {
     both_guests_run("vmx", "Intel");
 }
 
+#[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn both_guests_run_on_another_svm() {
-    if long() {
-        both_guests_run("svm", "AMD");
-    }
+    both_guests_run("svm", "AMD");
 }
 
 #[test]

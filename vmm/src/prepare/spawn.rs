@@ -218,8 +218,9 @@ impl Body {
             // For as long as the guest runs: no other thread counts for it.
             let end = windowed.run(kickable, &mut guest, &self.own, &mut lock(&health));
             guest.left();
-            // Its memory is loaded anew soon, and a read that has not ended would write there.
-            if !self.own.ending() {
+            // A PLC keeps its processor, and its memory is loaded anew soon: a read that has not ended would write
+            // there. A Linux gets another processor.
+            if guest.says_done() && !self.own.ending() {
                 kickable.settle();
             }
             self.own.leave_guest();
