@@ -113,6 +113,8 @@ struct Run {
 impl Run {
     fn run(self, role: Role) -> u8 {
         let began = Instant::now();
+        // SAFETY: no other thread has been started. What prints a backtrace opens files, which no thread may.
+        unsafe { std::env::remove_var("RUST_BACKTRACE") };
         if let Err(error) = descriptors::close_inherited() {
             eprintln!("takt: cannot close what is open: {error}; Linux 5.9 or newer is needed");
             return status::HOST_CANNOT;

@@ -98,7 +98,7 @@ fn a_linux_with_windows_restarts_as_often_as_it_may() {
         .lines("restarts = { at_most = 1, within = \"60s\" }")
         .schedule("normal")
         .window("plc", 0, 200)
-        .window("linux", 500, 9_000)
+        .window("linux", 500, 8_000)
         .run("reboot-in-windows")
         .lasting("30s")
         .typing(&[("asked for a restart -> idle: started again 1 time within 60s", "\x1dq")])

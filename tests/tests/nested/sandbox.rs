@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use takt_tests::{File, Value, long, parse, plc_image, root, target};
+use takt_tests::{File, Host, Value, long, parse, plc_image, root, target};
 
 use crate::devices::PRINTER;
 
@@ -108,7 +108,8 @@ fn number(name: &str) -> i64 {
         ioctl SYS_ioctl, lseek SYS_lseek, madvise SYS_madvise, mmap SYS_mmap,
         mremap SYS_mremap, pwrite64 SYS_pwrite64,
         fdatasync SYS_fdatasync, munmap SYS_munmap, openat SYS_openat, poll SYS_poll,
-        pread64 SYS_pread64, read SYS_read, recvfrom SYS_recvfrom, rmdir SYS_rmdir,
+        pread64 SYS_pread64, read SYS_read, recvfrom SYS_recvfrom,
+        restart_syscall SYS_restart_syscall, rmdir SYS_rmdir,
         rt_sigprocmask SYS_rt_sigprocmask, rt_sigreturn SYS_rt_sigreturn, sendto SYS_sendto,
         sigaltstack SYS_sigaltstack, statx SYS_statx, tgkill SYS_tgkill,
         timerfd_settime SYS_timerfd_settime, unlink SYS_unlink, wait4 SYS_wait4, write SYS_write,
@@ -202,6 +203,23 @@ fn the_doors_are_shut_and_trying_them_ends_the_process_with_safe_values() {
         "{:?}",
         runs.iter().map(|run| run.len()).collect::<Vec<_>>()
     );
+}
+
+/// With the wait of a processor whose Linux has ended the kernel goes on by a call of its own.
+#[test]
+fn a_takt_that_was_stopped_for_a_moment_goes_on() {
+    let file = File::new("10ms")
+        .plc("plc", None, "")
+        .linux("poweroff -f")
+        .schedule("normal")
+        .window("plc", 0, 200)
+        .save("stop-and-go");
+    let outcome = [file.as_path(), &target("guest/vmlinuz"), &target("guest/initrd.img")]
+        .iter()
+        .fold(Host::new(), |host, path| host.with_file(path))
+        .run("stop-and-go", &[&file.to_string_lossy(), "linux: partition-ended", "6"]);
+    let console = fs::read_to_string(target("tests/stop-and-go.out/console")).unwrap_or_default();
+    assert_eq!(outcome.status, 0, "{}\n{console}", outcome.output);
 }
 
 #[ignore = "only in the long form: scripts/test --long"]

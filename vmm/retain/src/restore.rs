@@ -1,6 +1,6 @@
 //! From a generation to what a program begins with.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::fmt;
 
 use crate::generation::{Entry, Generation};
@@ -50,7 +50,8 @@ impl Layout {
     }
 
     fn take_over(&self, entries: &[Entry], same: bool) -> Restored {
-        let mut there: HashMap<&str, &Entry> =
+        // Not hashed: what loads a program anew may not ask the kernel for random numbers.
+        let mut there: BTreeMap<&str, &Entry> =
             entries.iter().map(|entry| (entry.name.as_str(), entry)).collect();
         let mut restored = Restored {
             block: self.initial().to_vec(),
@@ -81,7 +82,6 @@ impl Layout {
             }
         }
         restored.dropped = there.into_keys().map(str::to_owned).collect();
-        restored.dropped.sort_unstable();
         restored
     }
 }

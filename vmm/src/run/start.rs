@@ -122,6 +122,7 @@ impl<'a> Waiting<'a> {
         let watchdog = watchdog(file, options, &accounts, &enforcers)?;
         options.hooks.arm(&accounts, &enforcers)?;
         let clock = HostClock::open(frequency);
+        let cpu = this_cpu();
         steps.pass()?;
         // Nothing of the host is opened any more, and no guest has run yet.
         let given_back = held.given_back(file, options);
@@ -178,7 +179,7 @@ impl<'a> Waiting<'a> {
         supervisor.watchdog = watchdog;
         supervisor.guardian = held.guardian.as_ref().map(AsRawFd::as_raw_fd);
         supervisor.clock = Some(clock);
-        supervisor.quiet = this_cpu().and_then(|cpu| schedules.quiet_on(cpu, None));
+        supervisor.quiet = cpu.and_then(|cpu| schedules.quiet_on(cpu, None));
         let enforcers = of_cpus;
         let facts = Facts { file, options, board, pages, host, enforcers, linux, epoch, starting };
         facts.tell(&mut supervisor.screen);

@@ -55,6 +55,7 @@ fn cannot(what: &'static str) -> impl FnOnce(io::Error) -> SandboxError {
 /// See [`SandboxError`].
 pub fn prepare(emergency_stop: fn() -> Option<bool>) -> Result<(), SandboxError> {
     privileges::keep_memory_private().map_err(cannot("keep the process's memory to itself"))?;
+    violation::leave_faults_to_the_kernel();
     violation::install(emergency_stop)
         .map_err(cannot("install the handler of forbidden system calls"))
 }

@@ -49,6 +49,15 @@ pub fn install(emergency_stop: fn() -> Option<bool>) -> io::Result<()> {
         .map_err(|e| io::Error::from_raw_os_error(e.errno()))
 }
 
+/// Lets the kernel end the process at a fault. The standard library's handlers look for the overflow of a stack, and then
+/// take themselves away by a call that no list has.
+pub fn leave_faults_to_the_kernel() {
+    for fault in [libc::SIGSEGV, libc::SIGBUS] {
+        // SAFETY: takes a handler away; nothing of this process runs at these signals any more.
+        unsafe { libc::signal(fault, libc::SIG_DFL) };
+    }
+}
+
 /// The part of `siginfo_t` that is filled in for a filter's signal: `_sigsys` of
 /// `include/uapi/asm-generic/siginfo.h`.
 #[repr(C)]
@@ -128,6 +137,20 @@ mod tests {
         assert_eq!(crate::passthrough::emergency_stop::do_it(), None);
         for (done, written) in [(Some(true), true), (Some(false), false), (None, false)] {
             assert_eq!(last_words(done).contains("values are written"), written, "{done:?}");
+        }
+    }
+
+    #[test]
+    fn a_fault_is_handled_by_the_kernel_alone() {
+        leave_faults_to_the_kernel();
+        for fault in [libc::SIGSEGV, libc::SIGBUS] {
+            let mut action = std::mem::MaybeUninit::<libc::sigaction>::uninit();
+            // SAFETY: the kernel fills in a live structure, and changes nothing.
+            let handler = unsafe {
+                assert_eq!(libc::sigaction(fault, std::ptr::null(), action.as_mut_ptr()), 0);
+                action.assume_init().sa_sigaction
+            };
+            assert_eq!(handler, libc::SIG_DFL);
         }
     }
 

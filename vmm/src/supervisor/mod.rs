@@ -19,7 +19,7 @@ mod signals;
 mod sources;
 mod typing;
 
-use std::io::{self, IsTerminal};
+use std::io;
 use std::os::fd::RawFd;
 use std::time::Duration;
 
@@ -116,7 +116,7 @@ impl Supervisor {
             desk,
             ended_by_signal: false,
             console,
-            typing: Typing::new(io::stdin().is_terminal()),
+            typing: Typing::new(sources.typed),
             has_keys: false,
             listens: false,
             sources,
