@@ -40,7 +40,7 @@ use takt_record::WindowAssembler;
 /// Window records that the supervisor thread may be behind.
 const RECORDS: usize = 4096;
 /// Ends that a thread may tell of before the supervisor thread has taken the first: its guest's, and that it
-/// could not be loaded anew.
+/// could not be loaded anew or the run is over.
 const ENDS: usize = 2;
 /// How often a thread without a guest looks whether the run is over.
 const LOOK: Duration = Duration::from_millis(20);
@@ -53,7 +53,8 @@ struct Ending {
 
 impl Ending {
     fn tell(&mut self, finished: Finished) {
-        // There is room, since a thread has its word to go on only after the supervisor thread has taken this.
+        // There is room, since a thread has its word to go on only after the supervisor thread has taken this, and ends
+        // without one.
         let _ = self.ends.give(finished);
         let _ = self.bell.write(1);
     }
@@ -228,12 +229,12 @@ impl Body {
             self.tell((end, Nanos::ZERO), starting, windowed.unrecorded());
             let revival = loop {
                 if !windowed.next_window(&self.own) {
-                    return;
+                    return self.end(windowed.unrecorded());
                 }
                 match revivals.take() {
                     Ok(Some(revival)) => break revival,
                     Ok(None) => {}
-                    Err(Gone) => return,
+                    Err(Gone) => return self.end(windowed.unrecorded()),
                 }
             };
             if !self.revive(kickable, &mut guest, revival) {
@@ -257,7 +258,7 @@ impl Body {
             guest.left();
             self.own.leave_guest();
             self.tell(left, false, 0);
-            let Some(revival) = wait(&self.own, revivals) else { return };
+            let Some(revival) = wait(&self.own, revivals) else { return self.end(0) };
             if !self.revive(kickable, &mut guest, revival) {
                 return;
             }
@@ -280,6 +281,13 @@ impl Body {
 
     /// Tells of the guest's end, and the CPU time that other processors of it have used.
     fn tell(&mut self, (end, others): (End, Nanos), starting: bool, unrecorded: u64) {
+    /// Without a guest, whose end has been told. If one was to be started anew, the end of the run is its end.
+    fn end(&mut self, unrecorded: u64) {
+        if self.own.ending() {
+            self.tell((End::Stopped, Nanos::ZERO), true, unrecorded);
+        }
+    }
+
         let mut health = lock(&self.health);
         health.end(end);
         self.ending.tell(Finished {
@@ -301,5 +309,45 @@ pub(super) fn wait<G>(own: &Control, revivals: &mut Revivals<G>) -> Option<Reviv
             Ok(None) if !own.ending() => {}
             other => return other.ok().flatten(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::health::Table;
+    use crate::life::Event;
+    use crate::memory::Pages;
+    use crate::vcpu::plc::PlcGuest;
+
+    /// What a thread tells that waits for a start which does not come, if the run is over or the loader is gone.
+    fn told(over: bool) -> Option<Finished> {
+        let (own, (giver, mut ends)) = (Arc::<Control>::default(), handoff(ENDS));
+        let mut body = Body {
+            _memory: GuestMemory::for_plc(4 << 20, Pages::Small, &[]).unwrap(),
+            own: own.clone(),
+            health: Arc::new(Mutex::new(Watch::new(Table::PLC).1)),
+            crew: Crew::default(),
+            ending: Ending { ends: giver, bell: event::eventfd().unwrap() },
+        };
+        if over {
+            Control::stop_all(std::slice::from_ref(&own));
+        }
+        let (loader, mut revivals) = handoff::<Revival<PlcGuest>>(1);
+        let _loader = over.then_some(loader);
+        assert!(wait(&own, &mut revivals).is_none());
+        body.end(3);
+        ends.take().ok().flatten()
+    }
+
+    #[test]
+    fn a_guest_that_was_to_start_again_when_the_run_ended_was_stopped_with_it() {
+        let finished = told(true).unwrap();
+        assert_eq!((finished.end, finished.unrecorded), (End::Stopped, 3));
+        let mut life = Life::new(Starts::Cold);
+        let _ = life.step(Event::RunOver);
+        let _ = life.step(Event::Left { finished, action: None, leaving: false });
+        assert_eq!(life.finished(), Some(finished));
+        assert_eq!(told(false), None, "a loader that has died is no end of the run");
     }
 }
