@@ -67,7 +67,7 @@ pub struct Account {
     pub samples: Option<Recorder>,
     /// How the load of its Linux goes, if that is wanted.
     pub load: Option<load::Recorder>,
-    /// Time from its wake-ups to its leaving its windows, which no other partition could use.
+    /// Time from its wake-ups to its leaving its windows.
     pub occupied: Nanos,
     /// What notices that its guest is silent.
     pub watchdog: Option<Timer>,
@@ -188,6 +188,16 @@ impl Account {
         }
         if let Some(samples) = &mut self.samples {
             samples.restarted();
+        }
+    }
+
+    /// Time in its windows that no other partition could use. A guest that does not say when it is done stays in them, and
+    /// gives its CPU away while it waits.
+    #[must_use]
+    pub fn used(&self) -> Nanos {
+        match (&self.records, self.life.finished()) {
+            (Some(_), Some(finished)) if !self.says_done => finished.cpu_time,
+            _ => self.occupied,
         }
     }
 

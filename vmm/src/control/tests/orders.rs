@@ -219,3 +219,17 @@ fn a_partition_that_does_not_come_to_what_follows_is_told_of() {
     left(&mut plc, End::Stopped);
     assert_eq!((told(&mut plc, 22_080), told(&mut plc, 30_000)), ("", ""), "it has ended");
 }
+
+#[test]
+fn a_linux_keeps_from_others_what_it_uses_of_its_windows() {
+    let (mut linux, _revivals) = account();
+    linux.records = Some(rtrb::RingBuffer::new(1).1);
+    linux.occupied = Nanos(900);
+    left(&mut linux, End::PoweredOff);
+    assert_eq!(linux.used(), Nanos(900), "a PLC");
+    linux.says_done = false;
+    assert_eq!(linux.used(), Nanos(5), "its thread's CPU time");
+    // In the background it has no windows.
+    (linux.records, linux.occupied) = (None, Nanos::ZERO);
+    assert_eq!(linux.used(), Nanos::ZERO);
+}
