@@ -201,6 +201,24 @@ impl Account {
         }
     }
 
+    /// Presses its power button, if it has one. From then on it is not started any more: a guest that is being started
+    /// is taken off its processor before it has begun. Returns what is told, and how long a guest has that runs.
+    pub fn ask_to_power_off(&mut self, now: Nanos) -> Option<(Option<Nanos>, &'static str)> {
+        let button = self.power_button.as_mut()?;
+        let (up, runs) = (self.life.is_up(), self.control.has_guest());
+        if up && runs {
+            button.press(now);
+        }
+        let patience = runs.then(|| button.patience());
+        self.step(Event::RunOver);
+        if up && !runs {
+            self.control.halt();
+        }
+        let text =
+            if runs { "asked to power off" } else { "not started again, since the run ends" };
+        up.then_some((patience, text))
+    }
+
     /// Takes note of an error of the host's, and ends its guest if its table does not let it go on.
     pub fn raise(&mut self, detail: Detail, now: Nanos, show: impl FnMut(&str)) {
         if self.life.is_up() && !self.health.raise(detail, now, show).goes_on() {

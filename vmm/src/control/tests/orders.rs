@@ -3,6 +3,7 @@
 use takt_devices::output;
 use takt_devices::watchdog::Timer;
 use takt_scheduler::time::{Nanos, Tsc};
+use vmm_sys_util::eventfd::EventFd;
 
 use super::super::Outcome;
 use super::super::protocol::{ErrorKind, EventKind, State};
@@ -15,6 +16,7 @@ use crate::health::{Table, Watch};
 use crate::life::{Event, Finished, Life, Order};
 use crate::memory::{GuestMemory, Pages};
 use crate::passthrough::safe_values::SafeValues;
+use crate::power_button::PowerButton;
 use crate::restart::{PlcLoader, Restart, Revivals};
 use crate::terminal::Lines;
 use crate::vcpu::first_state::FirstState;
@@ -218,6 +220,54 @@ fn a_partition_that_does_not_come_to_what_follows_is_told_of() {
     plc.control.leave_guest();
     left(&mut plc, End::Stopped);
     assert_eq!((told(&mut plc, 22_080), told(&mut plc, 30_000)), ("", ""), "it has ended");
+}
+
+/// A Linux with a power button, and the other end of its wire.
+fn linux_with_a_button() -> (Account, std::sync::Arc<EventFd>, Revivals<PlcGuest>) {
+    let (mut linux, revivals) = account();
+    let wire = std::sync::Arc::new(crate::event::eventfd().unwrap());
+    linux.power_button = Some(PowerButton::new(wire.clone(), Nanos(7)));
+    (linux, wire, revivals)
+}
+
+#[test]
+fn a_linux_that_runs_at_the_end_is_asked_to_power_off_and_is_not_started_again() {
+    let (mut linux, wire, mut revivals) = linux_with_a_button();
+    linux.control.enter_guest();
+    assert_eq!(linux.ask_to_power_off(Nanos(1)), Some((Some(Nanos(7)), "asked to power off")));
+    assert!(wire.read().is_ok() && !linux.control.stopping());
+    let refusal = linux.operate(Order::Restart(StartMode::Cold)).unwrap_err();
+    assert_eq!(refusal.text, "plc: it is not started any more, since the run ends");
+    linux.control.leave_guest();
+    left(&mut linux, End::PoweredOff);
+    assert!(linux.operate(Order::Start(StartMode::Cold)).is_err());
+    assert_eq!(linux.ask_to_power_off(Nanos(2)), None, "it is off");
+    assert!(revivals.take().unwrap().is_none());
+}
+
+#[test]
+fn a_linux_that_is_being_started_at_the_end_does_not_begin() {
+    let (mut linux, wire, _revivals) = linux_with_a_button();
+    assert_eq!(
+        linux.ask_to_power_off(Nanos(1)),
+        Some((None, "not started again, since the run ends"))
+    );
+    assert!(wire.read().is_err(), "there is nothing to ask");
+    assert!(linux.control.stopping());
+    left(&mut linux, End::Stopped);
+    assert_eq!(linux.end().as_deref(), Some(takt_figures::report::STOPPED));
+    assert!(linux.power_button.unwrap().report(None).is_none());
+}
+
+#[test]
+fn a_restart_that_was_ordered_before_the_end_does_not_follow() {
+    let (mut linux, _wire, mut revivals) = linux_with_a_button();
+    linux.control.enter_guest();
+    linux.operate(Order::Restart(StartMode::Cold)).unwrap();
+    assert!(linux.ask_to_power_off(Nanos(1)).is_some());
+    assert_eq!(left(&mut linux, End::Stopped), None);
+    assert_eq!((linux.life.state(), linux.life.restarts()), (State::Ended, 0));
+    assert!(revivals.take().unwrap().is_none());
 }
 
 #[test]
