@@ -9,6 +9,7 @@ use takt_scheduler::guard::GuardChange;
 use takt_scheduler::switch::Switch;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
+use takt_scheduler::timetable::{Slot, Timetable};
 
 use crate::attendance::Attendance;
 use crate::console_log::ConsoleLog;
@@ -71,6 +72,10 @@ pub struct Account {
     pub occupied: Nanos,
     /// What notices that its guest is silent.
     pub watchdog: Option<Timer>,
+    /// When its silent guest has to leave: in its next window, if it has windows.
+    pub leaves_by: Nanos,
+    /// Its windows, if it has any.
+    pub timetable: Option<Timetable>,
     /// What notices that its kernel does nothing any more; only of a Linux.
     pub kernel: Option<KernelWatch>,
     /// Where the deadlines of its processors' timers are placed; empty if Takt does not do that.
@@ -226,10 +231,16 @@ impl Account {
         }
     }
 
-    /// Ends its guest if that has been silent for too long.
-    pub fn look_for_silence(&self, now: u64) {
-        // The thread finds the reason in the timer.
-        if self.watchdog.as_ref().is_some_and(|timer| timer.expires(now)) {
+    /// Ends its guest if that has been silent for too long by `clock`. The time does not run while the schedule has no
+    /// window for it.
+    pub fn look_for_silence(&mut self, clock: u64, switch: Switch, now: Nanos) {
+        let Some(timer) = &self.watchdog else { return };
+        let slot = self.timetable.as_ref().map(|t| t.catch_up(&t.first(switch), now, switch));
+        if let Some(Slot::Idle(_)) = slot {
+            timer.hold(clock);
+        } else if timer.expires(clock) {
+            // The thread finds the reason in the timer, one with windows only in them.
+            self.leaves_by = if let Some(Slot::Window(next)) = slot { next.end } else { now };
             self.control.kick();
         }
     }
@@ -245,6 +256,7 @@ impl Account {
     /// Looks whether its guest has not left, or not started again, long after it had to. Says so once.
     pub fn look_for_delay(&mut self, now: Nanos) -> Option<&'static str> {
         let silent = self.watchdog.as_ref().is_some_and(Timer::has_expired);
+        let silent = silent && now >= self.leaves_by;
         // The first processor halts the further ones when it has left.
         let mut controls = [&self.control].into_iter().chain(&self.further);
         let leaves = silent || controls.any(|control| control.stopping());

@@ -148,7 +148,7 @@ impl Preparation<'_> {
             }),
             _ => None,
         };
-        let timetable = plan.as_ref().filter(|_| says_done).map(|plan| plan.timetable.clone());
+        let timetable = plan.as_ref().map(|plan| plan.timetable.clone());
         let ports = guest.io_ranges();
         let domain = self.domains.entry(cpu);
         let group = self.groups.entry(partition);
@@ -181,7 +181,7 @@ impl Preparation<'_> {
             log: None,
             keyboard: None,
             records,
-            attendance: timetable.map(Attendance::new),
+            attendance: timetable.clone().filter(|_| says_done).map(Attendance::new),
             assembler: WindowAssembler::default(),
             says_done,
             health: watch,
@@ -190,6 +190,8 @@ impl Preparation<'_> {
             load: None,
             occupied: Nanos::ZERO,
             watchdog: None,
+            leaves_by: Nanos::ZERO,
+            timetable,
             kernel: None,
             deadlines: Vec::new(),
             banks: None,
@@ -279,8 +281,6 @@ impl Body {
         revived
     }
 
-    /// Tells of the guest's end, and the CPU time that other processors of it have used.
-    fn tell(&mut self, (end, others): (End, Nanos), starting: bool, unrecorded: u64) {
     /// Without a guest, whose end has been told. If one was to be started anew, the end of the run is its end.
     fn end(&mut self, unrecorded: u64) {
         if self.own.ending() {
@@ -288,6 +288,8 @@ impl Body {
         }
     }
 
+    /// Tells of the guest's end, and the CPU time that other processors of it have used.
+    fn tell(&mut self, (end, others): (End, Nanos), starting: bool, unrecorded: u64) {
         let mut health = lock(&self.health);
         health.end(end);
         self.ending.tell(Finished {
