@@ -68,6 +68,16 @@ impl Timer {
         self.0.due.store(OFF, Ordering::SeqCst);
     }
 
+    /// The time begins anew, if it runs: the machine is not let run now.
+    pub fn hold(&self, now: u64) {
+        let due = self.0.due.load(Ordering::SeqCst);
+        if due != OFF {
+            let next = now.saturating_add(self.time());
+            // If this fails the guest has given a sign, or ended.
+            let _ = self.0.due.compare_exchange(due, next, Ordering::SeqCst, Ordering::SeqCst);
+        }
+    }
+
     /// True if the time is up, and this has not been reported yet.
     #[must_use]
     pub fn expires(&self, now: u64) -> bool {
@@ -223,6 +233,22 @@ mod tests {
         assert_eq!(read(&mut watchdog, STATUS), SET);
         watchdog.write(STATUS, &[0; 4]);
         assert_eq!(read(&mut watchdog, STATUS), 0);
+    }
+
+    #[test]
+    fn while_the_machine_is_not_let_run_the_time_does_not() {
+        let (timer, now, mut watchdog) = running();
+        timer.hold(1_004 * MS);
+        now.store(1_004 * MS, Ordering::SeqCst);
+        assert_eq!(read(&mut watchdog, LEFT), 100);
+        assert!(!timer.expires(2_004 * MS - 1));
+        assert!(timer.expires(2_004 * MS));
+        // Neither a time that is up nor one that does not run.
+        timer.hold(2_004 * MS);
+        assert!(timer.has_expired() && !timer.expires(u64::MAX - 1));
+        timer.stop();
+        timer.hold(2_004 * MS);
+        assert!(!timer.expires(u64::MAX - 1));
     }
 
     #[test]

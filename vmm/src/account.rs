@@ -9,6 +9,7 @@ use takt_scheduler::guard::GuardChange;
 use takt_scheduler::switch::Switch;
 use takt_scheduler::table::PartitionId;
 use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
+use takt_scheduler::timetable::{Slot, Timetable};
 
 use crate::attendance::Attendance;
 use crate::console_log::ConsoleLog;
@@ -67,10 +68,14 @@ pub struct Account {
     pub samples: Option<Recorder>,
     /// How the load of its Linux goes, if that is wanted.
     pub load: Option<load::Recorder>,
-    /// Time from its wake-ups to its leaving its windows, which no other partition could use.
+    /// Time from its wake-ups to its leaving its windows.
     pub occupied: Nanos,
     /// What notices that its guest is silent.
     pub watchdog: Option<Timer>,
+    /// When its silent guest has to leave: in its next window, if it has windows.
+    pub leaves_by: Nanos,
+    /// Its windows, if it has any.
+    pub timetable: Option<Timetable>,
     /// What notices that its kernel does nothing any more; only of a Linux.
     pub kernel: Option<KernelWatch>,
     /// Where the deadlines of its processors' timers are placed; empty if Takt does not do that.
@@ -191,6 +196,34 @@ impl Account {
         }
     }
 
+    /// Time in its windows that no other partition could use. A guest that does not say when it is done stays in them, and
+    /// gives its CPU away while it waits.
+    #[must_use]
+    pub fn used(&self) -> Nanos {
+        match (&self.records, self.life.finished()) {
+            (Some(_), Some(finished)) if !self.says_done => finished.cpu_time,
+            _ => self.occupied,
+        }
+    }
+
+    /// Presses its power button, if it has one. From then on it is not started any more: a guest that is being started
+    /// is taken off its processor before it has begun. Returns what is told, and how long a guest has that runs.
+    pub fn ask_to_power_off(&mut self, now: Nanos) -> Option<(Option<Nanos>, &'static str)> {
+        let button = self.power_button.as_mut()?;
+        let (up, runs) = (self.life.is_up(), self.control.has_guest());
+        if up && runs {
+            button.press(now);
+        }
+        let patience = runs.then(|| button.patience());
+        self.step(Event::RunOver);
+        if up && !runs {
+            self.control.halt();
+        }
+        let text =
+            if runs { "asked to power off" } else { "not started again, since the run ends" };
+        up.then_some((patience, text))
+    }
+
     /// Takes note of an error of the host's, and ends its guest if its table does not let it go on.
     pub fn raise(&mut self, detail: Detail, now: Nanos, show: impl FnMut(&str)) {
         if self.life.is_up() && !self.health.raise(detail, now, show).goes_on() {
@@ -198,10 +231,16 @@ impl Account {
         }
     }
 
-    /// Ends its guest if that has been silent for too long.
-    pub fn look_for_silence(&self, now: u64) {
-        // The thread finds the reason in the timer.
-        if self.watchdog.as_ref().is_some_and(|timer| timer.expires(now)) {
+    /// Ends its guest if that has been silent for too long by `clock`. The time does not run while the schedule has no
+    /// window for it.
+    pub fn look_for_silence(&mut self, clock: u64, switch: Switch, now: Nanos) {
+        let Some(timer) = &self.watchdog else { return };
+        let slot = self.timetable.as_ref().map(|t| t.catch_up(&t.first(switch), now, switch));
+        if let Some(Slot::Idle(_)) = slot {
+            timer.hold(clock);
+        } else if timer.expires(clock) {
+            // The thread finds the reason in the timer, one with windows only in them.
+            self.leaves_by = if let Some(Slot::Window(next)) = slot { next.end } else { now };
             self.control.kick();
         }
     }
@@ -217,6 +256,7 @@ impl Account {
     /// Looks whether its guest has not left, or not started again, long after it had to. Says so once.
     pub fn look_for_delay(&mut self, now: Nanos) -> Option<&'static str> {
         let silent = self.watchdog.as_ref().is_some_and(Timer::has_expired);
+        let silent = silent && now >= self.leaves_by;
         // The first processor halts the further ones when it has left.
         let mut controls = [&self.control].into_iter().chain(&self.further);
         let leaves = silent || controls.any(|control| control.stopping());

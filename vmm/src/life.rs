@@ -70,6 +70,8 @@ pub enum Refused {
     NoWarmStart,
     /// There is no thread any more that could run the guest.
     Gone,
+    /// Nothing is started any more.
+    RunEnds,
 }
 
 /// Which starts a partition can have after its first.
@@ -97,7 +99,7 @@ pub enum Event {
         /// True if the guest was asked to switch itself off, since the run ends.
         leaving: bool,
     },
-    /// The run is over: nothing is started any more.
+    /// The run is over, or ends and this guest is to be off by then: it is not started any more.
     RunOver,
 }
 
@@ -321,7 +323,7 @@ impl Life {
         let gone = self.finished().is_some_and(|finished| finished.end == End::NotLoaded);
         match (self.starts, mode) {
             (Starts::Cold, StartMode::Warm) => Err(Refused::NoWarmStart),
-            (Starts::None, _) => Err(Refused::Gone),
+            (Starts::None, _) => Err(Refused::RunEnds),
             _ if gone => Err(Refused::Gone),
             _ => Ok(()),
         }

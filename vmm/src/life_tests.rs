@@ -131,10 +131,10 @@ fn every_event_in_every_state() {
 #[test]
 fn what_cannot_be_loaded_is_not_started() {
     let mut life = Life::new(Starts::None);
-    assert_eq!(life.order(Order::Restart(StartMode::Cold)), Err(Refused::Gone));
+    assert_eq!(life.order(Order::Restart(StartMode::Cold)), Err(Refused::RunEnds));
     let effects = life.step(left(End::TripleFault, Some(Action::ColdStart)));
     assert_eq!((effects.load, effects.told), (None, Some(Told::Ended)));
-    assert_eq!(life.order(Order::Start(StartMode::Cold)), Err(Refused::Gone));
+    assert_eq!(life.order(Order::Start(StartMode::Cold)), Err(Refused::RunEnds));
     assert_eq!(life.restarts(), 0);
 }
 

@@ -108,3 +108,21 @@ fn a_linux_with_windows_restarts_as_often_as_it_may() {
     assert_eq!(outcome.number("linux", "restarts"), 1, "{}", outcome.output);
     outcome.assert_kept_its_time("plc", outcome.cycles(10_000) - 10);
 }
+
+#[ignore = "takes long: scripts/test --all"]
+#[test]
+fn a_run_that_ends_while_a_linux_is_started_again_is_no_failure() {
+    let linux = System { memory: "256MiB", exec: "reboot -f", ..System::default() };
+    let outcome = File::new("1ms")
+        .plc("plc", None, "release_guard = \"10us\"")
+        .other_linux(&linux)
+        .schedule("normal")
+        .window("plc", 0, 300)
+        .run("end-in-restart")
+        .lasting("30s")
+        .typing(&[("asked for a restart -> cold-start", "\x1dq")])
+        .run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    assert_eq!(outcome.number("linux", "restarts"), 1, "{}", outcome.output);
+    assert_eq!(outcome.partition("linux")["end"], "stopped by takt", "{}", outcome.output);
+}

@@ -205,6 +205,30 @@ fn a_debian_that_restarts_a_hundred_times_costs_a_neighbour_nothing_and_takt_doe
     assert!([reset, fault, panic].iter().all(|count| *count > 10), "{reset}, {fault}, {panic}");
 }
 
+#[ignore = "takes long: scripts/test --all"]
+#[test]
+fn a_watchdog_does_not_run_while_the_schedule_has_no_window_for_its_linux() {
+    let outcome = File::new("10ms")
+        .plc("plc", None, "")
+        .linux("")
+        .in_windows()
+        .lines("watchdog = \"4s\"")
+        .schedule("normal")
+        .window("plc", 0, 200)
+        .window("linux", 500, 9_000)
+        .schedule("alone")
+        .window("plc", 0, 200)
+        .run("watchdog-without-windows")
+        .lasting("12s")
+        .typing(&[("linux# ", "\x1ds")])
+        .run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("schedule \"alone\" holds since ");
+    assert!(!outcome.output.contains("it does not leave its processor"), "{}", outcome.output);
+    assert_eq!(outcome.number("linux", "restarts"), 0, "{}", outcome.output);
+    outcome.assert_kept_its_time("plc", outcome.cycles(10_000) - 10);
+}
+
 #[ignore = "only in the long form: scripts/test --long"]
 #[test]
 fn a_linux_that_panics_or_whose_programs_hang_is_noticed_by_its_watchdog() {

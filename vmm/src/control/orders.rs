@@ -88,6 +88,10 @@ impl Account {
             Refused::Gone => {
                 Refusal::new(ErrorKind::Refused, format!("{name}: its thread is gone"))
             }
+            Refused::RunEnds => {
+                let why = "it is not started any more, since the run ends";
+                Refusal::new(ErrorKind::Refused, format!("{name}: {why}"))
+            }
         }
     }
 }

@@ -104,7 +104,8 @@ impl KernelWatch {
     pub fn restarted(&mut self) {
         self.judge.restarted();
         self.panic.forget();
-        self.stuck = None;
+        // What was printed, or is answered still, is of the guest before.
+        (self.stuck, self.asked, self.printed) = (None, false, false);
     }
 
     /// What is known of the kernel.

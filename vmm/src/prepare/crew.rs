@@ -31,7 +31,7 @@ use crate::linux_machine::Processor;
 use crate::restart::{Revival, Revivals};
 use crate::run_error::RunError;
 use crate::sandbox;
-use crate::vcpu::guest::End;
+use crate::vcpu::guest::{End, Guest};
 use crate::vcpu::kick::Kickable;
 use crate::vcpu::linux::LinuxGuest;
 use crate::vcpu::thread::{self, Place, Ready};
@@ -96,6 +96,7 @@ impl Member {
     fn run(mut self, kickable: &mut Kickable, mut guest: LinuxGuest, base: &Timebase) {
         loop {
             let end = background::run(kickable, &mut guest, &self.own, &self.health, base);
+            guest.left();
             // Before the first has this end, since it takes the order back then.
             if end != End::Stopped {
                 self.first.halt();

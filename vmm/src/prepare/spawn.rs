@@ -40,7 +40,7 @@ use takt_record::WindowAssembler;
 /// Window records that the supervisor thread may be behind.
 const RECORDS: usize = 4096;
 /// Ends that a thread may tell of before the supervisor thread has taken the first: its guest's, and that it
-/// could not be loaded anew.
+/// could not be loaded anew or the run is over.
 const ENDS: usize = 2;
 /// How often a thread without a guest looks whether the run is over.
 const LOOK: Duration = Duration::from_millis(20);
@@ -53,7 +53,8 @@ struct Ending {
 
 impl Ending {
     fn tell(&mut self, finished: Finished) {
-        // There is room, since a thread has its word to go on only after the supervisor thread has taken this.
+        // There is room, since a thread has its word to go on only after the supervisor thread has taken this, and ends
+        // without one.
         let _ = self.ends.give(finished);
         let _ = self.bell.write(1);
     }
@@ -147,7 +148,7 @@ impl Preparation<'_> {
             }),
             _ => None,
         };
-        let timetable = plan.as_ref().filter(|_| says_done).map(|plan| plan.timetable.clone());
+        let timetable = plan.as_ref().map(|plan| plan.timetable.clone());
         let ports = guest.io_ranges();
         let domain = self.domains.entry(cpu);
         let group = self.groups.entry(partition);
@@ -180,7 +181,7 @@ impl Preparation<'_> {
             log: None,
             keyboard: None,
             records,
-            attendance: timetable.map(Attendance::new),
+            attendance: timetable.clone().filter(|_| says_done).map(Attendance::new),
             assembler: WindowAssembler::default(),
             says_done,
             health: watch,
@@ -189,6 +190,8 @@ impl Preparation<'_> {
             load: None,
             occupied: Nanos::ZERO,
             watchdog: None,
+            leaves_by: Nanos::ZERO,
+            timetable,
             kernel: None,
             deadlines: Vec::new(),
             banks: None,
@@ -228,12 +231,12 @@ impl Body {
             self.tell((end, Nanos::ZERO), starting, windowed.unrecorded());
             let revival = loop {
                 if !windowed.next_window(&self.own) {
-                    return;
+                    return self.end(windowed.unrecorded());
                 }
                 match revivals.take() {
                     Ok(Some(revival)) => break revival,
                     Ok(None) => {}
-                    Err(Gone) => return,
+                    Err(Gone) => return self.end(windowed.unrecorded()),
                 }
             };
             if !self.revive(kickable, &mut guest, revival) {
@@ -257,7 +260,7 @@ impl Body {
             guest.left();
             self.own.leave_guest();
             self.tell(left, false, 0);
-            let Some(revival) = wait(&self.own, revivals) else { return };
+            let Some(revival) = wait(&self.own, revivals) else { return self.end(0) };
             if !self.revive(kickable, &mut guest, revival) {
                 return;
             }
@@ -276,6 +279,13 @@ impl Body {
             self.tell((End::NotLoaded, Nanos::ZERO), true, 0);
         }
         revived
+    }
+
+    /// Without a guest, whose end has been told. If one was to be started anew, the end of the run is its end.
+    fn end(&mut self, unrecorded: u64) {
+        if self.own.ending() {
+            self.tell((End::Stopped, Nanos::ZERO), true, unrecorded);
+        }
     }
 
     /// Tells of the guest's end, and the CPU time that other processors of it have used.
@@ -301,5 +311,45 @@ pub(super) fn wait<G>(own: &Control, revivals: &mut Revivals<G>) -> Option<Reviv
             Ok(None) if !own.ending() => {}
             other => return other.ok().flatten(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::health::Table;
+    use crate::life::Event;
+    use crate::memory::Pages;
+    use crate::vcpu::plc::PlcGuest;
+
+    /// What a thread tells that waits for a start which does not come, if the run is over or the loader is gone.
+    fn told(over: bool) -> Option<Finished> {
+        let (own, (giver, mut ends)) = (Arc::<Control>::default(), handoff(ENDS));
+        let mut body = Body {
+            _memory: GuestMemory::for_plc(4 << 20, Pages::Small, &[]).unwrap(),
+            own: own.clone(),
+            health: Arc::new(Mutex::new(Watch::new(Table::PLC).1)),
+            crew: Crew::default(),
+            ending: Ending { ends: giver, bell: event::eventfd().unwrap() },
+        };
+        if over {
+            Control::stop_all(std::slice::from_ref(&own));
+        }
+        let (loader, mut revivals) = handoff::<Revival<PlcGuest>>(1);
+        let _loader = over.then_some(loader);
+        assert!(wait(&own, &mut revivals).is_none());
+        body.end(3);
+        ends.take().ok().flatten()
+    }
+
+    #[test]
+    fn a_guest_that_was_to_start_again_when_the_run_ended_was_stopped_with_it() {
+        let finished = told(true).unwrap();
+        assert_eq!((finished.end, finished.unrecorded), (End::Stopped, 3));
+        let mut life = Life::new(Starts::Cold);
+        let _ = life.step(Event::RunOver);
+        let _ = life.step(Event::Left { finished, action: None, leaving: false });
+        assert_eq!(life.finished(), Some(finished));
+        assert_eq!(told(false), None, "a loader that has died is no end of the run");
     }
 }

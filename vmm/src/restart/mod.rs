@@ -8,6 +8,11 @@
 //! Even that is time, and a deadline thread that is woken for it at some instant takes it from
 //! the window of another partition. So a thread with windows is not woken: it looks for the word in each
 //! of its own windows ([`Windowed::next_window`](crate::vcpu::windowed::Windowed::next_window)).
+//!
+//! Before Linux 6.13 that of a Linux does not keep to them: its first `KVM_RUN` waits for an RCU grace period, since the loader
+//! has run the vCPU before it (see [`touch`](crate::boot::touch)), and it wakes at any instant. The loader cannot leave that
+//! out: a kernel that starts a worker at the first `KVM_RUN` refuses it to a deadline thread, and versions do not tell which
+//! does.
 
 mod linux;
 mod plc;

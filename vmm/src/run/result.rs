@@ -88,10 +88,10 @@ impl Facts<'_> {
                 // What windows have left of each of its CPUs.
                 let left = |cpu| {
                     let neighbours = self.file.partitions().iter().zip(all);
-                    let occupied = neighbours
+                    let used = neighbours
                         .filter(|(p, _)| p.cpu() == cpu)
-                        .fold(Nanos::ZERO, |sum, (_, account)| sum.plus(account.occupied));
-                    duration.less(occupied).0
+                        .fold(Nanos::ZERO, |sum, (_, account)| sum.plus(account.used()));
+                    duration.less(used).0
                 };
                 report::Donation {
                     offered_ns: partition.cpus().map(left).sum(),

@@ -59,7 +59,10 @@ impl MutEventSubscriber for Supervisor {
             self.screen.tick(Instant::now());
             self.drain();
             self.tell_losses();
-            self.accounts.iter().for_each(|a| a.look_for_silence(linux_machine::clock()));
+            let (switch, now) = (self.desk.switch(), self.desk.now());
+            for account in &mut self.accounts {
+                account.look_for_silence(linux_machine::clock(), switch, now);
+            }
             self.look_at_guests();
             self.watch_clock();
             self.watch_schedule();

@@ -47,19 +47,13 @@ impl Supervisor {
         }
     }
 
-    /// Presses the power buttons of the guests that run. Returns how long the most patient has; `None` if there is
-    /// none to press.
+    /// Asks the guests that run. Returns how long the most patient has; `None` if there is none to ask.
     fn ask_to_power_off(&mut self, now: Nanos) -> Option<Nanos> {
         let mut longest = None;
-        for account in self.accounts.iter_mut().filter(|account| account.life.is_up()) {
-            let Some(button) = &mut account.power_button else { continue };
-            if !account.control.has_guest() {
-                continue;
-            }
-            button.press(now);
-            longest = longest.max(Some(button.patience()));
-            let text = format!("{}: asked to power off", account.name);
-            self.screen.line("takt", &text);
+        for account in &mut self.accounts {
+            let Some((patience, text)) = account.ask_to_power_off(now) else { continue };
+            longest = longest.max(patience);
+            self.screen.line("takt", &format!("{}: {text}", account.name));
         }
         longest
     }

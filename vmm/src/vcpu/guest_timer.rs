@@ -134,9 +134,12 @@ impl GuestTimer {
     pub fn new(deadlines: Arc<Deadlines>) -> Option<Self> {
         let entry = kvm_msr_entry { index: TSC_DEADLINE, ..Default::default() };
         let register = Msrs::from_entries(&[entry]).ok()?;
-        // What an earlier vCPU has waited for went with it.
-        deadlines.waiting.store(0, Ordering::SeqCst);
         Some(Self { deadlines, wanted: Tsc(0), set: Tsc(0), register })
+    }
+
+    /// The vCPU runs no more: nothing waits.
+    pub fn left(&self) {
+        self.deadlines.waiting.store(0, Ordering::SeqCst);
     }
 
     fn program(
@@ -244,9 +247,14 @@ fn failed(error: kvm_ioctls::Error) -> End {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::Mutex;
+    use takt_devices::ports::PortBus;
+    use takt_devices::power::PowerLine;
     use takt_scheduler::schedules::Schedules;
     use takt_scheduler::table::{Cpu, PartitionId, Placement, Role, Window};
     use takt_scheduler::time::{Nanos, Ticks, TscFrequency};
+
+    use crate::vcpu::linux::{Board, LinuxGuest};
 
     const FRAME: Nanos = Nanos::from_millis(60_000);
 
@@ -295,5 +303,19 @@ mod tests {
         assert!(!asked(&timer), "it waits for a later one");
         timer.deadlines.window_given_back(at(90_000));
         assert!(asked(&timer));
+    }
+
+    #[test]
+    fn a_linux_that_has_left_is_not_kicked_for_a_deadline() {
+        let (mut timer, base) = timer();
+        let deadlines = timer.deadlines.clone();
+        timer.wanted = base.instant(Nanos::from_millis(85_000));
+        timer.place(&base);
+        let (ports, power) = (PortBus::default(), PowerLine::default());
+        let board = Board { ports, power, virtio: Vec::new() };
+        let mut guest = LinuxGuest::on(Arc::new(Mutex::new(board))).with_timer(Some(timer));
+        guest.left();
+        deadlines.window_given_back(base.instant(Nanos::from_millis(90_000)));
+        assert!(!deadlines.again.load(Ordering::SeqCst));
     }
 }

@@ -132,6 +132,9 @@ impl Guest for LinuxGuest {
         if let Some(timer) = &self.watchdog {
             timer.stop();
         }
+        if let Some(timer) = &self.timer {
+            timer.left();
+        }
     }
 
     fn claim(&self, _: u64) -> Option<Scan> {

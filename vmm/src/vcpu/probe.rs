@@ -2,8 +2,8 @@
 //!
 //! Only the thread that owns a vCPU can look at its state, and only while the guest is out. So the
 //! supervisor notes a question and kicks; the thread looks, leaves the answer in some atomics, and
-//! goes back into the guest. A question is not asked again before its answer was taken, so the answer
-//! has one writer at a time. Neither side waits: the answer of a thread that gets no processor is late.
+//! goes back into the guest. A question is asked again before its answer was taken only if the guest was started
+//! anew meanwhile, so no answer is written while another is read. Neither side waits: the answer of a thread that gets no processor is late.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -35,8 +35,9 @@ pub struct Probe {
 }
 
 impl Control {
-    /// Asks the thread of a background partition to look at its guest.
+    /// Asks the thread of a background partition to look at its guest. An answer that was not taken is forgotten.
     pub fn ask(&self) {
+        self.probe.answered.store(false, Ordering::SeqCst);
         self.probe.asked.store(true, Ordering::SeqCst);
         self.kick();
     }
@@ -81,6 +82,12 @@ impl Kickable {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
+
+    use crate::init_watch::PanicSeen;
+    use crate::kernel_watch::{KernelWatch, News};
+    use crate::report::How;
+    use crate::vcpu::kick;
 
     #[test]
     fn an_answer_is_taken_once_and_whole() {
@@ -91,5 +98,34 @@ mod tests {
             control.tell(sample);
             assert_eq!((control.answer(), control.answer()), (Some(sample), None));
         }
+    }
+
+    #[test]
+    fn a_kernel_that_was_started_anew_has_all_the_time_to_start_whatever_the_one_before_did() {
+        kick::install().unwrap();
+        let control = Control::default();
+        control.thread.store(kick::this_thread(), Ordering::SeqCst);
+        let frequency = TscFrequency::from_khz(1_000_000).unwrap();
+        let base = Timebase { epoch: Tsc(0), frequency };
+        let mut watch = KernelWatch::new(PanicSeen::default());
+        let dead = Sample { interrupts_off: true, halted: true, injections: None };
+        let lived = Sample { interrupts_off: false, ..dead };
+        let mut look = |ms, sample: Option<Sample>| {
+            sample.into_iter().for_each(|sample| control.tell(sample));
+            watch.printed();
+            watch.restarted();
+            watch.look(&base, Nanos::from_millis(ms), Some(&control))
+        };
+        // An answer of the one before, a question that it was asked, and what it has printed last.
+        assert_eq!([look(500, None), look(500, Some(lived)), look(500, None)], [None; 3]);
+        assert_eq!(watch.look(&base, Nanos::from_millis(500), Some(&control)), None);
+        let told = (501..20_000).step_by(20).find_map(|ms| {
+            control.tell(dead);
+            let news = watch.look(&base, Nanos::from_millis(ms), Some(&control))?;
+            Some((ms, news))
+        });
+        let Some((at, News::Stuck(stuck))) = told else { panic!("{told:?}") };
+        assert_eq!(stuck.how, How::Halted);
+        assert!((10_500..11_100).contains(&at), "{at}");
     }
 }

@@ -2,7 +2,11 @@
 
 use takt_devices::output;
 use takt_devices::watchdog::Timer;
+use takt_scheduler::schedules::{ScheduleId, Schedules};
+use takt_scheduler::switch::Switch;
+use takt_scheduler::table::{Cpu, PartitionId, Placement, Role, Window};
 use takt_scheduler::time::{Nanos, Tsc};
+use vmm_sys_util::eventfd::EventFd;
 
 use super::super::Outcome;
 use super::super::protocol::{ErrorKind, EventKind, State};
@@ -15,6 +19,7 @@ use crate::health::{Table, Watch};
 use crate::life::{Event, Finished, Life, Order};
 use crate::memory::{GuestMemory, Pages};
 use crate::passthrough::safe_values::SafeValues;
+use crate::power_button::PowerButton;
 use crate::restart::{PlcLoader, Restart, Revivals};
 use crate::terminal::Lines;
 use crate::vcpu::first_state::FirstState;
@@ -58,6 +63,8 @@ fn account() -> (Account, Revivals<PlcGuest>) {
         load: None,
         occupied: Nanos::ZERO,
         watchdog: None,
+        leaves_by: Nanos::ZERO,
+        timetable: None,
         kernel: None,
         deadlines: Vec::new(),
         banks: None,
@@ -218,4 +225,112 @@ fn a_partition_that_does_not_come_to_what_follows_is_told_of() {
     plc.control.leave_guest();
     left(&mut plc, End::Stopped);
     assert_eq!((told(&mut plc, 22_080), told(&mut plc, 30_000)), ("", ""), "it has ended");
+}
+
+/// The Linux has 10 ms of each 4 s in the first of two schedules, and none in the second.
+#[test]
+fn a_watchdog_waits_for_a_linux_without_windows_and_a_late_window_is_not_the_hosts_fault() {
+    const MS: u64 = 1_000_000;
+    let ms = Nanos::from_millis;
+    let place = Placement { cpu: Cpu(0), role: Role::Windowed { guard: Nanos(20_000) } };
+    let window = |id, at| Window {
+        partition: PartitionId(id),
+        offset: ms(at),
+        duration: ms(10),
+        period: ms(4_000),
+    };
+    let tables: [&[Window]; 2] = [&[window(0, 90), window(1, 5)], &[window(1, 5)]];
+    let schedules = Schedules::new(ms(4_000), &[place, place], &tables).unwrap();
+    let stays = Switch { before: ScheduleId(0), after: ScheduleId(0), frame: 0 };
+    let leaves = Switch { before: ScheduleId(0), after: ScheduleId(1), frame: 1 };
+    let comes = Switch { before: ScheduleId(1), after: ScheduleId(0), frame: 10 };
+
+    let (mut linux, _revivals) = account();
+    linux.timetable = schedules.timetable_of(PartitionId(0));
+    let timer = Timer::new(500);
+    timer.start(0);
+    linux.watchdog = Some(timer.clone());
+    linux.control.enter_guest();
+    let told = |linux: &mut Account, switch, at| {
+        linux.look_for_silence(at * MS, switch, ms(at));
+        linux.look_for_delay(ms(at)).unwrap_or("")
+    };
+    for at in (0..40_000).step_by(20) {
+        assert_eq!(told(&mut linux, leaves, at), "");
+    }
+    assert!(!timer.has_expired(), "it has no windows");
+    // 5 s after it has windows again the time is up, and its next window is over at 48.1 s.
+    for at in (40_000..49_100).step_by(20) {
+        assert_eq!((told(&mut linux, comes, at), timer.has_expired()), ("", at >= 44_980), "{at}");
+    }
+    assert!(told(&mut linux, comes, 49_100).starts_with("it does not leave its processor"));
+
+    // In the background it has to leave at once.
+    linux.timetable = None;
+    timer.start(50_000 * MS);
+    assert_eq!(told(&mut linux, stays, 50_000), "");
+    assert_eq!((told(&mut linux, stays, 55_000), told(&mut linux, stays, 55_980)), ("", ""));
+    assert!(told(&mut linux, stays, 56_000).starts_with("it does not leave its processor"));
+}
+
+/// A Linux with a power button, and the other end of its wire.
+fn linux_with_a_button() -> (Account, std::sync::Arc<EventFd>, Revivals<PlcGuest>) {
+    let (mut linux, revivals) = account();
+    let wire = std::sync::Arc::new(crate::event::eventfd().unwrap());
+    linux.power_button = Some(PowerButton::new(wire.clone(), Nanos(7)));
+    (linux, wire, revivals)
+}
+
+#[test]
+fn a_linux_that_runs_at_the_end_is_asked_to_power_off_and_is_not_started_again() {
+    let (mut linux, wire, mut revivals) = linux_with_a_button();
+    linux.control.enter_guest();
+    assert_eq!(linux.ask_to_power_off(Nanos(1)), Some((Some(Nanos(7)), "asked to power off")));
+    assert!(wire.read().is_ok() && !linux.control.stopping());
+    let refusal = linux.operate(Order::Restart(StartMode::Cold)).unwrap_err();
+    assert_eq!(refusal.text, "plc: it is not started any more, since the run ends");
+    linux.control.leave_guest();
+    left(&mut linux, End::PoweredOff);
+    assert!(linux.operate(Order::Start(StartMode::Cold)).is_err());
+    assert_eq!(linux.ask_to_power_off(Nanos(2)), None, "it is off");
+    assert!(revivals.take().unwrap().is_none());
+}
+
+#[test]
+fn a_linux_that_is_being_started_at_the_end_does_not_begin() {
+    let (mut linux, wire, _revivals) = linux_with_a_button();
+    assert_eq!(
+        linux.ask_to_power_off(Nanos(1)),
+        Some((None, "not started again, since the run ends"))
+    );
+    assert!(wire.read().is_err(), "there is nothing to ask");
+    assert!(linux.control.stopping());
+    left(&mut linux, End::Stopped);
+    assert_eq!(linux.end().as_deref(), Some(takt_figures::report::STOPPED));
+    assert!(linux.power_button.unwrap().report(None).is_none());
+}
+
+#[test]
+fn a_restart_that_was_ordered_before_the_end_does_not_follow() {
+    let (mut linux, _wire, mut revivals) = linux_with_a_button();
+    linux.control.enter_guest();
+    linux.operate(Order::Restart(StartMode::Cold)).unwrap();
+    assert!(linux.ask_to_power_off(Nanos(1)).is_some());
+    assert_eq!(left(&mut linux, End::Stopped), None);
+    assert_eq!((linux.life.state(), linux.life.restarts()), (State::Ended, 0));
+    assert!(revivals.take().unwrap().is_none());
+}
+
+#[test]
+fn a_linux_keeps_from_others_what_it_uses_of_its_windows() {
+    let (mut linux, _revivals) = account();
+    linux.records = Some(rtrb::RingBuffer::new(1).1);
+    linux.occupied = Nanos(900);
+    left(&mut linux, End::PoweredOff);
+    assert_eq!(linux.used(), Nanos(900), "a PLC");
+    linux.says_done = false;
+    assert_eq!(linux.used(), Nanos(5), "its thread's CPU time");
+    // In the background it has no windows.
+    (linux.records, linux.occupied) = (None, Nanos::ZERO);
+    assert_eq!(linux.used(), Nanos::ZERO);
 }
