@@ -114,7 +114,7 @@ impl Run {
     fn run(self, role: Role) -> u8 {
         let began = Instant::now();
         if let Err(error) = descriptors::close_inherited() {
-            eprintln!("takt: cannot close what is open: {error}; Linux 5.9 or newer is needed");
+            eprintln!("takt: cannot close what is open: {error}; Linux 5.16 or newer is needed");
             return status::HOST_CANNOT;
         }
         let Run { file, append, .. } = &self;
