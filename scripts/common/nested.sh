@@ -3,6 +3,7 @@
 #   appliance  the folder of the appliance to run: see appliance_folder
 #   lane       nested, lab or emulated, which are QEMU's; vmx or svm, which are those of Bochs
 #   files      the partition file and the images it names, as absolute paths
+#   folders    folders that it writes into, as an array, or unset
 #   memory     bytes that the guests need together
 #   cpus       CPUs that the partition file uses
 #   command    what takt is to do there, as an array; it may write into /out
@@ -253,6 +254,8 @@ gather_files() {
             [[ $file != "$guest"/* ]] || cp "$built/guest/${file#"$guest"/}" "$work/files$file"
         done
     fi
+    # Where it writes retained values.
+    [[ -z ${folders[*]-} ]] || mkdir -p "${folders[@]/#/"$work/files"}"
     # Where Takt makes its control socket.
     [[ -z ${control-} ]] || mkdir -p "$work/files${control%/*}"
     [[ -z ${overlay-} ]] || cp --recursive --no-dereference --preserve=mode "$overlay/." "$work/files"

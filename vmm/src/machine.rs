@@ -231,7 +231,7 @@ pub(crate) fn share_tsc(vcpu: &VcpuFd) -> Result<(), MachineError> {
     if result == 0 {
         Ok(())
     } else {
-        Err(cannot("let the guest share the host's TSC")(kvm_ioctls::Error::last()))
+        Err(cannot("let the guest share the host's TSC (Linux 5.16)")(kvm_ioctls::Error::last()))
     }
 }
 

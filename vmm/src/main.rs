@@ -116,7 +116,7 @@ impl Run {
         // SAFETY: no other thread has been started. What prints a backtrace opens files, which no thread may.
         unsafe { std::env::remove_var("RUST_BACKTRACE") };
         if let Err(error) = descriptors::close_inherited() {
-            eprintln!("takt: cannot close what is open: {error}; Linux 5.9 or newer is needed");
+            eprintln!("takt: cannot close what is open: {error}; Linux 5.16 or newer is needed");
             return status::HOST_CANNOT;
         }
         let Run { file, append, .. } = &self;

@@ -78,9 +78,16 @@ pub const LOG_BYTES: usize = 120;
 
 /// Logs a line; what is longer than [`LOG_BYTES`] is cut. [`log!`](crate::log) takes numbers too.
 pub fn log(text: &str) {
-    let text = &text.as_bytes()[..text.floor_char_boundary(LOG_BYTES)];
+    let text = cut(text);
     // SAFETY: the text is readable. A line that the kernel drops is counted there.
     let _ = unsafe { call(2, [text.as_ptr() as u64, text.len() as u64, 0, 0]) };
+}
+
+/// As many whole characters of a text as a line has room for.
+fn cut(text: &str) -> &str {
+    let most = text.len().min(LOG_BYTES);
+    let fits = (0..=most).rev().find_map(|end| text.get(..end));
+    fits.unwrap_or_default()
 }
 
 /// Stops this program, with a code that is told in the log.
@@ -88,5 +95,18 @@ pub fn stop(code: u32) -> ! {
     loop {
         // SAFETY: it has no pointers.
         let _ = unsafe { call(14, [code.into(), 0, 0, 0]) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_cut_between_two_characters() {
+        let long = "a".repeat(LOG_BYTES - 1) + "\u{fc}b";
+        assert_eq!(cut(&long), &long[..LOG_BYTES - 1]);
+        assert_eq!(cut(&long[1..]), &long[1..=LOG_BYTES]);
+        assert_eq!((cut("ab"), cut("")), ("ab", ""));
     }
 }

@@ -32,7 +32,7 @@ impl Time {
     /// The same as function blocks and `core` want it; a negative time is none.
     #[must_use]
     pub const fn duration(self) -> Duration {
-        Duration::from_nanos(if self.0 < 0 { 0 } else { self.0.cast_unsigned() })
+        Duration::from_nanos(if self.0 < 0 { 0 } else { self.0 as u64 })
     }
 }
 

@@ -8,15 +8,26 @@ use common::Folder;
 fn a_rust_project_is_made_built_inspected_and_tested() {
     let folder = Folder::new();
     folder.takt_plc(&["new", "tank", "--lang", "rust"]).expect(0, "tank");
+    let target = ["--target", "x86_64-unknown-linux-gnu"];
     let words = ["build", "--release", "--offline", "--manifest-path", "tank/Cargo.toml"];
-    folder.run("cargo", &words).expect(0, "Finished");
-    let library = "tank/target/release/libtank.a";
+    folder.run("cargo", &[&words[..], &target].concat()).expect(0, "Finished");
+    let library = "tank/target/x86_64-unknown-linux-gnu/release/libtank.a";
     folder.takt_plc(&["build", library, "-o", "tank.plc"]).expect(0, "2 tasks, 5 points");
     let shown = folder.takt_plc(&["inspect", "tank.plc"]).expect(0, "tank 0.1.0");
     let shown = shown.expect(0, "every 10 ms, priority 0, budget 500 us");
     shown.expect(0, "%IX4.0").expect(0, "retain forceable");
     let table = "tank/tests/tank.csv";
     folder.takt_plc(&["test", "tank.plc", table]).expect(0, "11 cycles, 110 ms");
+}
+
+#[test]
+fn a_rust_project_is_built_where_cargo_is_told_another_target_folder() {
+    let folder = Folder::new();
+    // As in the repository itself.
+    std::fs::create_dir(folder.path().join(".cargo")).unwrap();
+    folder.write(".cargo/config.toml", "[build]\ntarget = \"x86_64-unknown-linux-gnu\"\n");
+    folder.takt_plc(&["new", "tank-2", "--lang", "rust"]).expect(0, "tank-2");
+    folder.run("make", &["-C", "tank-2", "test"]).expect(0, "11 cycles, 110 ms");
 }
 
 #[test]

@@ -57,6 +57,8 @@ mod retain;
 mod schedules;
 mod syntax;
 mod tasks;
+#[cfg(test)]
+mod tests;
 mod units;
 mod values;
 mod vsock;

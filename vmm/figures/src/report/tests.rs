@@ -1,6 +1,13 @@
 //! The report: as JSON, read back, and as a table.
 
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde_json::Value;
+use takt_scheduler::time::Nanos;
+
 use super::*;
+use crate::cause::{Cause, Explanation};
+use crate::worst::{LateStart, LongScan};
 
 #[test]
 fn a_start_is_told_with_and_without_its_whole_time() {
@@ -206,4 +213,70 @@ fn the_table_shows_every_partition_and_what_went_wrong() {
     assert!(table.contains("host:levels (state): 12 messages, 3 clients dropped"), "{table}");
     assert!(table.contains("  devices        held up by a program of the host,"), "{table}");
     assert!(table.contains("  errors         numeric-error 2\n"), "{table}");
+}
+
+/// A report with each key that there can be.
+fn full() -> Report {
+    let mut report = report();
+    let parts = Explanation::new(&[
+        (Cause::LateWakeUp { after_due_ns: 30 }, Nanos(10)),
+        (Cause::HostDelay, Nanos(20)),
+        (Cause::VmExits { exits: 1 }, Nanos(30)),
+        (Cause::HostInterrupt { exits: 2 }, Nanos(40)),
+    ]);
+    let cause = parts.main().map(|part| part.cause.name());
+    let plc = &mut report.partitions[0];
+    let (error, action) = ("numeric-error".into(), "cold-start".into());
+    plc.events.list = vec![Event { sequence: 1, at_ns: 2, error, detail: String::new(), action }];
+    let releases = plc.releases.as_mut().unwrap();
+    releases.late_starts = vec![LateStart { release: 1, at_ns: 2, latency_ns: 100, cause, parts }];
+    releases.longest_scans = vec![LongScan {
+        release: 1,
+        at_ns: 2,
+        execution_ns: 300,
+        finished: true,
+        usual_ns: 200,
+        cause,
+        parts,
+    }];
+    report.process.start = Some(Footprint { anonymous_bytes: 1, descriptors: 2 });
+    report
+}
+
+/// The keys of each object, under the name of the section of the page that is about it.
+fn keys(section: &str, value: &Value, into: &mut BTreeMap<String, BTreeSet<String>>) {
+    match value {
+        Value::Array(items) => items.iter().for_each(|item| keys(section, item, into)),
+        Value::Object(pairs) => {
+            for (key, value) in pairs {
+                into.entry(section.to_owned()).or_default().insert(key.clone());
+                match key.as_str() {
+                    // Its keys are the names of errors.
+                    "totals" => {}
+                    "from_guest" => keys("to_guest", value, into),
+                    "end" => keys("start", value, into),
+                    _ if value.get("p999").is_some() => keys("distribution", value, into),
+                    _ => keys(key, value, into),
+                }
+            }
+        }
+        _ => {}
+    }
+}
+
+#[test]
+fn the_manual_has_each_key_of_the_report() {
+    let mut written = BTreeMap::new();
+    keys("report", &serde_json::to_value(full()).unwrap(), &mut written);
+    let page = std::fs::read_to_string("../../docs/report.md").unwrap();
+    let mut told: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for section in page.split("\n## ").skip(1) {
+        let (name, text) = section.split_once('\n').unwrap();
+        let cells = text.lines().filter_map(|line| line.strip_prefix("| `")?.split(" | ").next());
+        let found = cells.flat_map(|cell| cell.split(", ")).map(|key| key.replace('`', ""));
+        told.insert(name.to_owned(), found.collect());
+    }
+    assert_eq!(told, written);
+    assert!(page.contains(&format!("| `schema_version` | | {SCHEMA_VERSION} |")));
+    assert!(page.contains(&format!("describes version {SCHEMA_VERSION} ")));
 }

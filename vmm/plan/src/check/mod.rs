@@ -65,8 +65,8 @@ pub fn report(file: &PartitionFile) -> String {
 
 /// What a machine must have to run the file: the lines `memory BYTES` (the sum of all partitions),
 /// `cpus N` (the highest CPU number, plus one), `file PATH` for the partition file, each image,
-/// each disk and each file that is sent from, and `record NAME PATH` for each file that is appended to. Paths
-/// are absolute. Ends with a newline.
+/// each disk and each file that is sent from, `folder PATH` for that of each file of retained values, and `record NAME PATH`
+/// for each file that is appended to. Paths are absolute. Ends with a newline.
 #[must_use]
 pub fn needs(file: &PartitionFile) -> String {
     let memory: u64 = file.partitions().iter().map(Partition::memory_bytes).sum();
@@ -78,11 +78,13 @@ pub fn needs(file: &PartitionFile) -> String {
             Kind::Linux { kernel, initrd, .. } => [Some(kernel), initrd.as_ref()],
         };
         let programs = partition.programs().iter().map(|program| &program.path);
-        for path in images.into_iter().flatten().chain(programs) {
+        let disks = partition.disks().iter().map(|disk| &disk.path);
+        for path in images.into_iter().flatten().chain(programs).chain(disks) {
             line(&mut out, &format!("file {}", path.display()));
         }
-        for disk in partition.disks() {
-            line(&mut out, &format!("file {}", disk.path.display()));
+        let retained = partition.programs().iter().filter_map(|program| program.retain.as_ref());
+        for folder in retained.filter_map(|retain| retain.path.parent()) {
+            line(&mut out, &format!("folder {}", folder.display()));
         }
         if let Some(path) = partition.console_log() {
             line(&mut out, &format!("record console.{} {}", partition.name(), path.display()));

@@ -22,7 +22,8 @@ fn programs_are_shown_with_tasks_points_and_writers() {
     let image = program.build().unwrap();
     let keys = format!("keys = [\"{}\"]\nname = \"signed\"", public(&PRIVATE));
     let case = Case::new("shown").file("tank.plc", &image).file("s.plc", &signed("s"));
-    let case = case.program("tank.plc", "on_fault = \"restart\"\nwatch = \"6KiB\"");
+    let settings = "on_fault = \"restart\"\nwatch = \"6KiB\"\nretain = \"values/tank\"";
+    let case = case.program("tank.plc", settings);
     let case = case.program("s.plc", &format!("{keys}\nallow_force = true"));
     let file = case.good();
     let text = report(&file);
@@ -52,6 +53,7 @@ fn programs_are_shown_with_tasks_points_and_writers() {
     let needs = needs(&file);
     let place = case.folder.canonicalize().unwrap();
     assert!(needs.contains(&format!("file {}/s.plc\n", place.display())), "{needs}");
+    assert!(needs.contains(&format!("\nfolder {}/values\n", place.display())), "{needs}");
 }
 
 /// A program with these inputs or outputs of one byte each.
