@@ -19,15 +19,20 @@ use crate::Failure;
 use crate::shadow::Times;
 use crate::status;
 
-/// Exit status: Takt refuses, or none answers.
+/// Exit status: what was given is bad, Takt refuses, or none answers.
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
         let status = match error {
-            ClientError::File(_) | ClientError::NoControl(_) | ClientError::Usage(_) => {
-                status::BAD_INPUT
-            }
+            ClientError::File(_)
+            | ClientError::NoControl(_)
+            | ClientError::Usage(_)
+            | ClientError::Image { .. }
+            | ClientError::Output(_)
+            | ClientError::Terminal(_) => status::BAD_INPUT,
             ClientError::Refused(_) => status::REFUSED,
-            _ => status::NO_TAKT,
+            ClientError::NoTakt { .. } | ClientError::Lost(_) | ClientError::NotUnderstood(_) => {
+                status::NO_TAKT
+            }
         };
         Self { status, message: error.to_string() }
     }
