@@ -7,8 +7,8 @@ use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixListener;
 use std::thread;
 
-use common::{Ended, Folder};
-use serde_json::{Value, json};
+use common::{Ended, Folder, status_of};
+use serde_json::json;
 use takt_program::build::{Builder, Task, Variable};
 use takt_program::{Area, CodeOffset, Elementary, Image, Nanoseconds};
 
@@ -35,23 +35,6 @@ fn plant() -> (Folder, String) {
     (folder, takt_protocol::hex(&hash))
 }
 
-fn status(hash: &str) -> Value {
-    let program = json!({"name": "tank", "state": "running", "image": hash, "tasks": []});
-    let partition = json!({
-        "name": "plc", "kind": "plc", "cpu": 0, "background": false, "state": "running",
-        "start_mode": "cold", "end": null, "restarts": 0, "cpu_time_ns": 0, "cpu_share": 0.0,
-        "illegal_accesses": 0, "console_dropped": 0, "releases": null, "programs": [program],
-    });
-    let schedule = json!({
-        "names": ["normal"], "current": "normal", "next": "normal", "last_switch_ns": null,
-        "windows": [], "windows_left_out": 0,
-    });
-    json!({
-        "takt": "0", "pid": 1, "system": "s", "file": "plant.toml", "uptime_ns": 0,
-        "major_frame_ns": 1_000_000, "schedule": schedule, "partitions": [partition], "channels": [],
-    })
-}
-
 /// Runs the command with a Takt that tells the values of three cycles and then nothing, as long as the command runs.
 fn run(words: &[&str]) -> (Folder, Ended) {
     let (folder, hash) = plant();
@@ -66,7 +49,7 @@ fn run(words: &[&str]) -> (Folder, Ended) {
             }})
         };
         for answer in [
-            json!({"version": 2, "answer": "status", "status": status(&hash)}),
+            status_of("tank", &hash),
             json!({"version": 2, "answer": "watching", "partition": "plc", "bytes": 4}),
         ] {
             lines.next().unwrap().unwrap();

@@ -109,7 +109,8 @@ fn load_sends_the_image_and_waits_until_it_is_prepared() {
 fn an_image_that_cannot_be_read_is_a_bad_file() {
     let folder = plant();
     folder.write("empty.plc", "");
-    for (image, says) in [("empty.plc", "the file is empty"), ("none.plc", "cannot read none.plc")] {
+    for (image, says) in [("empty.plc", "the file is empty"), ("none.plc", "cannot read none.plc")]
+    {
         folder.takt_plc(&["load", "plant.toml", "tank", image]).expect(2, says);
     }
 }

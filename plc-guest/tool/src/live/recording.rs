@@ -133,7 +133,8 @@ impl Recording {
 
     fn row(&mut self, line: Line) -> Row {
         // Takt's lines come in the order of their cycles; what comes otherwise has no gap that can be told.
-        let gap = self.last.map_or(0, |(last, _)| line.cycle.saturating_sub(last).saturating_sub(1));
+        let gap =
+            self.last.map_or(0, |(last, _)| line.cycle.saturating_sub(last).saturating_sub(1));
         self.last = Some((line.cycle, line.release_ns));
         self.extent.rows += 1;
         self.extent.gaps = self.extent.gaps.saturating_add(gap);
