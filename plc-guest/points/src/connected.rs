@@ -1,7 +1,9 @@
 //! A PLC that runs, through a connection to its Takt.
 
+use std::io::ErrorKind;
 use std::os::fd::RawFd;
 use std::path::Path;
+use std::time::Duration;
 
 use takt_client::{ClientError, Connection};
 use takt_protocol::{Answer, PartitionStatus, Request, Values};
@@ -58,6 +60,24 @@ impl<'a> Connected<'a> {
     /// If the watch has ended, or the connection is lost.
     pub fn values(&mut self) -> Result<Values, Error> {
         self.takt.wait_for_ever()?;
+        self.next_values()
+    }
+
+    /// The same for at most this time; `None` if nothing comes. What follows then may be the rest of a line.
+    ///
+    /// # Errors
+    /// If the watch has ended, or the connection is lost.
+    pub fn values_within(&mut self, time: Duration) -> Result<Option<Values>, Error> {
+        self.takt.wait_for(time)?;
+        match self.next_values() {
+            Err(Error::Client(ClientError::Lost(error))) if error.kind() == ErrorKind::TimedOut => {
+                Ok(None)
+            }
+            other => other.map(Some),
+        }
+    }
+
+    fn next_values(&mut self) -> Result<Values, Error> {
         match self.takt.receive()?.1 {
             Answer::Values { values } => Ok(values),
             Answer::Error(refusal) => Err(ClientError::from(refusal).into()),

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::Folder;
+use common::{Folder, status_of};
 
 /// A program in Structured Text with these declarations, in this version.
 fn program(folder: &Folder, name: &str, variables: &str, body: &str) {
@@ -94,6 +94,43 @@ fn a_change_of_more_than_fits_between_two_cycles_names_the_key_that_it_takes() {
     assert_eq!((&value["possible"], &value["commit"]), (&true.into(), &serde_json::Value::Null));
     assert_eq!(value["large"]["reason"], "the change takes more than 256 steps");
     assert!(value["large"]["steps"].as_u64().unwrap() >= 600, "{value:#}");
+}
+
+#[test]
+fn what_the_partition_file_does_not_allow_is_told_for_the_version_that_runs() {
+    let folder = Folder::new();
+    let program = |name: &str, fields: &str, meters: u32| {
+        let ty = format!("TYPE Meter : STRUCT {fields} END_STRUCT; END_TYPE\n");
+        let block = format!("  meters : ARRAY[1..{meters}] OF Meter; last : INT;");
+        let body = "last := last + 1; q := last; meters[1].n := last;";
+        program_with(&folder, name, &ty, &block, body);
+    };
+    program("tank", "n : INT; sum : LREAL;", 300);
+    program("large", "more : LREAL; sum : LREAL; n : INT;", 300);
+    program("long", "n : INT; sum : LREAL;", 30_000);
+    let image = folder.read("tank.plc");
+    let hash = takt_protocol::hex(&takt_program::Image::verify(&image).unwrap().hash());
+    folder.write(
+        "plant.toml",
+        "version = 1\n[system]\nname = \"s\"\nmajor_frame = \"10ms\"\ncontrol = \"s\"\n\
+         [[partition]]\nname = \"plc\"\nkind = \"plc\"\ncpu = 0\nmemory = \"16MiB\"\n\
+         [[partition.program]]\nimage = \"tank.plc\"\n[[schedule]]\nname = \"normal\"\n\
+         [[schedule.window]]\npartition = \"plc\"\noffset = \"0us\"\nduration = \"300us\"\n",
+    );
+    for (new, says) in [
+        (
+            "large",
+            "256 steps. With the key `second_state` of the partition file the change can be made",
+        ),
+        ("long", "bytes of state; the key `state` of the partition file gives it"),
+    ] {
+        let new = format!("{new}.plc");
+        folder.takt_plc(&["diff", "tank.plc", &new]).expect(0, "");
+        let words = ["diff", &new, "--running", "plant.toml", "--program", "tank"];
+        folder.with_takt(&status_of("tank", &hash), &words).expect(1, says);
+    }
+    let words = ["diff", "tank.plc", "--running", "plant.toml", "--program", "tank"];
+    folder.with_takt(&status_of("tank", &hash), &words).expect(0, "0 bytes in 0 steps");
 }
 
 #[test]

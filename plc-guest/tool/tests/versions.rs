@@ -60,6 +60,16 @@ fn run(words: &[&str], answers: &[String]) -> (Vec<String>, Ended) {
 
 /// [`run()`] in such a folder.
 fn run_in(folder: &Folder, words: &[&str], answers: &[String]) -> (Vec<String>, Ended) {
+    run_while(folder, words, answers, |_| {})
+}
+
+/// [`run_in()`], and does this with each request before it is answered.
+fn run_while(
+    folder: &Folder,
+    words: &[&str],
+    answers: &[String],
+    on_request: impl Fn(&str) + Send + 'static,
+) -> (Vec<String>, Ended) {
     let _ = fs::remove_file(folder.path().join("s"));
     let listener = UnixListener::bind(folder.path().join("s")).unwrap();
     let answers = answers.to_vec();
@@ -69,6 +79,7 @@ fn run_in(folder: &Folder, words: &[&str], answers: &[String]) -> (Vec<String>, 
         let mut lines = BufReader::new(stream.try_clone().unwrap()).lines();
         for answer in answers {
             let Some(Ok(line)) = lines.next() else { break };
+            on_request(&line);
             asked.push(line);
             writeln!(&stream, "{answer}").unwrap();
         }
@@ -92,6 +103,34 @@ fn load_sends_the_image_and_waits_until_it_is_prepared() {
     assert!(read("tank.plc.loaded") == read("tank.plc"));
     assert!(asked[0].contains("\"request\":\"load\"") && asked[0].contains("\"parts\":1"));
     assert_eq!(asked.len(), 4);
+}
+
+#[test]
+fn an_image_that_cannot_be_read_is_a_bad_file() {
+    let folder = plant();
+    folder.write("empty.plc", "");
+    for (image, says) in [("empty.plc", "the file is empty"), ("none.plc", "cannot read none.plc")]
+    {
+        folder.takt_plc(&["load", "plant.toml", "tank", image]).expect(2, says);
+    }
+}
+
+/// A build may replace the file while the kernel prepares the version.
+#[test]
+fn the_next_start_begins_with_the_bytes_that_were_sent() {
+    let folder = plant();
+    let sent = folder.read("tank.plc");
+    let file = folder.path().join("next.plc");
+    fs::write(&file, &sent).unwrap();
+    let answers = [done(), versions("prepared")];
+    let replace = move |asked: &str| {
+        if asked.contains("\"request\":\"versions\"") {
+            fs::write(&file, image(0x90).0).unwrap();
+        }
+    };
+    let words = ["load", "plant.toml", "tank", "next.plc"];
+    run_while(&folder, &words, &answers, replace).1.expect(0, "prepared");
+    assert!(folder.read("tank.plc.loaded") == sent);
 }
 
 #[test]

@@ -9,16 +9,22 @@ use takt_protocol::{ImageVersion, Load, PART_MAX, Request, VersionStatus};
 use crate::error::ClientError;
 use crate::plain;
 
-/// The requests that bring an image into a PLC, part by part.
+/// The bytes of an image.
 ///
 /// # Errors
 /// If the file cannot be read, or is empty.
-pub fn load(partition: &str, program: &str, image: &Path) -> Result<Vec<Request>, ClientError> {
+pub fn read(image: &Path) -> Result<Vec<u8>, ClientError> {
     let bad = |source| ClientError::Image { path: image.to_owned(), source };
     let bytes = std::fs::read(image).map_err(bad)?;
     if bytes.is_empty() {
         return Err(bad(io::Error::new(io::ErrorKind::InvalidData, "the file is empty")));
     }
+    Ok(bytes)
+}
+
+/// The requests that bring an image into a PLC, part by part.
+#[must_use]
+pub fn load(partition: &str, program: &str, bytes: &[u8]) -> Vec<Request> {
     let parts: Vec<&[u8]> = bytes.chunks(PART_MAX).collect();
     // Takt refuses more parts than a bank has room for, which are far fewer.
     let count = parts.len() as u32;
@@ -31,7 +37,7 @@ pub fn load(partition: &str, program: &str, image: &Path) -> Result<Vec<Request>
             data: data.to_vec(),
         })
     };
-    Ok((0..).zip(&parts).map(request).collect())
+    (0..).zip(&parts).map(request).collect()
 }
 
 /// The versions of a program in one line or two.

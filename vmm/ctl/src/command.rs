@@ -134,7 +134,8 @@ impl Command {
     fn requests(self) -> Result<Vec<Request>, ClientError> {
         match self {
             Command::Load { partition, program, image } => {
-                takt_client::versions::load(&partition, &program, &image)
+                let bytes = takt_client::versions::read(&image)?;
+                Ok(takt_client::versions::load(&partition, &program, &bytes))
             }
             other => Ok(other.request().into_iter().collect()),
         }

@@ -136,6 +136,12 @@ impl Releases {
         })
     }
 
+    /// Windows so far.
+    #[must_use]
+    pub fn windows(&self) -> u64 {
+        self.happened.saturating_add(self.start_up).saturating_add(self.lost)
+    }
+
     /// Sum of all release latencies in nanoseconds. It is exact, so the mean over a part of the run
     /// follows from two of them.
     #[must_use]

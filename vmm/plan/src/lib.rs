@@ -61,6 +61,7 @@ mod tasks;
 mod tests;
 mod units;
 mod values;
+mod versions;
 mod vsock;
 
 use std::fmt;
@@ -100,7 +101,7 @@ pub use ports::{CHANNEL_AREA_PAGES, region_bytes};
 pub use processors::PROCESSORS_MAX;
 pub use program_tasks::{ProgramTask, Release};
 pub use programs::{AcceptedKeys, Program, Trust};
-pub use retain::{PIECES_MAX, RetainFile};
+pub use retain::RetainFile;
 pub use schedules::percent;
 pub use tasks::NamedTask;
 pub use units::{Bytes, UnitError, parse_duration};

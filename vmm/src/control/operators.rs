@@ -21,6 +21,7 @@ use crate::host_ports::HostPorts;
 use crate::live::{Live, Sampled};
 use crate::report;
 use crate::schedule_requests::ScheduleRequests;
+use crate::statistics::Releases;
 use crate::vcpu::record::{Detour, WindowRecord};
 
 /// The clients, and what they can be told of.
@@ -76,7 +77,9 @@ impl Operators {
     ) -> Vec<(String, Outcome)> {
         let Operators { server, facts, channels, live } = self;
         let banks = |id: usize| accounts.get(id).and_then(|account| account.banks.as_ref());
-        let turn = live.on_tick(desk.now(), banks);
+        let releases = |id: usize| accounts.get(id).and_then(|account| account.releases.as_ref());
+        let windows = |id: usize| releases(id).map_or(0, Releases::windows);
+        let turn = live.on_tick(desk.now(), banks, windows);
         if turn.exchanged {
             server.places_have_changed();
         }

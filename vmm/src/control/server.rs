@@ -139,10 +139,11 @@ impl Server {
         self.clients.iter_mut().for_each(|client| client.places_have_changed = true);
     }
 
-    /// Tells a client that it gets no values any longer, and why.
+    /// Tells a client that it gets no values any longer, and why: also one that is behind, which cannot watch anew before
+    /// it has read this.
     pub fn unwatch(&mut self, client: u64, text: &str) {
         let line = Answer::Error(Refusal::new(ErrorKind::Refused, text)).line();
-        self.clients.retain_mut(|c| c.id != client || c.tell(&line));
+        self.clients.iter_mut().filter(|c| c.id == client).for_each(|c| c.answer(&line));
     }
 
     /// True if this client is still there.

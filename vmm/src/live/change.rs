@@ -39,6 +39,8 @@ pub struct ProgramChanges {
     /// Of their budgets, before a version with others is let in.
     admission: Admission,
     upload: Option<Upload>,
+    /// Number of the last question how a change stands.
+    asked: u32,
     /// Which start of the guest is known here.
     start: u64,
     news: Vec<String>,
@@ -56,7 +58,7 @@ impl ProgramChanges {
     /// All programs are as the file says.
     pub fn of(programs: &[Program], admission: Admission) -> Self {
         let programs = programs.iter().map(Versions::of).collect();
-        Self { programs, admission, upload: None, start: 0, news: Vec::new() }
+        Self { programs, admission, upload: None, asked: 0, start: 0, news: Vec::new() }
     }
 
     fn find(&mut self, name: &str) -> Result<(usize, &mut Versions), Refusal> {
@@ -255,6 +257,9 @@ impl ProgramChanges {
 
     /// Asks how the changes that are under way stand. One that is prepared is given up by a stop of the program.
     pub fn ask(&mut self, link: &mut Link) {
+        if !link.may_ask_again(self.asked) {
+            return;
+        }
         for (place, versions) in self.programs.iter_mut().enumerate() {
             let under_way = matches!(
                 versions.record.phase,
@@ -266,7 +271,8 @@ impl ProgramChanges {
             );
             if under_way {
                 // What is not sent is asked for the next time.
-                let _ = link.send(&Order::Change { program: place as u8, step: ChangeStep::Tell });
+                let tell = Order::Change { program: place as u8, step: ChangeStep::Tell };
+                self.asked = link.send(&tell).unwrap_or(self.asked);
             }
         }
     }

@@ -24,19 +24,20 @@ pub struct Figures {
     pub forced: u16,
     /// When it is asked again.
     next: Nanos,
+    /// Number of the last question.
+    asked: u32,
 }
 
 impl Figures {
     /// Asks, if it is time.
     pub fn ask(&mut self, link: &mut Link, now: Nanos) {
-        if now < self.next {
+        if now < self.next || !link.may_ask_again(self.asked) {
             return;
         }
         self.next = now.plus(INTERVAL);
-        // What is not sent is asked for the next time.
-        let _ = link.send(&Order::Status { part: 0 });
-        for part in 1..=self.tasks.len().div_ceil(TASKS_EACH) {
-            let _ = link.send(&Order::Status { part: part as u16 });
+        for part in 0..=self.tasks.len().div_ceil(TASKS_EACH) {
+            // What is not sent is asked for the next time.
+            self.asked = link.send(&Order::Status { part: part as u16 }).unwrap_or(self.asked);
         }
     }
 

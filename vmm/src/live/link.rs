@@ -18,6 +18,8 @@ pub struct Link {
     buffer: Buffer,
     /// Number of the last order.
     number: u32,
+    /// Number of the last answer, as the guest says.
+    answered: u32,
     /// Which start of the guest's end the orders go to.
     epoch: u64,
     /// Messages that were no answers.
@@ -56,13 +58,23 @@ impl Link {
         let peer = Peer::map(&answers.source)?;
         let answers = QueuingDestination::open(peer, own, &answers.geometry)?;
         let buffer = [0; MESSAGE_BYTES];
-        Ok(Self { orders, answers, buffer, number: 0, epoch: 0, hostile: 0 })
+        Ok(Self { orders, answers, buffer, number: 0, answered: 0, epoch: 0, hostile: 0 })
     }
 
     /// True once after each start of the guest's kernel: it knows nothing of what it was told before.
     pub fn has_restarted(&mut self) -> bool {
         let epoch = self.orders.status().peer_epoch;
-        std::mem::replace(&mut self.epoch, epoch) != epoch
+        let has_restarted = std::mem::replace(&mut self.epoch, epoch) != epoch;
+        if has_restarted {
+            self.answered = self.number;
+        }
+        has_restarted
+    }
+
+    /// Whether the order of this number, or a later one, is answered, or the kernel has taken all there are. Before that
+    /// the same is not asked again: a kernel with rare windows takes few orders, and those of operators need the room.
+    pub fn may_ask_again(&mut self, number: u32) -> bool {
+        self.answered.wrapping_sub(number) < 1 << 31 || self.orders.status().waiting == 0
     }
 
     /// Sends an order; returns its number, which its answer has too.
@@ -92,7 +104,10 @@ impl Link {
                 Ok(message) => {
                     let answer = decode_answer(message.bytes);
                     match (answer, SampleHead::decode(message.bytes)) {
-                        (Some((number, answer)), _) => take(Received::Answer(number, &answer)),
+                        (Some((number, answer)), _) => {
+                            self.answered = number;
+                            take(Received::Answer(number, &answer));
+                        }
                         (None, Some((head, bytes))) => take(Received::Sample(&head, bytes)),
                         (None, None) => self.hostile = self.hostile.saturating_add(1),
                     }

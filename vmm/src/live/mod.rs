@@ -136,8 +136,14 @@ impl Live {
         Ok(Self { partitions, saver, ..Self::default() })
     }
 
-    /// Takes what the kernels have sent, and asks what is to be asked again. `banks` gives those of a partition.
-    pub fn on_tick<'b>(&mut self, now: Nanos, banks: impl Fn(usize) -> Option<&'b Banks>) -> Turn {
+    /// Takes what the kernels have sent, and asks what is to be asked again. `banks` gives those of a partition, and
+    /// `windows` how many it has had.
+    pub fn on_tick<'b>(
+        &mut self,
+        now: Nanos,
+        banks: impl Fn(usize) -> Option<&'b Banks>,
+        windows: impl Fn(usize) -> u64,
+    ) -> Turn {
         let mut turn = Turn::default();
         let mut results = Vec::new();
         while let Some((number, result)) = self.saver.as_mut().and_then(Saver::outcome) {
@@ -149,7 +155,7 @@ impl Live {
             let Some(running) = running else { continue };
             running.on_tick(now, id, banks(id), &mut turn, &mut results);
             let Running { retaining, retained, .. } = running;
-            retaining.save(self.saver.as_mut(), now, retained);
+            retaining.save(self.saver.as_mut(), windows(id), now, retained);
             let news = retained.drain(..);
             turn.events.extend(news.map(|text| (id, EventKind::Retained, text)));
         }
@@ -380,7 +386,7 @@ impl Running {
             }
             Received::Sample(head, bytes) => {
                 watching.take(head, bytes, |sampled| {
-                    let sampled = retaining.take(sampled, now, banks);
+                    let sampled = retaining.take(sampled, banks);
                     turn.samples.extend(sampled.map(|sampled| (id, sampled)));
                 });
             }
@@ -398,7 +404,7 @@ impl Running {
         turn.unwatched.append(ended);
         let late = writes.late(now, restarted);
         results.extend(late.into_iter().map(|(ticket, result)| (id, ticket, result)));
-        retaining.watch(watching, limits, changes, now, retained);
+        retaining.watch(watching, limits, changes, retained);
         watching.send(link);
         figures.ask(link, now);
         changes.ask(link);

@@ -22,11 +22,15 @@ use crate::saver::{FileNumber, Saver};
 const INTERVAL: Nanos = Nanos::from_millis(100);
 /// When it is told that there are no values, or that they are not written.
 const PATIENCE: Nanos = Nanos::from_millis(10_000);
+/// How much of the time without values a window counts at most: while a PLC has no windows, there is nothing to copy.
+const EACH_WINDOW: Nanos = Nanos::from_millis(2_500);
 
 /// All programs of a partition.
 #[derive(Default)]
 pub struct Retaining {
     programs: Vec<Keeper>,
+    /// Windows that the partition has had, and when that was seen.
+    windows: (u64, Nanos),
 }
 
 /// What is kept of one program.
@@ -34,8 +38,8 @@ struct Keeper {
     name: String,
     layout: Arc<Layout>,
     watches: bool,
-    /// When values came last, or were first to come.
-    seen: Nanos,
+    /// Time with windows since values came last, or were first to come.
+    unseen: Nanos,
     told_unseen: bool,
     /// Cycle and values.
     newest: Option<(u64, Vec<u8>)>,
@@ -74,13 +78,14 @@ impl Retaining {
                 name: program.name.clone(),
                 layout: layout.into(),
                 watches: false,
-                seen: Nanos::ZERO,
+                unseen: Nanos::ZERO,
                 told_unseen: false,
                 newest: None,
                 file: written,
             }
         };
-        Self { programs: programs.iter().enumerate().map(keeper).collect() }
+        let programs = programs.iter().enumerate().map(keeper).collect();
+        Self { programs, ..Self::default() }
     }
 
     fn keeper(&mut self, client: u64) -> Option<(usize, &mut Keeper)> {
@@ -89,11 +94,11 @@ impl Retaining {
     }
 
     /// Takes values, if they are of a program's own. Gives them back if not.
-    pub fn take(&mut self, sampled: Sampled, now: Nanos, banks: Option<&Banks>) -> Option<Sampled> {
+    pub fn take(&mut self, sampled: Sampled, banks: Option<&Banks>) -> Option<Sampled> {
         let Some((place, keeper)) = self.keeper(sampled.client) else { return Some(sampled) };
         let settled = sampled.head.unsettled & 1 << place == 0;
         if settled && keeper.watches && sampled.bytes.len() == keeper.layout.initial().len() {
-            (keeper.seen, keeper.told_unseen) = (now, false);
+            (keeper.unseen, keeper.told_unseen) = (Nanos::ZERO, false);
             if let Some(banks) = banks {
                 let (layout, block) = (keeper.layout.clone(), sampled.bytes.clone());
                 banks.programs.keep(place, Kept { layout, block, retain: true });
@@ -126,7 +131,6 @@ impl Retaining {
         watching: &mut Watching,
         limits: &[ProgramLimits],
         changes: &ProgramChanges,
-        now: Nanos,
         news: &mut Vec<String>,
     ) {
         for (place, keeper) in (0u8..).zip(&mut self.programs) {
@@ -140,7 +144,10 @@ impl Retaining {
             };
             let ranges = keeper.layout.variables().map(range).collect();
             match watching.watch(client, ranges, INTERVAL, limits) {
-                Ok(_) => (keeper.watches, keeper.seen, keeper.told_unseen) = (true, now, false),
+                Ok(_) => {
+                    (keeper.watches, keeper.unseen, keeper.told_unseen) =
+                        (true, Nanos::ZERO, false);
+                }
                 // Others have taken the room while a change went on. It is tried again until they have gone.
                 Err(text) if !keeper.told_unseen => {
                     keeper.told_unseen = true;
@@ -151,10 +158,22 @@ impl Retaining {
         }
     }
 
-    /// Hands over what is to be written, and says what is not as it should be.
-    pub fn save(&mut self, saver: Option<&mut Saver>, now: Nanos, news: &mut Vec<String>) {
+    /// Hands over what is to be written, and says what is not as it should be. The partition has had so many windows.
+    pub fn save(
+        &mut self,
+        saver: Option<&mut Saver>,
+        windows: u64,
+        now: Nanos,
+        news: &mut Vec<String>,
+    ) {
+        let mut passed = Nanos::ZERO;
+        if windows != self.windows.0 {
+            passed = now.less(self.windows.1).min(EACH_WINDOW);
+            self.windows = (windows, now);
+        }
         for keeper in &mut self.programs {
-            let waits = now.0.saturating_sub(keeper.seen.0) > PATIENCE.0;
+            keeper.unseen = keeper.unseen.plus(passed);
+            let waits = keeper.unseen > PATIENCE;
             if keeper.watches && waits && !keeper.told_unseen && !keeper.layout.is_empty() {
                 keeper.told_unseen = true;
                 let name = &keeper.name;

@@ -1,6 +1,7 @@
 //! Which values are kept, and when they are handed over.
 
 use std::fs;
+use std::ops::Range;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -49,17 +50,22 @@ fn sampled(cycle: u64, unsettled: u16, bytes: &[u8]) -> Sampled {
     Sampled { client: OWN_CLIENTS, head, missed: 0, bytes: bytes.to_vec() }
 }
 
+/// A window at each step of this time.
+fn run(retaining: &mut Retaining, ms: Range<u64>, step: usize, news: &mut Vec<String>) {
+    ms.step_by(step).for_each(|ms| retaining.save(None, ms, at(ms), news));
+}
+
 fn at(ms: u64) -> Nanos {
     Nanos::from_millis(ms)
 }
 
 /// The orders and budgets of a partition that retains and is watched.
-fn watch(retaining: &mut Retaining, file: &PartitionFile, now: Nanos) -> Vec<String> {
+fn watch(retaining: &mut Retaining, file: &PartitionFile) -> Vec<String> {
     let programs = file.partitions()[0].programs();
     let limits: Vec<ProgramLimits> = programs.iter().map(ProgramLimits::new).collect();
     let (changes, mut watching, mut news) =
         (ProgramChanges::of(programs, Admission::default()), Watching::default(), Vec::new());
-    retaining.watch(&mut watching, &limits, &changes, now, &mut news);
+    retaining.watch(&mut watching, &limits, &changes, &mut news);
     news
 }
 
@@ -86,13 +92,13 @@ fn only_whole_values_of_one_cycle_are_kept() {
         table.programs[0].restored
     };
     let mut take = |cycle, unsettled, bytes: &[u8]| {
-        assert!(retaining.take(sampled(cycle, unsettled, bytes), at(0), Some(&banks)).is_none());
+        assert!(retaining.take(sampled(cycle, unsettled, bytes), Some(&banks)).is_none());
         retaining.programs[0].newest.as_ref().map(|(cycle, _)| *cycle)
     };
     assert_eq!(take(1, 0, &[1; 8]), None, "nothing was asked for yet");
-    assert!(watch(&mut retaining, &file, at(0)).is_empty());
+    assert!(watch(&mut retaining, &file).is_empty());
     let mut take = |cycle, unsettled, bytes: &[u8]| {
-        retaining.take(sampled(cycle, unsettled, bytes), at(0), Some(&banks));
+        retaining.take(sampled(cycle, unsettled, bytes), Some(&banks));
         retaining.programs[0].newest.as_ref().map(|(cycle, _)| *cycle)
     };
     assert_eq!(take(2, 1, &[1; 8]), None, "a task has a job");
@@ -101,7 +107,7 @@ fn only_whole_values_of_one_cycle_are_kept() {
     assert_eq!(take(4, 2, &[1; 8]), Some(4), "another program has");
     assert_eq!(restored(&banks), 2);
     let client = Sampled { client: 7, ..sampled(5, 0, &[2; 8]) };
-    assert_eq!(retaining.take(client.clone(), at(0), None), Some(client), "a client's");
+    assert_eq!(retaining.take(client.clone(), None), Some(client), "a client's");
     assert!(retaining.left(OWN_CLIENTS) && !retaining.left(7));
 }
 
@@ -115,14 +121,14 @@ fn what_found_no_room_is_asked_for_again_and_told_once() {
     let (mut watching, mut news) = (Watching::default(), Vec::new());
     for _ in 0..3 {
         // Without a program's limits nothing of it can be watched.
-        retaining.watch(&mut watching, &[], &changes, at(0), &mut news);
+        retaining.watch(&mut watching, &[], &changes, &mut news);
     }
     assert_eq!(news.len(), 1, "{news:?}");
     assert!(!retaining.programs[0].watches);
-    retaining.watch(&mut watching, &limits, &changes, at(20_000), &mut news);
+    retaining.watch(&mut watching, &limits, &changes, &mut news);
     assert!(retaining.programs[0].watches && news.len() == 1, "{news:?}");
     // The time without values counts from here.
-    retaining.save(None, at(25_000), &mut news);
+    run(&mut retaining, 20_000..25_000, 1_000, &mut news);
     assert_eq!(news.len(), 1, "{news:?}");
 }
 
@@ -132,7 +138,7 @@ fn values_are_written_when_they_change_and_not_too_often() {
     let mut files = Files::open(&file).unwrap();
     let mut retaining = retaining(&file, &files);
     let mut saver = files.start(&spawn).unwrap().unwrap();
-    let mut news = watch(&mut retaining, &file, at(0));
+    let mut news = watch(&mut retaining, &file);
     let outcome = |retaining: &mut Retaining, saver: &mut Saver, news: &mut Vec<String>| loop {
         if let Some((number, result)) = saver.outcome() {
             retaining.outcome(number, &result, news);
@@ -140,18 +146,18 @@ fn values_are_written_when_they_change_and_not_too_often() {
         }
         std::thread::yield_now();
     };
-    retaining.take(sampled(1, 0, &[1; 8]), at(0), None);
-    retaining.save(Some(&mut saver), at(0), &mut news);
+    retaining.take(sampled(1, 0, &[1; 8]), None);
+    retaining.save(Some(&mut saver), 0, at(0), &mut news);
     assert_eq!(outcome(&mut retaining, &mut saver, &mut news), 1);
     let handed = |retaining: &Retaining| retaining.programs[0].file.as_ref().unwrap().handed[0];
-    retaining.take(sampled(2, 0, &[2; 8]), at(900), None);
-    retaining.save(Some(&mut saver), at(900), &mut news);
+    retaining.take(sampled(2, 0, &[2; 8]), None);
+    retaining.save(Some(&mut saver), 0, at(900), &mut news);
     assert_eq!(handed(&retaining), 1, "the second is not over");
-    retaining.save(Some(&mut saver), at(1000), &mut news);
+    retaining.save(Some(&mut saver), 0, at(1000), &mut news);
     assert_eq!((handed(&retaining), outcome(&mut retaining, &mut saver, &mut news)), (2, 2));
-    retaining.save(Some(&mut saver), at(5000), &mut news);
+    retaining.save(Some(&mut saver), 0, at(5000), &mut news);
     assert!(retaining.programs[0].file.as_ref().unwrap().since.is_none(), "the same values");
-    retaining.take(sampled(3, 0, &[3; 8]), at(5000), None);
+    retaining.take(sampled(3, 0, &[3; 8]), None);
     retaining.save_last(&mut saver, at(5000));
     saver.finish(Duration::from_secs(60)).unwrap();
     assert_eq!(news, [""; 0]);
@@ -160,12 +166,34 @@ fn values_are_written_when_they_change_and_not_too_often() {
     assert_eq!(beginning.kept.as_ref().unwrap().block, [3; 8]);
     assert!(beginning.news[0].contains("those of cycle 3, generation 3"), "{:?}", beginning.news);
     // Nothing comes any more, and that is told once.
-    retaining.save(None, at(14_999), &mut news);
+    run(&mut retaining, 5_000..13_000, 1_000, &mut news);
     assert_eq!(news.len(), 0);
-    retaining.save(None, at(15_001), &mut news);
-    retaining.save(None, at(90_000), &mut news);
+    run(&mut retaining, 13_000..90_000, 1_000, &mut news);
     assert_eq!(news.len(), 1);
     assert!(news[0].contains("no moment between two cycles"), "{news:?}");
+}
+
+/// A PLC that an operator has stopped, or that has no windows in the schedule, and one with rare windows.
+#[test]
+fn time_without_windows_is_none_without_values() {
+    let file = plant("stopped");
+    let mut retaining = retaining(&file, &Files::default());
+    let mut news = watch(&mut retaining, &file);
+    run(&mut retaining, 0..5_000, 20, &mut news);
+    for ms in (5_000..90_000).step_by(20) {
+        retaining.save(None, 4_980, at(ms), &mut news);
+    }
+    run(&mut retaining, 90_000..92_000, 20, &mut news);
+    assert_eq!(news, [""; 0]);
+    // After so many windows there should have been values.
+    run(&mut retaining, 92_000..96_000, 20, &mut news);
+    assert_eq!(news.len(), 1);
+
+    retaining.take(sampled(1, 0, &[1; 8]), None);
+    run(&mut retaining, 100_000..160_000, 15_000, &mut news);
+    assert_eq!(news.len(), 1, "{news:?}");
+    run(&mut retaining, 160_000..220_000, 15_000, &mut news);
+    assert_eq!(news.len(), 2);
 }
 
 #[test]
@@ -174,17 +202,17 @@ fn an_error_of_the_disk_is_told_and_tried_again() {
     let mut files = Files::open(&file).unwrap();
     let mut retaining = retaining(&file, &files);
     let mut saver = files.start(&spawn).unwrap().unwrap();
-    watch(&mut retaining, &file, at(0));
+    watch(&mut retaining, &file);
     let number = retaining.programs[0].file.as_ref().unwrap().number;
     let (mut news, full) = (Vec::new(), std::io::Error::from(std::io::ErrorKind::StorageFull));
-    retaining.take(sampled(1, 0, &[1; 8]), at(0), None);
-    retaining.save(Some(&mut saver), at(0), &mut news);
+    retaining.take(sampled(1, 0, &[1; 8]), None);
+    retaining.save(Some(&mut saver), 0, at(0), &mut news);
     retaining.outcome(number, &Err(full), &mut news);
     assert!(news[0].contains("cannot be written: no storage space"), "{news:?}");
     let full = std::io::Error::from(std::io::ErrorKind::StorageFull);
     retaining.outcome(number, &Err(full), &mut news);
     assert_eq!(news.len(), 1, "told once");
-    retaining.save(Some(&mut saver), at(1000), &mut news);
+    retaining.save(Some(&mut saver), 0, at(1000), &mut news);
     assert!(retaining.programs[0].file.as_ref().unwrap().since.is_some(), "the same values again");
     retaining.outcome(number, &Ok(1), &mut news);
     assert!(news[1].contains("written again"), "{news:?}");

@@ -9,12 +9,10 @@ use takt_abi::live::{
     ChangePhase as Phase, ChangeReason as Reason, ChangeRecord, ChangeStep, Order,
     Refusal as KernelRefusal,
 };
-use takt_abi::memory::PAGE;
 use takt_change::make::{Change, NoteKind};
-use takt_plan::{PIECES_MAX, Program};
+use takt_plan::Program;
 use takt_program::Image;
 use takt_protocol::{ErrorKind, ImageVersion, Refusal, VersionStatus};
-use takt_retain::{LENGTH_MAX, Layout};
 use vm_memory::{Bytes, GuestAddress};
 
 use super::change::Banks;
@@ -136,17 +134,8 @@ impl Versions {
         let plans = self.check(&bytes, admit)?;
         let places = self.program.place;
         let bank = if self.in_second { places.image } else { places.second_bank };
-        let forward_at = (bytes.len() as u64).next_multiple_of(PAGE);
-        let back_at = (forward_at + plans.forward.len() as u64).next_multiple_of(8);
-        let end = back_at + plans.back.len() as u64;
-        if end > places.bank_bytes {
-            let text = format!(
-                "image and plans have {end} bytes; the program's bank has {}. The key `bank` of the partition file \
-                 makes it larger",
-                places.bank_bytes
-            );
-            return Err(refused(text));
-        }
+        let lengths = [bytes.len(), plans.forward.len(), plans.back.len()].map(|l| l as u64);
+        let [forward_at, back_at] = self.program.plans_in_bank(lengths).map_err(refused)?;
         // From here on what was in the other bank is gone.
         self.other = None;
         let parts = [(0, &bytes[..]), (forward_at, &plans.forward), (back_at, &plans.back)];
@@ -159,7 +148,6 @@ impl Versions {
         let written =
             written.ok_or_else(|| refused("the guest starts anew: load it again then"))?;
         written.map_err(|error| refused(format!("the bank cannot be written: {error}")))?;
-        let lengths = [bytes.len(), plans.forward.len(), plans.back.len()];
         let [image_bytes, forward_bytes, back_bytes] = lengths.map(|length| length as u32);
         let program = place as u8;
         self.send(link, &Order::Prepare { program, image_bytes, forward_bytes, back_bytes })?;
@@ -183,43 +171,7 @@ impl Versions {
         let bad = |error| refused(format!("this is no program image: {error}"));
         let new = Image::verify(bytes).map_err(bad)?;
         let old = Image::parse(&self.running).map_err(bad)?;
-        if let Some(keys) = &self.program.keys {
-            match new.key() {
-                Some(key) if keys.contains(&key) => {}
-                Some(_) => {
-                    return Err(refused(
-                        "the image is signed with a key that the partition file does not name",
-                    ));
-                }
-                None => {
-                    return Err(refused(
-                        "the image is not signed, and the partition file names keys",
-                    ));
-                }
-            }
-        }
-        if u64::from(new.state_bytes()) > self.program.place.state_bytes {
-            return Err(refused(format!(
-                "the version needs {} bytes of state; the key `state` of the partition file gives it {}",
-                new.state_bytes(),
-                self.program.place.state_bytes
-            )));
-        }
-        let (retained, most) = (Layout::block_bytes(&new), self.program.place.retained_bytes);
-        if retained > most {
-            return Err(refused(format!(
-                "the version retains {retained} bytes; the program has room for {most}"
-            )));
-        }
-        let layout = Layout::of(&new);
-        if layout.pieces() > PIECES_MAX || layout.file_bytes() > LENGTH_MAX {
-            return Err(refused(format!(
-                "the version retains {retained} bytes in {} pieces of memory and {} bytes of a file; the program has room for \
-                 {most}, {PIECES_MAX} and {LENGTH_MAX}",
-                layout.pieces(),
-                layout.file_bytes()
-            )));
-        }
+        self.program.may_become(&new).map_err(refused)?;
         let change = Change::between(&old, &new);
         // The analysis of the partition file was made with the tasks as they are.
         if change.notes.iter().any(|note| note.kind == NoteKind::Task) {

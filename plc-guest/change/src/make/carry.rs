@@ -1,5 +1,6 @@
 //! Where each value of a version gets to in another one.
 
+use std::collections::{HashMap, HashSet};
 use std::format;
 use std::string::{String, ToString};
 use std::vec::Vec;
@@ -105,15 +106,17 @@ impl Carried {
                 carrier.drop(variable.name.to_string(), variable.ty);
             }
         }
-        carrier.check_shared(old);
-        carrier.check_shared(new);
+        let kept = carrier.carried.kept();
+        carrier.check_shared(old, &kept);
+        carrier.check_shared(new, &kept);
         carrier.carried.entries.sort_by_cached_key(|entry| entry.name.to_ascii_lowercase());
         carrier.carried
     }
 
-    /// Whether the variable stays as it is, as a whole.
-    pub fn keeps(&self, name: &str) -> bool {
-        self.entries.iter().any(|e| same_name(&e.name, name) && e.fate == Fate::Kept)
+    /// What stays as it is, as a whole, in small letters.
+    pub fn kept(&self) -> HashSet<String> {
+        let kept = self.entries.iter().filter(|e| e.fate == Fate::Kept);
+        kept.map(|e| e.name.to_ascii_lowercase()).collect()
     }
 
     /// Whether anything gets to another place, or is gone: then references must follow.
@@ -247,9 +250,9 @@ impl<'a> Carrier<'a> {
 
     fn fields(&mut self, pair: Pair<'_>, old: &Type<'a>, new: &Type<'a>) {
         let (old_image, new_image) = (self.likeness.old, self.likeness.new);
-        let known: std::collections::HashMap<String, _> =
+        let known: HashMap<String, _> =
             old_image.fields(old).map(|f| (f.name.to_ascii_lowercase(), f)).collect();
-        let mut taken = std::collections::HashSet::new();
+        let mut taken = HashSet::new();
         for field in new_image.fields(new) {
             let name =
                 if pair.told { format!("{}.{}", pair.name, field.name) } else { String::new() };
@@ -367,9 +370,10 @@ impl<'a> Carrier<'a> {
     }
 
     /// Variables that share bytes are carried twice, so they must both stay.
-    fn check_shared(&mut self, image: &Image<'_>) {
+    fn check_shared(&mut self, image: &Image<'_>, kept: &HashSet<String>) {
+        let keeps = |name: &str| kept.contains(&name.to_ascii_lowercase());
         for (one, other) in shared(image) {
-            if !self.carried.keeps(&one) || !self.carried.keeps(&other) {
+            if !keeps(&one) || !keeps(&other) {
                 self.carried.refusals.push(Refusal::Shared { one, other });
             }
         }

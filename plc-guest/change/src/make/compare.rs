@@ -87,11 +87,13 @@ pub fn rises(old: &Image<'_>, new: &Image<'_>, carried: &Carried) -> Vec<Refusal
         TaskKind::Event { source: EventSource::Rise(name), .. } => Some(name),
         _ => None,
     });
+    let kept_names = carried.kept();
     let moved = sources.filter(|name| {
         let places = (old.variable(name), new.variable(name));
         let stays = matches!(places, (Some(a), Some(b)) if a.area == b.area
             && (a.offset, a.bit) == (b.offset, b.bit));
-        let kept = places.1.is_some_and(|v| v.area != Area::State) || carried.keeps(name);
+        let kept = places.1.is_some_and(|v| v.area != Area::State)
+            || kept_names.contains(&name.to_ascii_lowercase());
         !stays || !kept
     });
     moved.map(|name| Refusal::Rise { name: name.to_string() }).collect()

@@ -65,8 +65,8 @@ pub enum Refusal {
         /// So long, in nanoseconds.
         nanoseconds: u64,
     },
-    /// With its budgets and deadlines a task of the partition would be late.
-    Late(String),
+    /// The partition in which the program runs does not allow it.
+    Partition(String),
     /// The plan that was made is not valid: an error of this program.
     Plan(Defect),
 }
@@ -118,7 +118,7 @@ impl fmt::Display for Refusal {
                 "moving the state would take {nanoseconds} ns by the model, and {COMMIT_NS} ns is the most \
                  between two cycles"
             ),
-            Self::Late(text) => f.write_str(text),
+            Self::Partition(text) => f.write_str(text),
             Self::Plan(defect) => write!(f, "the plan is not valid: {defect}"),
         }
     }

@@ -141,6 +141,7 @@ impl Kernel {
             }
             Order::Write { point, value } => self.place(point.range).and_then(|area| {
                 self.is_between_jobs(point.range.program)?;
+                self.has_state(point.range.program)?;
                 self.put(area, point, value);
                 self.change.program_runs(point.range.program);
                 self.apply_forces_again(point.range.program);
@@ -170,6 +171,15 @@ impl Kernel {
     fn is_between_jobs(&self, program: u8) -> Result<(), Refusal> {
         let beside = self.scheduler.running().is_some();
         match beside && !self.scheduler.is_between_jobs(ProgramId(program)) {
+            true => Err(Refusal::NotNow),
+            false => Ok(()),
+        }
+    }
+
+    /// A value that is written while the state is set up would be gone when it is. A forced one comes again with each job.
+    fn has_state(&self, program: u8) -> Result<(), Refusal> {
+        let found = self.programs.get(usize::from(program)).and_then(Option::as_ref);
+        match found.is_some_and(Program::is_loading) {
             true => Err(Refusal::NotNow),
             false => Ok(()),
         }

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 use takt_change::Cost;
 use takt_change::cost::COMMIT_NS;
-use takt_change::make::{Change, Entry, Fate, Large, NoteKind, Refusal};
-use takt_plan::Admission;
+use takt_change::make::{Change, Entry, Fate, Large, NoteKind, Plans, Refusal};
+use takt_plan::{Admission, Program};
 use takt_points::Plc;
 use takt_program::Image;
 use takt_scheduler::table::PartitionId;
@@ -50,9 +50,9 @@ impl Diff {
         let mut change = Change::between(&old, &new);
         if let Some(plc) = running
             && let Some(program) = &self.program
-            && change.notes.iter().any(|note| note.kind == NoteKind::Task)
         {
-            change.refusals.extend(late(&plc, program, &new));
+            let reasons = against(&plc, find(&plc, program)?, (&new_bytes, &new), &change);
+            change.refusals.extend(reasons.into_iter().map(Refusal::Partition));
         }
         if self.json {
             println!("{:#}", as_json(&old, &new, &change));
@@ -98,14 +98,38 @@ struct Versions {
     running: Option<Plc>,
 }
 
-/// Which task would be late beside the programs of the file, if this version of one of them had its budgets.
-fn late(plc: &Plc, program: &str, new: &Image<'_>) -> Option<Refusal> {
+/// What the partition file says against the change, as Takt finds it when the version is loaded.
+fn against(
+    plc: &Plc,
+    program: &Program,
+    (bytes, new): (&[u8], &Image<'_>),
+    change: &Change,
+) -> Vec<String> {
+    let may_become = program.may_become(new);
+    let has_room = match (&change.plans, &change.large, &change.too_large) {
+        (None, Some(_), Some(reason)) if program.place.second_state == 0 => Err(format!(
+            "{reason}. With the key `second_state` of the partition file the change can be made"
+        )),
+        (Some(Plans { forward, back, .. }), ..) | (None, Some(Large { forward, back, .. }), _) => {
+            let lengths = [bytes.len(), forward.len(), back.len()].map(|length| length as u64);
+            program.plans_in_bank(lengths).map(drop)
+        }
+        (None, None, _) => Ok(()),
+    };
+    let is_in_time = match change.notes.iter().any(|note| note.kind == NoteKind::Task) {
+        true => is_in_time(plc, &program.name, new),
+        false => Ok(()),
+    };
+    [may_become, has_room, is_in_time].into_iter().filter_map(Result::err).collect()
+}
+
+/// Whether all tasks beside the programs of the file are in time, if this version of one of them has its budgets.
+fn is_in_time(plc: &Plc, program: &str, new: &Image<'_>) -> Result<(), String> {
     let programs = plc.partition().programs();
-    let place = programs.iter().position(|other| other.name == program)?;
     let images = programs.iter().enumerate().filter_map(|(at, p)| Some((at, p.image()?)));
-    let versions: Vec<_> = images.chain([(place, *new)]).collect();
-    let admission = Admission::of(plc.file(), PartitionId(plc.place()));
-    admission.check(&versions).err().map(Refusal::Late)
+    let place = programs.iter().position(|other| other.name == program);
+    let versions: Vec<_> = images.chain(place.map(|place| (place, *new))).collect();
+    Admission::of(plc.file(), PartitionId(plc.place())).check(&versions)
 }
 
 fn print(old: &Image<'_>, new: &Image<'_>, change: &Change, all: bool) {

@@ -14,7 +14,7 @@ use crate::live::interrupt;
 use crate::live::output::{Form, Writer};
 use crate::live::recording::{Extent, Line, Recording, Row};
 use crate::live::trigger::{Operator, Written, Wrong};
-use crate::live::{Which, written};
+use crate::live::{Which, values, written};
 use crate::value::Value;
 
 /// Longest time before the trigger.
@@ -76,9 +76,9 @@ impl Record {
             let last = cut(&watched, bytes).and_then(|all| all.last().copied());
             trigger.as_ref().is_none_or(|t| last.is_some_and(|bytes| t.holds(bytes)))
         };
-        let next = || {
-            let line = of_takt(connected.values()?, &watched);
-            line.ok_or_else(|| not_asked_for().into())
+        let next = |left| {
+            let Some(values) = values(&mut connected, left)? else { return Ok(None) };
+            of_takt(values, &watched).map(Some).ok_or_else(|| not_asked_for().into())
         };
         let write = |row: &Row, triggered_ns| out.row(row, triggered_ns).map_err(failed);
         let ended = record(&mut recording, next, holds, write);
@@ -98,15 +98,16 @@ fn of_takt(values: Values, watched: &[Point]) -> Option<Line> {
     Some(Line { cycle, release_ns, unsettled, bytes })
 }
 
-/// Takes lines until the recording is over or one of its ways fails.
+/// Takes lines until the recording is over, no more come, or one of its ways fails. `next` is told how long it lasts still.
 fn record(
     recording: &mut Recording,
-    mut next: impl FnMut() -> Result<Line, Failure>,
+    mut next: impl FnMut(Option<Nanos>) -> Result<Option<Line>, Failure>,
     holds: impl Fn(&[u8]) -> bool,
     mut write: impl FnMut(&Row, u64) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
     while !recording.is_over() {
-        for row in recording.take(next()?, |line| holds(&line.bytes)) {
+        let Some(line) = next(recording.left())? else { break };
+        for row in recording.take(line, |line| holds(&line.bytes)) {
             write(&row, recording.extent().triggered_ns)?;
         }
     }
@@ -176,7 +177,11 @@ mod tests {
         };
         let mut recording = Recording::new(Nanos(1_000), Nanos(1_000_000));
         let mut lines = (0..5).map(line);
-        let next = || lines.next().ok_or_else(|| Failure::input("the watch has ended"));
+        let mut left = Vec::new();
+        let next = |time: Option<Nanos>| {
+            left.push(time.map(|time| time.0));
+            lines.next().map(Some).ok_or_else(|| Failure::input("the watch has ended"))
+        };
         let mut written = Vec::new();
         let write = |row: &Row, triggered_ns| {
             written.push((row.line.cycle, triggered_ns));
@@ -189,5 +194,6 @@ mod tests {
         );
         assert_eq!(written, [(2, 3_000), (3, 3_000), (4, 3_000)]);
         assert_eq!(recording.extent().rows, 3);
+        assert_eq!(left, [None, None, None, None, Some(1_000_000), Some(999_000)]);
     }
 }

@@ -6,16 +6,16 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 use takt_change::make::Change;
 use takt_plan::parse_duration;
-use takt_points::{Connected, not_asked_for};
+use takt_points::not_asked_for;
 use takt_program::Image;
-use takt_protocol::{Request, from_hex};
+use takt_protocol::{Request, Values, from_hex};
 use takt_scheduler::time::Nanos;
 
 use super::live::print;
 use super::test::{failed, host};
 use super::versions::find;
 use super::{hex, image, read};
-use crate::live::{Which, times};
+use crate::live::{Which, times, values};
 use crate::shadow::{Comparison, Line, Output, Tolerance, Versions, Watched};
 use crate::{Failure, status};
 
@@ -75,13 +75,15 @@ impl Shadow {
             ranges: Watched::ranges(&running, place),
             interval: Nanos::ZERO,
         })?;
-        let (mut first, mut told) = (None, Instant::now());
-        loop {
-            let (line, release_ns) = line(&mut connected, &running, place)?;
-            let first = *first.get_or_insert(release_ns);
-            if release_ns.saturating_sub(first) > duration.0 {
+        let (mut first, mut left, mut told) = (None, None, Instant::now());
+        while let Some(values) = values(&mut connected, left)? {
+            let release_ns = values.release_ns;
+            let line = line(values, &running, place)?;
+            let passed = release_ns.saturating_sub(*first.get_or_insert(release_ns));
+            if passed > duration.0 {
                 break;
             }
+            left = Some(Nanos(duration.0 - passed));
             if let Some(outputs) = versions.take(line).map_err(failed)? {
                 comparison.take(&outputs);
             }
@@ -148,21 +150,15 @@ fn tell(
     }
 }
 
-/// What is watched of the next cycle, and its release since the epoch.
-fn line(
-    connected: &mut Connected<'_>,
-    running: &Image<'_>,
-    place: u8,
-) -> Result<(Line, u64), Failure> {
-    let values = connected.values()?;
+/// What is watched of a cycle.
+fn line(values: Values, running: &Image<'_>, place: u8) -> Result<Line, Failure> {
     let watched = from_hex(&values.bytes).and_then(|bytes| Watched::from_bytes(running, &bytes));
-    let line = Line {
+    Ok(Line {
         cycle: values.cycle,
         time_ns: values.time_ns,
         unsettled: values.unsettled >> place & 1 == 1,
         watched: watched.ok_or_else(not_asked_for)?,
-    };
-    Ok((line, values.release_ns))
+    })
 }
 
 fn row(output: &Output) -> String {

@@ -7,14 +7,13 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use takt_client::versions::{load, shown};
+use takt_client::versions::{load, read, shown};
 use takt_plan::Program;
 use takt_points::{Connected, Plc};
 use takt_protocol::{Answer, ImageVersion, Request, VersionStatus};
 
 use super::keep::{Found, check_prepared, image_of, keep_running, set_aside};
 use super::live::print;
-use super::read;
 use crate::Failure;
 use crate::live::Which;
 use crate::status;
@@ -63,8 +62,10 @@ impl Load {
     pub fn run(self) -> Result<(), Failure> {
         let plc = self.which.load()?;
         let program = find(&plc, &self.program)?;
+        // Once: the next start must not begin with other bytes than were sent.
+        let bytes = read(&self.image)?;
         let mut connected = plc.reach()?;
-        for request in load(&connected.name(), &self.program, &self.image)? {
+        for request in load(&connected.name(), &self.program, &bytes) {
             let answer = connected.ask(&request)?;
             if let (Request::Load(part), Answer::Done { text }) = (&request, answer)
                 && part.part + 1 == part.parts
@@ -73,7 +74,7 @@ impl Load {
             }
         }
         follow(&mut connected, &self.program, "preparing", &["prepared"])?;
-        set_aside(&plc, program, &read(&self.image)?)
+        set_aside(&plc, program, &bytes)
     }
 }
 

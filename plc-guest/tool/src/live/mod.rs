@@ -10,24 +10,32 @@ pub mod trigger;
 pub mod written;
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use takt_client::ClientError;
-use takt_points::{Error, Plc};
+use takt_points::{Connected, Error, Plc};
+use takt_protocol::Values;
 use takt_scheduler::table::PartitionId;
+use takt_scheduler::time::Nanos;
 
 use crate::Failure;
 use crate::shadow::Times;
 use crate::status;
 
-/// Exit status: Takt refuses, or none answers.
+/// Exit status: what was given is bad, Takt refuses, or none answers.
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
         let status = match error {
-            ClientError::File(_) | ClientError::NoControl(_) | ClientError::Usage(_) => {
-                status::BAD_INPUT
-            }
+            ClientError::File(_)
+            | ClientError::NoControl(_)
+            | ClientError::Usage(_)
+            | ClientError::Image { .. }
+            | ClientError::Output(_)
+            | ClientError::Terminal(_) => status::BAD_INPUT,
             ClientError::Refused(_) => status::REFUSED,
-            _ => status::NO_TAKT,
+            ClientError::NoTakt { .. } | ClientError::Lost(_) | ClientError::NotUnderstood(_) => {
+                status::NO_TAKT
+            }
         };
         Self { status, message: error.to_string() }
     }
@@ -67,6 +75,28 @@ impl Which {
     pub fn load(self) -> Result<Plc, Failure> {
         Ok(Plc::one(&self.file, self.partition.as_deref(), self.control.as_deref())?)
     }
+}
+
+/// How much later than its cycle a line may come.
+const BEHIND: Duration = Duration::from_secs(5);
+
+/// The next values for a command that ends so long after the last ones. `None` if no more come, which is told. Without
+/// such a time it waits for as long as it takes.
+pub fn values(
+    connected: &mut Connected<'_>,
+    left: Option<Nanos>,
+) -> Result<Option<Values>, Failure> {
+    let Some(left) = left else { return Ok(Some(connected.values()?)) };
+    let time = Duration::from_nanos(left.0).saturating_add(BEHIND);
+    let values = connected.values_within(time)?;
+    if values.is_none() {
+        eprintln!(
+            "takt plc: no values have come for {} s, so this ends without the rest: the PLC has stopped, or has no windows, or \
+             none that leaves time for it",
+            time.as_secs()
+        );
+    }
+    Ok(values)
 }
 
 /// Times of a partition's windows. They may differ from window to window: the shortest counts.

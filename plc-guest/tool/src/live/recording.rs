@@ -47,8 +47,8 @@ pub struct Recording {
     kept: VecDeque<Line>,
     kept_bytes: usize,
     triggered: Option<u64>,
-    /// The cycle of the row before.
-    last: Option<u64>,
+    /// The cycle of the row before, and its release.
+    last: Option<(u64, u64)>,
     extent: Extent,
     over: bool,
 }
@@ -96,6 +96,12 @@ impl Recording {
         self.over
     }
 
+    /// From the last row to the end; `None` before the trigger.
+    pub fn left(&self) -> Option<Nanos> {
+        let (triggered, (_, release_ns)) = self.triggered.zip(self.last)?;
+        Some(Nanos(triggered.saturating_add(self.after.0).saturating_sub(release_ns)))
+    }
+
     /// What it has.
     pub fn extent(&self) -> Extent {
         self.extent
@@ -127,8 +133,9 @@ impl Recording {
 
     fn row(&mut self, line: Line) -> Row {
         // Takt's lines come in the order of their cycles; what comes otherwise has no gap that can be told.
-        let gap = self.last.map_or(0, |last| line.cycle.saturating_sub(last).saturating_sub(1));
-        self.last = Some(line.cycle);
+        let gap =
+            self.last.map_or(0, |(last, _)| line.cycle.saturating_sub(last).saturating_sub(1));
+        self.last = Some((line.cycle, line.release_ns));
         self.extent.rows += 1;
         self.extent.gaps = self.extent.gaps.saturating_add(gap);
         Row { line, gap }

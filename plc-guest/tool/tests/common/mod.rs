@@ -2,9 +2,14 @@
 #![allow(dead_code, reason = "not every test file needs all of it")]
 
 use std::fs;
+use std::io::Write;
 use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::thread;
+
+use serde_json::{Value, json};
 
 /// How a program ended, and all that it said.
 pub struct Ended {
@@ -46,6 +51,21 @@ impl Folder {
     /// `takt plc` with these words.
     pub fn takt_plc(&self, words: &[&str]) -> Ended {
         run(Command::new(env!("CARGO_BIN_EXE_takt-plc")).args(words).current_dir(self.path()))
+    }
+
+    /// `takt plc` with these words and a Takt at the socket `s` that gives one answer.
+    pub fn with_takt(&self, answer: &Value, words: &[&str]) -> Ended {
+        let _ = fs::remove_file(self.path().join("s"));
+        let listener = UnixListener::bind(self.path().join("s")).unwrap();
+        let line = format!("{answer}\n");
+        let takt = thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            stream.write_all(line.as_bytes()).unwrap();
+            stream
+        });
+        let ended = self.takt_plc(words);
+        drop(takt.join().unwrap());
+        ended
     }
 
     /// `takt plc` with these words and this `PATH`.
@@ -103,6 +123,25 @@ impl Folder {
         let (object, image) = (format!("{name}.o"), format!("{name}.plc"));
         self.takt_plc(&["build", &object, "takt.o", "-o", &image])
     }
+}
+
+/// Takt's answer to `status`, of a partition `plc` with a program of this name and hash.
+pub fn status_of(program: &str, hash: &str) -> Value {
+    let program = json!({"name": program, "state": "running", "image": hash, "tasks": []});
+    let partition = json!({
+        "name": "plc", "kind": "plc", "cpu": 0, "background": false, "state": "running",
+        "start_mode": "cold", "end": null, "restarts": 0, "cpu_time_ns": 0, "cpu_share": 0.0,
+        "illegal_accesses": 0, "console_dropped": 0, "releases": null, "programs": [program],
+    });
+    let schedule = json!({
+        "names": ["normal"], "current": "normal", "next": "normal", "last_switch_ns": null,
+        "windows": [], "windows_left_out": 0,
+    });
+    let status = json!({
+        "takt": "0", "pid": 1, "system": "s", "file": "plant.toml", "uptime_ns": 0,
+        "major_frame_ns": 1_000_000, "schedule": schedule, "partitions": [partition], "channels": [],
+    });
+    json!({"version": 2, "answer": "status", "status": status})
 }
 
 fn run(command: &mut Command) -> Ended {

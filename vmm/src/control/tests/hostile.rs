@@ -243,6 +243,35 @@ fn who_does_not_read_misses_values_and_is_told_how_many() {
 }
 
 #[test]
+fn who_is_behind_is_told_why_the_watch_has_ended() {
+    let mut served = Served::new();
+    let mut silent = served.client();
+    served.serve();
+    // The socket takes some of these lines; the last is longer than the events with which a client may be behind.
+    for cycle in 0..100 {
+        let bytes = "00".repeat(takt_abi::live::SAMPLE_BYTES);
+        served.server.values(1, 0, |missed| Values {
+            partition: "plc".into(),
+            cycle,
+            release_ns: 0,
+            time_ns: 0,
+            missed,
+            unsettled: 0,
+            bytes,
+        });
+    }
+    served.server.unwatch(1, "it changes");
+    served.serve();
+    let last = std::iter::from_fn(|| {
+        let answer = silent.answer();
+        served.serve();
+        Some(answer)
+    });
+    let last = last.take(101).find(|answer| !matches!(answer, Answer::Values { .. }));
+    assert!(matches!(last, Some(Answer::Error(refusal)) if refusal.text == "it changes"));
+}
+
+#[test]
 fn a_million_requests_for_places_that_cannot_be_are_refused() {
     let count = if std::env::var_os("TAKT_TEST_LONG").is_some() { 1_000_000 } else { 20_000 };
     let valid = force();

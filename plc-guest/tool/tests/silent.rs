@@ -1,0 +1,81 @@
+//! `takt plc record` and `shadow` with a PLC whose values stop, as they do when it is stopped.
+
+mod common;
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::UnixListener;
+use std::thread;
+
+use common::{Ended, Folder, status_of};
+use serde_json::json;
+use takt_program::build::{Builder, Task, Variable};
+use takt_program::{Area, CodeOffset, Elementary, Image, Nanoseconds};
+
+/// A folder with a partition file and a program of one value; its image's hash.
+fn plant() -> (Folder, String) {
+    let mut image = Builder::new("tank");
+    image.code = vec![0xc3];
+    image.state_bytes = 4;
+    let real = image.elementary(Elementary::Real);
+    image.variable(Variable::new("level", real, Area::State, 0));
+    let mut task = Task::cyclic("main", Nanoseconds(1_000_000), CodeOffset(0));
+    task.budget = Some(Nanoseconds(10_000));
+    image.task(task);
+    let (folder, bytes) = (Folder::new(), image.build().unwrap());
+    fs::write(folder.path().join("tank.plc"), &bytes).unwrap();
+    folder.write(
+        "plant.toml",
+        "version = 1\n[system]\nname = \"s\"\nmajor_frame = \"1ms\"\ncontrol = \"s\"\n\
+         [[partition]]\nname = \"plc\"\nkind = \"plc\"\ncpu = 0\nmemory = \"8MiB\"\n\
+         [[partition.program]]\nimage = \"tank.plc\"\n[[schedule]]\nname = \"normal\"\n\
+         [[schedule.window]]\npartition = \"plc\"\noffset = \"0us\"\nduration = \"300us\"\n",
+    );
+    let hash = Image::verify(&bytes).unwrap().hash();
+    (folder, takt_protocol::hex(&hash))
+}
+
+/// Runs the command with a Takt that tells the values of three cycles and then nothing, as long as the command runs.
+fn run(words: &[&str]) -> (Folder, Ended) {
+    let (folder, hash) = plant();
+    let listener = UnixListener::bind(folder.path().join("s")).unwrap();
+    let takt = thread::spawn(move || {
+        let (stream, _) = listener.accept().unwrap();
+        let mut lines = BufReader::new(stream.try_clone().unwrap()).lines();
+        let values = |cycle: u64| {
+            json!({"version": 2, "answer": "values", "values": {
+                "partition": "plc", "cycle": cycle, "release_ns": cycle * 1_000_000,
+                "time_ns": cycle * 1_000_000, "missed": 0, "unsettled": 0, "bytes": "00000000",
+            }})
+        };
+        for answer in [
+            status_of("tank", &hash),
+            json!({"version": 2, "answer": "watching", "partition": "plc", "bytes": 4}),
+        ] {
+            lines.next().unwrap().unwrap();
+            writeln!(&stream, "{answer}").unwrap();
+        }
+        (1..=3).for_each(|cycle| writeln!(&stream, "{}", values(cycle)).unwrap());
+        // Until the command closes its end.
+        assert!(lines.next().is_none());
+    });
+    let ended = folder.takt_plc(words);
+    takt.join().unwrap();
+    (folder, ended)
+}
+
+#[test]
+fn a_recording_of_a_plc_that_stops_is_a_whole_file() {
+    let words = ["record", "plant.toml", "--points", "tank.level", "--for", "20ms", "--out"];
+    let (folder, ended) = run(&[&words[..], &["out.csv"]].concat());
+    ended.expect(0, "no values have come for 5 s").expect(0, "3 cycles recorded");
+    let file = String::from_utf8(folder.read("out.csv")).unwrap();
+    assert!(file.lines().last().unwrap().starts_with("3,3000000,"), "{file}");
+}
+
+#[test]
+fn a_shadow_of_a_plc_that_stops_tells_what_it_has_compared() {
+    let words = ["shadow", "plant.toml", "tank", "tank.plc", "--for", "20ms"];
+    let ended = run(&words).1.expect(0, "no values have come for 5 s");
+    ended.expect(0, "beside it for 2 cycles");
+}
