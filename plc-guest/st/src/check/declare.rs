@@ -220,7 +220,10 @@ impl<'a> Body<'_, 'a> {
             self.locals.push(Local { name: name.text.to_string(), ty, kind, initial });
             return Storage::Local(LocalId(self.locals.len() as u32 - 1));
         };
-        let retention = retention(section.retention.map(|(retention, _)| retention));
+        let retention = match section.retention {
+            Some((ast::Retention::NonRetain, _)) => Retention::Never,
+            other => retention(other.map(|(retention, _)| retention)),
+        };
         let part = match section.kind {
             SectionKind::Input => Section::Input,
             SectionKind::Output => Section::Output,

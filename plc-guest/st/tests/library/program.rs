@@ -42,6 +42,12 @@ impl<'p> Twice<'p> {
         Self { program, interpreted: oracle::Machine::new(program), compiled }
     }
 
+    /// A warm start.
+    pub fn restart(&mut self) {
+        self.compiled.start();
+        self.interpreted.restart();
+    }
+
     /// Runs the only task once.
     pub fn run(&mut self, job: Job) {
         let [task] = &self.program.tasks[..] else { panic!("one task") };
