@@ -13,8 +13,7 @@ mod value;
 use std::collections::BTreeMap;
 
 use takt_st::hir::{
-    Area, Argument, Constant, GlobalId, LocalKind, Program, Retention, RoutineId, Trap, TrapKind,
-    Type, TypeId,
+    Area, Argument, Constant, GlobalId, LocalKind, Program, RoutineId, Trap, TrapKind, TypeId,
 };
 
 pub use memory::Memory;
@@ -94,38 +93,6 @@ impl<'p> Machine<'p> {
             }
         }
         machine
-    }
-
-    /// A warm start, of a program all of whose instances are retained: their NON_RETAIN variables begin anew.
-    pub fn restart(&mut self) {
-        for global in self.program.globals.iter().filter(|one| one.storage.area == Area::State) {
-            let address = area_address(Area::State) + u64::from(global.storage.offset);
-            self.begin_anew(address, global.ty, false);
-        }
-    }
-
-    fn begin_anew(&mut self, address: u64, ty: TypeId, anew: bool) {
-        match self.program.types.get(ty) {
-            Type::Structure(structure) => {
-                for field in &structure.fields {
-                    let anew = match field.retention {
-                        Retention::Never => true,
-                        Retention::None => anew,
-                        Retention::Retain | Retention::Persistent => false,
-                    };
-                    self.begin_anew(address + u64::from(field.offset), field.ty, anew);
-                }
-            }
-            Type::Array { element, lower, upper } => {
-                for index in 0..=(upper - lower) as u64 {
-                    let bytes = u64::from(self.program.types.size(*element));
-                    self.begin_anew(address + index * bytes, *element, anew);
-                }
-            }
-            // The tests have those whose initial value is zero.
-            _ if anew => self.initialise(address, ty, &Constant::Default),
-            _ => {}
-        }
     }
 
     fn global_address(&self, id: GlobalId) -> u64 {
