@@ -5,6 +5,9 @@
 //! large enough, and else behind the end. The same holds for the fields of structures and the variables of function
 //! blocks and programs.
 //!
+//! Not so for messages of channels and for inputs and outputs: others know their layout, and the size of messages. Structures
+//! in them lie as in a first version.
+//!
 //! A function block that grows beyond its old size makes what contains it larger, too. What is then too large for its
 //! old place moves; what lies behind it stays.
 
@@ -12,7 +15,8 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 
 use takt_program::{Image, TypeKind};
 
-use crate::hir::{Area, Program, Type, TypeId, Types};
+use crate::hir::{Area, ExprKind, Intrinsic, Program, Type, TypeId, Types};
+use crate::native::walk;
 
 /// Where something lay: the first byte, and how many.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,7 +37,7 @@ type Places = HashMap<String, Place>;
 
 /// Gives variables and fields the places that they have in an older version of the program.
 pub fn keep(program: &mut Program, old: &Image<'_>) {
-    let mut structures = Structures { old: fields(old), done: HashSet::new() };
+    let mut structures = Structures { old: fields(old), done: known_outside(program) };
     let ids: Vec<TypeId> = program.types.iter().map(|(id, _)| id).collect();
     for id in ids {
         structures.lay_out(program, id);
@@ -63,6 +67,38 @@ pub fn keep(program: &mut Program, old: &Image<'_>) {
     for (index, offset) in own.into_iter().zip(place(&parts).0) {
         program.globals[index].storage.offset = offset;
     }
+}
+
+/// The types of messages, inputs and outputs, with all that are in them.
+fn known_outside(program: &Program) -> HashSet<TypeId> {
+    let areas = [Area::Input, Area::Output];
+    let globals = program.globals.iter().filter(|global| areas.contains(&global.storage.area));
+    let mut waiting: Vec<TypeId> = globals.map(|global| global.ty).collect();
+    for routine in &program.routines {
+        walk::expressions(&routine.body, &mut |expr| {
+            if let ExprKind::Intrinsic(
+                Intrinsic::ChannelRead(_) | Intrinsic::ChannelWrite(_),
+                arguments,
+            ) = &expr.kind
+                && let Some(ExprKind::Reference(place)) = arguments.first().map(|one| &one.kind)
+            {
+                waiting.push(place.ty);
+            }
+        });
+    }
+    let mut known = HashSet::new();
+    while let Some(id) = waiting.pop() {
+        if known.insert(id) {
+            match program.types.get(id) {
+                Type::Array { element, .. } => waiting.push(*element),
+                Type::Structure(structure) => {
+                    waiting.extend(structure.fields.iter().map(|field| field.ty));
+                }
+                _ => {}
+            }
+        }
+    }
+    known
 }
 
 /// The fields of all structures, function blocks and programs that have a name, by that name.

@@ -95,6 +95,47 @@ fn what_outgrows_its_room_moves_alone() {
 }
 
 #[test]
+fn messages_inputs_and_outputs_lie_as_their_types_say() {
+    let version = |fields: &str, inner: &str| {
+        format!(
+            "TYPE Inner : STRUCT {inner} END_STRUCT END_TYPE\n\
+             TYPE Message : STRUCT {fields} rows : ARRAY[0..1] OF Inner; END_STRUCT END_TYPE\n\
+             TYPE Own : STRUCT {fields} END_STRUCT END_TYPE\n\
+             VAR_GLOBAL sent : Message; next : LINT; mine : Own; END_VAR\n\
+             PROGRAM Main\nVAR x AT %ID0 : DINT; END_VAR\nsent.one := x; mine.one := x; next := mine.one;\n\
+             CHANNEL_WRITE('out', sent);\nEND_PROGRAM\n\
+             CONFIGURATION Plant\nTASK often (INTERVAL := T#10ms, PRIORITY := 1);\n\
+             PROGRAM one WITH often : Main;\nEND_CONFIGURATION\n"
+        )
+    };
+    let folder = Folder::new();
+    folder.write("old.st", &version("one : DINT; two : DINT;", "a : INT; b : INT;"));
+    folder.takt_plc(&["build", "old.st", "-o", "old.plc"]).expect(0, "old.plc");
+    folder.write(
+        "new.st",
+        &version("two : DINT; one : DINT; three : DINT;", "c : DINT; b : INT; a : INT;"),
+    );
+    folder.takt_plc(&["build", "new.st", "-o", "alone.plc"]).expect(0, "alone.plc");
+    let previous = ["build", "new.st", "-o", "new.plc", "--previous", "old.plc"];
+    folder.takt_plc(&previous).expect(0, "new.plc");
+    let fields = |image: &str, name: &str| -> Vec<(String, u32)> {
+        let bytes = folder.read(image);
+        let image = takt_program::Image::parse(&bytes).expect("an image");
+        let ty = image.types().find(|ty| ty.name == name).expect("the type");
+        image.fields(&ty).map(|field| (field.name.to_owned(), field.offset)).collect()
+    };
+    for name in ["Message", "Inner"] {
+        assert_eq!(fields("new.plc", name), fields("alone.plc", name), "{name}");
+    }
+    assert_ne!(
+        fields("new.plc", "Own"),
+        fields("alone.plc", "Own"),
+        "the places of the old version"
+    );
+    folder.takt_plc(&["inspect", "new.plc"]).expect(0, "port 0: out out, 28 bytes");
+}
+
+#[test]
 fn the_same_source_gives_the_same_layout_and_a_file_that_is_no_image_is_refused() {
     let with = change(OLD, true);
     assert!(!with.contains("moved") && !with.contains("new  "), "{with}");

@@ -290,3 +290,58 @@ END_TEST
     folder.write("t.csv", "jobs\n0\n0\n");
     folder.takt_plc(&["test", "main.plc", "t.csv", "--step", "1000"]).expect(0, "as expected");
 }
+
+#[test]
+fn a_message_has_nothing_behind_the_text_of_a_string() {
+    let folder = Folder::new();
+    folder.write(
+        "main.st",
+        "TYPE Note : STRUCT number : BYTE; wide : WSTRING[4]; texts : ARRAY[1..2] OF STRING[9]; END_STRUCT; END_TYPE
+VAR_GLOBAL kept : STRING[19] := 'a long secret'; END_VAR
+FUNCTION Remember : LREAL
+VAR row : ARRAY[1..40] OF LREAL; k : INT; END_VAR
+FOR k := 1 TO 40 DO row[k] := 1.0E300; END_FOR;
+Remember := row[7];
+END_FUNCTION
+FUNCTION Say : LINT
+VAR text : STRING[19]; END_VAR
+text := 'hi';
+Say := CHANNEL_WRITE('local', text);
+END_FUNCTION
+PROGRAM Main
+VAR note : Note; x : LREAL; END_VAR
+note.wide := \"wide\"; note.texts[1] := 'confident'; note.texts[2] := 'full text';
+note.wide := \"w\"; note.texts[1] := 'c';
+kept := 'a';
+x := Remember();
+Say();
+CHANNEL_WRITE('kept', kept);
+CHANNEL_WRITE('note', note);
+END_PROGRAM
+CONFIGURATION Plant
+TASK often (INTERVAL := T#10ms, PRIORITY := 1);
+PROGRAM one WITH often : Main;
+END_CONFIGURATION
+",
+    );
+    folder.write(
+        "t.st",
+        "TEST 'tails'
+VAR text : ARRAY[0..19] OF BYTE; note : ARRAY[0..31] OF BYTE; copy : Note; k : INT; END_VAR
+RUN(T#5ms);
+ASSERT(CHANNEL_READ('kept', text) = 20);
+ASSERT(text[0] = 16#61);
+FOR k := 1 TO 19 DO ASSERT(text[k] = 0, 'kept'); END_FOR;
+ASSERT(CHANNEL_READ('local', text) = 20);
+ASSERT(text[1] = 16#69);
+FOR k := 2 TO 19 DO ASSERT(text[k] = 0, 'local'); END_FOR;
+ASSERT(CHANNEL_READ('note', note) = 32);
+ASSERT(note[2] = 16#77 AND note[12] = 16#63);
+FOR k := 4 TO 11 DO ASSERT(note[k] = 0, 'wide'); END_FOR;
+FOR k := 13 TO 21 DO ASSERT(note[k] = 0, 'first'); END_FOR;
+ASSERT(note[22] = 16#66 AND note[30] = 16#74 AND note[31] = 0);
+END_TEST
+",
+    );
+    folder.takt_plc(&["test", "main.st", "t.st"]).expect(0, "ok     t.st:1: tails");
+}

@@ -220,7 +220,10 @@ impl<'a> Body<'_, 'a> {
             self.locals.push(Local { name: name.text.to_string(), ty, kind, initial });
             return Storage::Local(LocalId(self.locals.len() as u32 - 1));
         };
-        let retention = retention(section.retention.map(|(retention, _)| retention));
+        let retention = match section.retention {
+            Some((ast::Retention::NonRetain, _)) => Retention::Never,
+            other => retention(other.map(|(retention, _)| retention)),
+        };
         let part = match section.kind {
             SectionKind::Input => Section::Input,
             SectionKind::Output => Section::Output,
@@ -235,8 +238,11 @@ impl<'a> Body<'_, 'a> {
         let field = self.checker.field(structure, name, Resolved { ty, initial }, part, retention);
         if variables.edge.is_some() && field.is_some() {
             let last = Name::new(&format!("{}'last", name.text), name.span);
-            let bool_type = self.elementary(Elementary::Bool);
-            self.checker.field(structure, &last, bool_type.into(), Section::Variable, retention);
+            // As R_TRIG and F_TRIG have it: the first call sees an edge if the input is as behind one.
+            let falling = matches!(variables.edge, Some((ast::Edge::Falling, _)));
+            let initial = Constant::Integer(falling.into());
+            let last_type = Resolved { ty: self.elementary(Elementary::Bool), initial };
+            self.checker.field(structure, &last, last_type, Section::Variable, retention);
         }
         field.map_or(Storage::Nowhere, Storage::Field)
     }

@@ -65,6 +65,7 @@ impl Body<'_, '_> {
     }
 
     fn text(&mut self, bytes: Vec<u8>, span: Span) -> Option<Operand> {
+        self.without_zero(bytes.len() > 1 && bytes.contains(&0), span)?;
         let Ok(length) = u16::try_from(bytes.len()) else {
             self.too_long(bytes.len(), span);
             return None;
@@ -75,6 +76,7 @@ impl Body<'_, '_> {
     }
 
     fn wide_text(&mut self, units: Vec<u16>, span: Span) -> Option<Operand> {
+        self.without_zero(units.len() > 1 && units.contains(&0), span)?;
         let Ok(length) = u16::try_from(units.len()) else {
             self.too_long(units.len(), span);
             return None;
@@ -82,6 +84,16 @@ impl Body<'_, '_> {
         let ty = self.checker.program.types.wstring(length.max(1));
         let kind = ExprKind::Constant(Constant::WString(units));
         Some(Operand::untyped(self.expr(ty, kind, span)))
+    }
+
+    /// Character 0 ends a text in memory: what stands behind it would be lost. Alone it may be of CHAR.
+    pub(super) fn without_zero(&mut self, has_zero: bool, span: Span) -> Option<()> {
+        if has_zero {
+            let one = Diagnostic::new(Code::InvalidLiteral, span, "character 0 in a string");
+            self.tell(one.allowed("characters from `$01` on; `CHAR#'$00'` and `WCHAR#\"$0000\"`"));
+            return None;
+        }
+        Some(())
     }
 
     fn too_long(&mut self, length: usize, span: Span) {

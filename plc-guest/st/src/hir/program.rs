@@ -169,7 +169,9 @@ pub enum Area {
 /// Whether a variable outlives a restart.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Retention {
-    /// It does not.
+    /// NON_RETAIN in a function block: it does not, in whatever instance.
+    Never,
+    /// It does not, but in an instance that does.
     #[default]
     None,
     /// RETAIN: it outlives a warm restart.

@@ -4,7 +4,8 @@ use cranelift_codegen::ir::{InstBuilder, Value, types};
 
 use super::lower::Lower;
 use super::runtime::Function;
-use crate::hir::{Channel, Elementary, Expr, ExprKind, Place, Type, TypeId, Types};
+use super::text::View;
+use crate::hir::{Area, Channel, Elementary, Expr, ExprKind, Place, Root, Type, TypeId, Types};
 
 impl Lower<'_> {
     /// Reads a message into a variable. Its result is the kernel's.
@@ -34,9 +35,33 @@ impl Lower<'_> {
         length: &Expr,
     ) -> Value {
         let bytes = self.expr(length);
-        let at = self.address(variable(message));
+        let place = variable(message);
+        let at = self.address(place);
+        // Behind the text of a string lies what was in its memory before, which is none of the other side's business. An
+        // input is not the program's: it came from outside.
+        let input = matches!(place.root, Root::Global(id) if self.program.global(id).storage.area == Area::Input);
+        if !input {
+            self.clear_tails(at, place.ty);
+        }
         let port = self.builder.ins().iconst(types::I64, i64::from(channel.port));
         self.system(channel.write(), &[port, at, bytes])
+    }
+}
+
+impl Lower<'_> {
+    /// Zeros behind the texts of all strings of a variable.
+    fn clear_tails(&mut self, at: Value, ty: TypeId) {
+        let mut found = Vec::new();
+        strings(&self.program.types, ty, 0, &mut found);
+        for (offset, ty) in found {
+            let View { start, units } = self.view_at(at, offset as i32, ty);
+            let used = self.bytes(units, self.wide(ty));
+            let from = self.builder.ins().iadd(start, used);
+            let size =
+                self.builder.ins().iconst(types::I64, i64::from(self.program.types.size(ty)));
+            let rest = self.builder.ins().isub(size, used);
+            self.runtime(Function::Zero, &[from, rest], None);
+        }
     }
 }
 
@@ -44,6 +69,25 @@ fn variable(message: &Expr) -> &Place {
     match &message.kind {
         ExprKind::Reference(place) => place,
         other => unreachable!("{other:?} is no reference to a variable"),
+    }
+}
+
+/// Where the strings of a type lie.
+fn strings(types: &Types, ty: TypeId, at: u32, found: &mut Vec<(u32, TypeId)>) {
+    match types.get(ty) {
+        Type::String { .. } | Type::WString { .. } => found.push((at, ty)),
+        Type::Array { element, lower, upper } => {
+            let size = types.size(*element);
+            for index in 0..=(upper - lower) as u32 {
+                strings(types, *element, at + index * size, found);
+            }
+        }
+        Type::Structure(structure) => {
+            for field in &structure.fields {
+                strings(types, field.ty, at + field.offset, found);
+            }
+        }
+        _ => {}
     }
 }
 

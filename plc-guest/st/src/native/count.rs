@@ -87,7 +87,7 @@ impl Lower<'_> {
         let exact = exact_end(first_range, last_range, step);
         let blocks = self.blocks();
         let (round, exit) = (self.builder.create_block(), blocks.exit);
-        let budget = if bounded { None } else { Some(self.budget()) };
+        let budget = if bounded { None } else { Some(self.budget(0)) };
         let mut counter = None;
         if let (Target::Cell(cell), Some((low, high)), true) = (target, known, steady) {
             self.ranges.insert(cell, (low, high.max(low)));

@@ -158,7 +158,7 @@ fn flags(global: &Global) -> Flags {
 
 fn kept(retention: Retention) -> Flags {
     match retention {
-        Retention::None => Flags::NONE,
+        Retention::Never | Retention::None => Flags::NONE,
         Retention::Retain => Flags::RETAIN,
         Retention::Persistent => Flags::PERSISTENT,
     }

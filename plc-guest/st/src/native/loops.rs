@@ -48,9 +48,10 @@ impl Lower<'_> {
         self.promoted.truncate(region.promoted);
     }
 
-    /// A counter of the rounds that are left.
-    pub(super) fn budget(&mut self) -> Variable {
-        let rounds = self.builder.ins().iconst(types::I32, i64::from(self.program.loop_budget));
+    /// A counter of the rounds that are left, and so many more.
+    pub(super) fn budget(&mut self, more: i64) -> Variable {
+        let rounds = i64::from(self.program.loop_budget) + more;
+        let rounds = self.builder.ins().iconst(types::I32, rounds);
         self.new_variable(types::I32, rounds)
     }
 
@@ -88,7 +89,8 @@ impl Lower<'_> {
         });
         let region = self.enter(&effects);
         let ranges = self.forget(&effects);
-        let budget = self.budget();
+        // The last round is followed by a test of the condition, which is none.
+        let budget = self.budget(1);
         let blocks = self.blocks();
         let (round, exit) = (self.builder.create_block(), blocks.exit);
         // The condition is in the text twice, before the first round and behind each: one jump less in a round.
@@ -112,7 +114,7 @@ impl Lower<'_> {
         });
         let region = self.enter(&effects);
         let ranges = self.forget(&effects);
-        let budget = self.budget();
+        let budget = self.budget(0);
         let blocks = self.blocks();
         let (round, again, exit) =
             (self.builder.create_block(), self.builder.create_block(), blocks.exit);

@@ -30,7 +30,7 @@ mod statement;
 mod target;
 mod text;
 mod trap;
-mod walk;
+pub(crate) mod walk;
 mod worst;
 mod writers;
 

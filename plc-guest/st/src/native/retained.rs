@@ -24,11 +24,13 @@ pub struct Retained<'p> {
     types: &'p Types,
     /// How all of a type is retained, if it is retained in one way, by how what has it is.
     known: HashMap<(TypeId, Retention), Option<Retention>>,
+    /// See [`Retained::restarts`].
+    anew: HashMap<(TypeId, Retention, bool), bool>,
 }
 
 impl<'p> Retained<'p> {
     pub fn new(types: &'p Types) -> Self {
-        Self { types, known: HashMap::new() }
+        Self { types, known: HashMap::new(), anew: HashMap::new() }
     }
 
     /// How the whole of a variable is retained, and where that differs, its retained parts; at most so many and one more.
@@ -45,6 +47,24 @@ impl<'p> Retained<'p> {
         let mut parts = Vec::new();
         self.open(whole, most, &mut parts);
         (Retention::None, parts)
+    }
+
+    /// Whether a part of a type, which is retained so, is NON_RETAIN and would be kept; `anew` if all of it is.
+    pub fn restarts(&mut self, ty: TypeId, outer: Retention, anew: bool) -> bool {
+        if let Some(known) = self.anew.get(&(ty, outer, anew)) {
+            return *known;
+        }
+        let found = match self.types.get(ty) {
+            Type::Array { element, .. } => self.restarts(*element, outer, anew),
+            Type::Structure(structure) => structure.fields.iter().any(|field| {
+                let own = field.retention;
+                let anew = own == Retention::Never || anew && own == Retention::None;
+                self.restarts(field.ty, outer.max(own), anew)
+            }),
+            _ => anew && outer > Retention::None,
+        };
+        self.anew.insert((ty, outer, anew), found);
+        found
     }
 
     fn uniform(&mut self, ty: TypeId, outer: Retention) -> Option<Retention> {

@@ -26,7 +26,7 @@ pub(super) struct View {
 }
 
 impl Lower<'_> {
-    fn wide(&self, ty: TypeId) -> bool {
+    pub(super) fn wide(&self, ty: TypeId) -> bool {
         matches!(self.program.types.get(ty), Type::WString { .. })
     }
 
@@ -37,7 +37,7 @@ impl Lower<'_> {
         }
     }
 
-    fn bytes(&mut self, units: Value, wide: bool) -> Value {
+    pub(super) fn bytes(&mut self, units: Value, wide: bool) -> Value {
         if wide { self.builder.ins().ishl_imm_u(units, 1) } else { units }
     }
 
@@ -59,7 +59,7 @@ impl Lower<'_> {
 
     /// The view of the string variable at an address. Its length is searched for each time, and never beyond the
     /// variable's end: what the variable holds may come from elsewhere.
-    fn view_at(&mut self, base: Value, offset: i32, ty: TypeId) -> View {
+    pub(super) fn view_at(&mut self, base: Value, offset: i32, ty: TypeId) -> View {
         let start = self.offset(base, offset);
         let capacity = self.capacity(ty);
         let most = self.builder.ins().iconst(types::I64, capacity);
@@ -267,8 +267,10 @@ impl Lower<'_> {
                 let slot = self.slot(8, 8);
                 let start = self.builder.ins().stack_addr(types::I64, slot, 0);
                 self.builder.ins().store(MEMORY, unit, start, 0);
-                let units = self.capacity(expr.ty).min(1);
-                let units = self.builder.ins().iconst(types::I64, units);
+                // Character 0 ends a text.
+                let some = self.builder.ins().icmp_imm_s(IntCC::NotEqual, unit, 0);
+                let units = self.builder.ins().uextend(types::I64, some);
+                let units = self.least_constant(units, self.capacity(expr.ty));
                 View { start, units }
             }
             other => unreachable!("{other:?} is no string"),

@@ -191,7 +191,7 @@ fn check(name: &str, text: &str, suffix: &str) {
     let mut source = String::from(
         "PROGRAM Main\nVAR\nwhich AT %MD0 : DINT; position AT %MD1 : DINT; wrong AT %MD2 : DINT;\n\
          out : LREAL; zero : LREAL; infinity : LREAL; not_a_number : LREAL;\n\
-         coefficients : ARRAY[0..63] OF LREAL;\n",
+         coefficients : ARRAY[0..63] OF LREAL;\nEND_VAR\nVAR RETAIN\n",
     );
     for number in 0..table.cases.len() {
         if let Some(block) = st.block {
@@ -211,19 +211,32 @@ fn check(name: &str, text: &str, suffix: &str) {
     source.push_str(CONFIGURATION);
 
     let program = compile(name, &source);
-    let mut machine = Twice::start(&program);
-    for (number, case) in table.cases.iter().enumerate() {
-        let mut job = Job { now_ns: 5_000_000, ..Job::default() };
-        for (at, cells) in case.rows.iter().enumerate() {
-            let milliseconds =
-                u64::try_from(cells[0].as_integer().expect("a time")).expect("a time");
-            job.elapsed_ns = milliseconds * 1_000_000;
-            job.now_ns += job.elapsed_ns;
-            machine.set_marker(0, number as i32);
-            machine.set_marker(1, at as i32);
-            machine.run(job);
-            let wrong = machine.marker(2);
-            assert_eq!(wrong, 0, "{name}, {:?}, row {}: {cells:?}", case.name, at + 1);
+    // Retained blocks go on over a warm start before each row, whether the release time goes back or is later.
+    for restarts in [false, true] {
+        let mut machine = Twice::start(&program);
+        for (number, case) in table.cases.iter().enumerate() {
+            let mut job = Job { now_ns: 5_000_000, ..Job::default() };
+            for (at, cells) in case.rows.iter().enumerate() {
+                let milliseconds =
+                    u64::try_from(cells[0].as_integer().expect("a time")).expect("a time");
+                job.elapsed_ns = milliseconds * 1_000_000;
+                job.now_ns += job.elapsed_ns;
+                if restarts {
+                    machine.restart();
+                    job.now_ns = if at % 3 == 0 { 0 } else { job.now_ns + 3_600_000_000_000 };
+                }
+                machine.set_marker(0, number as i32);
+                machine.set_marker(1, at as i32);
+                machine.run(job);
+                let wrong = machine.marker(2);
+                assert_eq!(
+                    wrong,
+                    0,
+                    "{name}, {:?}, row {}: {cells:?}, restarts: {restarts}",
+                    case.name,
+                    at + 1
+                );
+            }
         }
     }
 }
@@ -327,4 +340,18 @@ fn the_transform_gives_the_values_of_its_table() {
     let mut machine = Twice::start(&program);
     machine.run(Job::default());
     assert_eq!(machine.marker(0), 0);
+}
+
+#[test]
+fn no_time_passes_for_a_task_that_was_released_before_the_last_call() {
+    let source = format!(
+        "PROGRAM Main VAR timer : TON; et AT %MD0 : DINT; END_VAR timer(IN := TRUE, PT := T#1h);\n\
+         et := LINT_TO_DINT(TIME_TO_LINT(timer.ET) / 1000000); END_PROGRAM\n{CONFIGURATION}"
+    );
+    let program = compile("tasks", &source);
+    let mut machine = Twice::start(&program);
+    for (now_ms, et_ms) in [(10, 0), (20, 10), (15, 10), (18, 10), (30, 20)] {
+        machine.run(Job { now_ns: now_ms * 1_000_000, ..Job::default() });
+        assert_eq!(machine.marker(0), et_ms, "at {now_ms} ms");
+    }
 }

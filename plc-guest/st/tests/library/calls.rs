@@ -105,3 +105,24 @@ fn limit_evaluates_its_arguments_in_their_order() {
         n := LIMIT(MX := Note(3), IN := Note(9), MN := Note(1)); IF trace <> 193 OR n <> 3 THEN wrong := wrong + 2; END_IF;";
     assert_eq!(wrong(declarations, statements), 0);
 }
+
+#[test]
+fn the_variable_of_an_output_is_found_before_the_block_runs() {
+    let declarations = "
+        VAR_GLOBAL next : INT := 1; END_VAR
+        FUNCTION_BLOCK Mover
+            VAR_INPUT far : INT; END_VAR
+            VAR_OUTPUT was, bit : INT; END_VAR
+            was := next; next := next + far;
+        END_FUNCTION_BLOCK
+        PROGRAM Main
+        VAR mover : Mover; row : ARRAY[0..5] OF INT; n : INT; r : REF_TO INT; END_VAR";
+    let statements = "
+        mover(far := 2, was => row[next]); IF row[1] <> 1 OR row[3] <> 0 THEN wrong := wrong + 1; END_IF;
+        next := 0; mover(far := 4, was => next, bit => row[next + 2]);
+        IF next <> 0 OR row[2] <> 0 THEN wrong := wrong + 2; END_IF;
+        next := 2; mover(far := 1, was => row[next], bit => row[next + 1]);
+        IF row[2] <> 2 OR row[3] <> 0 OR row[4] <> 0 THEN wrong := wrong + 4; END_IF;
+        r := REF(n); mover(far := 0, was => r^); IF n <> 3 THEN wrong := wrong + 8; END_IF;";
+    assert_eq!(wrong(declarations, statements), 0);
+}

@@ -289,3 +289,98 @@ fn a_function_block_does_not_leave_an_array_of_any_size() {
         assert_eq!(trap.kind, TrapKind::Bounds, "{statement}");
     }
 }
+
+#[test]
+fn an_input_with_an_edge_sees_in_its_first_call_what_the_blocks_see() {
+    let declarations = "
+        FUNCTION_BLOCK Edges
+            VAR_INPUT rise : BOOL R_EDGE; fall : BOOL F_EDGE; END_VAR
+            VAR_OUTPUT rose, fell : BOOL; END_VAR
+            rose := rise; fell := fall;
+        END_FUNCTION_BLOCK
+        PROGRAM Main
+        VAR edges : ARRAY[0..1] OF Edges; rises : ARRAY[0..1] OF R_TRIG; falls : ARRAY[0..1] OF F_TRIG; k, n : INT; on : BOOL; END_VAR";
+    let statements = "
+        FOR k := 0 TO 1 DO
+            FOR n := 0 TO 4 DO
+                on := (k = 1) = (n MOD 3 = 0);
+                edges[k](rise := on, fall := on); rises[k](CLK := on); falls[k](CLK := on);
+                IF edges[k].rose <> rises[k].Q OR edges[k].fell <> falls[k].Q THEN wrong := wrong + 1; END_IF;
+                IF n = 0 AND (edges[k].rose <> on OR edges[k].fell = on) THEN wrong := wrong + 100; END_IF;
+            END_FOR;
+        END_FOR;";
+    assert_eq!(wrong(declarations, statements), 0);
+}
+
+#[test]
+fn character_0_makes_no_text() {
+    let declarations = "
+        VAR_GLOBAL trace : STRING; END_VAR
+        PROGRAM Main
+        VAR nothing : CHAR := '$00'; nothing_wide : WCHAR := \"$0000\"; s : STRING := 'ab'; w : WSTRING; END_VAR";
+    let statements = "
+        s := CONCAT(s, nothing, 'c'); IF s <> 'abc' OR LEN(s) <> 3 THEN wrong := wrong + 1; END_IF;
+        s := CHAR_TO_STRING(nothing); IF LEN(s) <> 0 THEN wrong := wrong + 2; END_IF;
+        IF LEN(CHAR_TO_STRING(nothing)) <> 0 OR CHAR_TO_STRING(nothing) <> '' THEN wrong := wrong + 4; END_IF;
+        w := CONCAT(nothing_wide, \"x\"); IF w <> \"x\" THEN wrong := wrong + 8; END_IF;
+        trace := s;";
+    assert_eq!(wrong(declarations, statements), 0);
+}
+
+#[test]
+fn a_loop_may_make_as_many_rounds_as_its_budget_has() {
+    let rounds = |loops: &str| {
+        let mut program = program("PROGRAM Main VAR n, k : DINT; END_VAR", loops);
+        program.loop_budget = 5;
+        program
+    };
+    let most = rounds(
+        "WHILE n < 5 DO n := n + 1; END_WHILE;
+        REPEAT n := n - 1; UNTIL n = 0 END_REPEAT;
+        k := 5; FOR n := 1 TO k DO wrong := wrong + 1; END_FOR; wrong := wrong - 5;",
+    );
+    let mut machine = Twice::start(&most);
+    machine.run(Job::default());
+    assert_eq!(machine.marker(0), 0);
+    drop(machine);
+    for more in [
+        "WHILE n < 6 DO n := n + 1; END_WHILE;",
+        "REPEAT n := n + 1; UNTIL n = 6 END_REPEAT;",
+        "k := 6; FOR n := 1 TO k DO wrong := wrong + 1; END_FOR;",
+    ] {
+        let more = rounds(more);
+        assert_eq!(Twice::start(&more).trap(Job::default()).kind, TrapKind::LoopBudget);
+    }
+}
+
+#[test]
+fn a_variable_that_is_not_retained_begins_anew_in_an_instance_that_is() {
+    let declarations = "
+        FUNCTION_BLOCK Inner
+            VAR NON_RETAIN jobs : INT; rows : ARRAY[0..2] OF STRING[4]; END_VAR
+            VAR kept : INT; END_VAR
+            VAR RETAIN own : INT; END_VAR
+            VAR_OUTPUT code : INT; END_VAR
+            jobs := jobs + 1; kept := kept + 1; own := own + 1;
+            code := jobs * 100 + kept * 10 + own;
+            IF rows[2] <> '' AND jobs = 1 THEN code := -1; END_IF;
+            rows[2] := 'text';
+        END_FUNCTION_BLOCK
+        FUNCTION_BLOCK Outer
+            VAR all : ARRAY[1..2] OF Inner; END_VAR
+            VAR NON_RETAIN short : Inner; END_VAR
+            VAR_OUTPUT a, b : INT; END_VAR
+            all[2](code => a); short(code => b);
+        END_FUNCTION_BLOCK
+        PROGRAM Main
+        VAR RETAIN outer : Outer; END_VAR
+        VAR a AT %MD1 : DINT; b AT %MD2 : DINT; END_VAR";
+    let program = program(declarations, "outer(); a := outer.a; b := outer.b;");
+    let mut machine = Twice::start(&program);
+    machine.run(Job::default());
+    machine.run(Job::default());
+    assert_eq!((machine.marker(1), machine.marker(2)), (222, 222));
+    machine.restart();
+    machine.run(Job::default());
+    assert_eq!((machine.marker(1), machine.marker(2)), (133, 113));
+}

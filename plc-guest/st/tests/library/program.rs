@@ -4,7 +4,7 @@ use crate::machine;
 use crate::oracle::{self, Job, area_address};
 use std::path::{Path, PathBuf};
 use takt_st::diagnostic::text;
-use takt_st::hir::{Area, Program, Trap};
+use takt_st::hir::{Area, Program, Retention, Trap, Type, TypeId};
 use takt_st::native;
 use takt_st::project;
 use takt_st::source::Sources;
@@ -40,6 +40,41 @@ impl<'p> Twice<'p> {
         let mut compiled = machine::Machine::load(&native);
         compiled.start();
         Self { program, interpreted: oracle::Machine::new(program), compiled }
+    }
+
+    /// A warm start, of a program all of whose instances are retained: their NON_RETAIN variables begin anew.
+    pub fn restart(&mut self) {
+        self.compiled.start();
+        let program = self.program;
+        for global in program.globals.iter().filter(|one| one.storage.area == Area::State) {
+            let address = area_address(Area::State) + u64::from(global.storage.offset);
+            self.begin_anew(address, global.ty, false);
+        }
+    }
+
+    fn begin_anew(&mut self, address: u64, ty: TypeId, anew: bool) {
+        let types = &self.program.types;
+        match types.get(ty) {
+            Type::Structure(structure) => {
+                for field in &structure.fields {
+                    let anew = match field.retention {
+                        Retention::Never => true,
+                        Retention::None => anew,
+                        Retention::Retain | Retention::Persistent => false,
+                    };
+                    self.begin_anew(address + u64::from(field.offset), field.ty, anew);
+                }
+            }
+            Type::Array { element, lower, upper } => {
+                for index in 0..=(upper - lower) as u64 {
+                    let bytes = u64::from(types.size(*element));
+                    self.begin_anew(address + index * bytes, *element, anew);
+                }
+            }
+            // The tests have those whose initial value is zero.
+            _ if anew => self.interpreted.memory.write(address, &vec![0; types.size(ty) as usize]),
+            _ => {}
+        }
     }
 
     /// Runs the only task once.

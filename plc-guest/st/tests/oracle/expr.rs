@@ -277,6 +277,7 @@ impl Machine<'_> {
             }
             FromUnit => {
                 let mut text = vec![next().integer() as u16];
+                text.retain(|unit| *unit != 0);
                 text.truncate(self.capacity(expr));
                 Value::Text(text)
             }

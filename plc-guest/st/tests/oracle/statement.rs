@@ -65,13 +65,13 @@ impl Machine<'_> {
                 let ForLoop { variable, from, to, by, body } = &**parts;
                 self.count(frame, variable, [from, to, by], body, location)
             }
-            StatementKind::While(condition, body) => self.rounds(location, |machine| {
+            StatementKind::While(condition, body) => self.rounds(1, location, |machine| {
                 if !machine.expr(frame, condition)?.is_true() {
                     return Ok(Some(Flow::Next));
                 }
                 Ok(leaves(machine.block(frame, body)?))
             }),
-            StatementKind::Repeat(body, until) => self.rounds(location, |machine| {
+            StatementKind::Repeat(body, until) => self.rounds(0, location, |machine| {
                 if let Some(flow) = leaves(machine.block(frame, body)?) {
                     return Ok(Some(flow));
                 }
@@ -83,14 +83,15 @@ impl Machine<'_> {
         }
     }
 
-    /// Rounds until `round` says how the loop ends. The budget counts rounds that begin, a last test of a condition
-    /// among them.
+    /// Rounds until `round` says how the loop ends. `more` are allowed than the budget is: a last test of the condition
+    /// of a WHILE.
     fn rounds(
         &mut self,
+        more: u32,
         location: Location,
         mut round: impl FnMut(&mut Self) -> Outcome<Option<Flow>>,
     ) -> Outcome<Flow> {
-        let mut left = self.program.loop_budget;
+        let mut left = self.program.loop_budget + more;
         loop {
             if let Some(flow) = round(self)? {
                 return Ok(flow);
@@ -125,7 +126,7 @@ impl Machine<'_> {
         if passed(from.integer()) {
             return Ok(Flow::Next);
         }
-        self.rounds(location, |machine| {
+        self.rounds(0, location, |machine| {
             if let Some(flow) = leaves(machine.block(frame, body)?) {
                 return Ok(Some(flow));
             }

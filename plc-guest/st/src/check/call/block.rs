@@ -61,6 +61,7 @@ impl<'a> Body<'_, 'a> {
                 (Storage::Field(field), SectionKind::Output) => {
                     let source = place.clone().field(*field, ty);
                     self.write_place(value)
+                        .map(|target| self.fixed(target, &mut block, value.span))
                         .and_then(|target| self.output(source, target, *binding, value.span))
                         .map(|one| behind.push(one))
                 }

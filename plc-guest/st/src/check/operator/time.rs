@@ -5,7 +5,7 @@ use super::super::convert::common;
 use super::super::expression::Operand;
 use super::super::types::{is_date, is_duration, is_integer, is_real};
 use super::Written;
-use crate::hir::{Arithmetic, Conversion, Elementary};
+use crate::hir::{Arithmetic, Constant, Conversion, Elementary, Intrinsic};
 use crate::source::Span;
 use crate::syntax::ast::BinaryOperator;
 
@@ -60,7 +60,17 @@ impl<'a> Body<'_, 'a> {
         let scaled = is_real(a) || is_real(b);
         let within = if scaled { self.elementary(Elementary::Lreal) } else { ty };
         let mut part = |operand: &(Operand, Span)| {
-            let expr = operand.0.expr.clone();
+            let mut expr = operand.0.expr.clone();
+            // A divisor that LINT does not have is greater than every duration, and so is the greatest LINT.
+            let small = |one: &Constant| matches!(one, Constant::Integer(one) if i64::try_from(*one).is_ok());
+            if op == Arithmetic::Divide
+                && self.plain(expr.ty) == Some(Elementary::Ulint)
+                && !operand.0.constant().is_some_and(small)
+            {
+                let most = self.integer(expr.ty, i64::MAX.into(), operand.1);
+                let ty = expr.ty;
+                expr = self.intrinsic(Intrinsic::Min, vec![expr, most], ty, operand.1).expr;
+            }
             match expr.ty == within {
                 true => expr,
                 false => self.convert(Conversion::Value, expr, within, operand.1),
