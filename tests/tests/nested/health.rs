@@ -215,7 +215,7 @@ fn a_watchdog_does_not_run_while_the_schedule_has_no_window_for_its_linux() {
         .lines("watchdog = \"4s\"")
         .schedule("normal")
         .window("plc", 0, 200)
-        .window("linux", 500, 9_000)
+        .window("linux", 500, 8_000)
         .schedule("alone")
         .window("plc", 0, 200)
         .run("watchdog-without-windows")
