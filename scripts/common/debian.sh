@@ -115,10 +115,13 @@ make_debian() {
     truncate --size="$debian_size" "$work/disk.img"
     as_root mke2fs -q -F -t ext4 -T default -b 4096 -L debian -d "$work/root" "$work/disk.img" ||
         fail "Debian does not fit into $debian_size; --size says how large the disk is"
-    mv "$work/disk.img" "$disk"
-    copy_debian_kernel "$debian_folder"
+    copy_debian_kernel "$work"
+    mv "$work"/{vmlinuz,initrd.img} "$debian_folder/"
+    # The disk comes last: where it is, all is.
+    mv "$work/disk.img" "$disk.new"
     echo "$inputs" >"$debian_folder/inputs"
-    touch "$debian_folder/made" --reference "$disk"
+    touch "$debian_folder/made" --reference "$disk.new"
+    mv "$disk.new" "$disk"
 }
 
 # make_visitors: what tests of whole machines do to a Debian: a client for ssh with its libraries and its key, a
@@ -208,7 +211,8 @@ install_debian() {
         --aptopt='APT::Install-Recommends "false"' --aptopt='Acquire::Languages "none"' \
         --dpkgopt="$root/scripts/guest/debian/etc/dpkg/dpkg.cfg.d/no-manuals" \
         --dpkgopt=force-unsafe-io \
-        --essential-hook="cp -r --no-preserve=ownership '$root/scripts/guest/debian/.' \"\$1/\"" \
+        --essential-hook="tar -C '$root/scripts/guest/debian' --owner=0 --group=0 --mode=u=rwX,go=rX -c . |
+            tar -C \"\$1\" --no-overwrite-dir -x" \
         --customize-hook='chroot "$1" systemctl --quiet enable systemd-networkd sshd-vsock.socket' \
         --customize-hook='chroot "$1" systemctl --quiet disable getty@tty1' \
         --include="$names${debian_more:+,$debian_more}" \
@@ -270,7 +274,7 @@ copy_debian_kernel() {
         fi
         mv "$1/$name.new" "$1/$name"
     done
-    echo "guest-image: kernel ${new#*/initrd.img-} is in $1" >&2
+    echo "guest-image: kernel ${new#*/initrd.img-} is in $debian_folder" >&2
 }
 
 # debian_link DISK NAME: prints where the link /NAME leads. Debian has one for the newest kernel and its RAM disk.

@@ -25,7 +25,11 @@ draw() {
 keep_result() {
     [[ -n $2 ]] || return 0
     if result "$1" >"$work/kept" 2>/dev/null && [[ -s $work/kept ]]; then
-        cp "$work/kept" "$2"
+        cp "$work/kept" "$2" || {
+            trap restore_terminal EXIT
+            echo "${0##*/}: $1 cannot be written to $2, and stays in $work/kept" >&2
+            exit 3
+        }
     elif ((status == 0)); then
         echo "${0##*/}: takt ended well, and its $1 cannot be read from what the machine left" >&2
         status=3

@@ -158,8 +158,10 @@ claim_cpus() {
 
 # claim_cpu CPU [--nonblock]: until this script ends.
 claim_cpu() {
-    local lock
-    exec {lock}>"${TMPDIR:-/tmp}/takt-lab-cpu-$1"
+    local lock file=${TMPDIR:-/tmp}/takt-lab-cpu-$1
+    # Made by the first user, for all: the kernel lets none, not even root, open another's file in /tmp to make it.
+    (umask 022 && set -o noclobber && : >"$file") 2>/dev/null || true
+    exec {lock}<"$file"
     flock "${@:2}" "$lock" || {
         exec {lock}>&-
         return 1

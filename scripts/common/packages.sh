@@ -6,12 +6,20 @@
 # in its sources, or the one that $TAKT_SUITE names, which has a folder of its own below target/.
 # shellcheck shell=bash
 
+# Users other than root have no folder of system programs, such as mke2fs and depmod, in their PATH.
+export PATH=$PATH:/usr/local/sbin:/usr/sbin:/sbin
+# What apt and others print is read.
+export LC_ALL=C.UTF-8
+
 keep_packages=
 
 fail() {
     echo "${0##*/}: $*" >&2
     exit 1
 }
+
+# A library that is preloaded (heal_qemu) cannot have such a path.
+[[ $root != *[[:space:]:]* ]] || fail "the path $root has a blank or a colon; move the project to one without"
 
 # use_suite SUITE: from here on, kernels, compiler, busybox and QEMU are those of this suite of Debian (a code
 # name, such as trixie), by its archive and without installing anything. Empty: those of this machine.

@@ -9,7 +9,10 @@ use std::sync::atomic::Ordering;
 
 use crate::dialogue::converse;
 use crate::emulator_fault::unless_qemu_failed;
-use crate::{BUILT, Outcome, TIMEOUT_S, Value, built, read_json, root, say_end, scratch};
+use crate::{
+    BUILT, LONG_TIMEOUT_S, Outcome, TIMEOUT_S, Value, built, long, read_json, root, say_end,
+    scratch,
+};
 
 /// A script of `tests/host`, and what it needs.
 #[derive(Debug)]
@@ -20,7 +23,7 @@ impl Host {
     #[must_use]
     pub fn new() -> Self {
         let mut command = Command::new(root().join("scripts/host"));
-        command.env("TAKT_TIMEOUT", TIMEOUT_S);
+        command.env("TAKT_TIMEOUT", if long() { LONG_TIMEOUT_S } else { TIMEOUT_S });
         Self(command)
     }
 
@@ -38,7 +41,7 @@ impl Host {
         self
     }
 
-    /// Given up after this much real time, in seconds, if not after a quarter of an hour.
+    /// Given up after this much real time, in seconds, if not after a quarter of an hour, or an hour in the long form.
     #[must_use]
     pub fn given_up_after(mut self, timeout_s: &str) -> Self {
         self.0.env("TAKT_TIMEOUT", timeout_s);
