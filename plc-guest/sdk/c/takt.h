@@ -179,8 +179,10 @@ struct takt_declaration {
     TAKT_DECLARE_(point_##name, 6, #name, (const volatile void *)(TAKT_OUTPUT_BASE + (byte)),     \
                   "BOOL", .numbers = { 0, 8u | TAKT_FORCEABLE, (bit) + 1 })
 
-/* Kernel objects and channel ports. Each is a number for the calls below; the tool fills it in. */
+/* Kernel objects and channel ports. Each is a number for the calls below; the tool fills it in. Compilers take what is volatile
+ * for state, and a change of the program keeps state: the section makes the number a constant of this version. */
 #define TAKT_OBJECT_(kind, name, a, b)                                                            \
+    __attribute__((section(".data.rel.ro.takt_number")))                                          \
     static const volatile uint32_t name = 0;                                                      \
     TAKT_DECLARE_(object_##name, kind, #name, &name, "", .numbers = { a, b })
 #define TAKT_SEMAPHORE(name, ceiling) TAKT_OBJECT_(7, name, ceiling, 0)
