@@ -198,7 +198,11 @@ fn a_program_with_initial_values_and_zeros_is_changed_while_it_runs() {
     folder.takt_plc(&["diff", "old.plc", "new.plc"]).expect(0, "commit ");
     // Of either kind, also in what would be a gap of alignment.
     for (hidden, body, says) in [
-        ("static volatile char n = 1;", "n++;", "1 bytes of state at offset 4 that no variable names"),
+        (
+            "static volatile char n = 1;",
+            "n++;",
+            "1 bytes of state at offset 4 that no variable names",
+        ),
         ("static volatile char n[80];", "n[job->cycle % 80]++;", "bytes of state at offset 1"),
     ] {
         program("new", hidden, body);
