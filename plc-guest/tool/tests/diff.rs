@@ -150,3 +150,62 @@ fn a_change_that_needs_a_restart_is_told_with_its_reason() {
         .expect(1, "the change needs a restart of the partition");
     folder.takt_plc(&["diff", "old.plc", "old/p.st"]).expect(2, "old/p.st: at byte");
 }
+
+#[test]
+fn the_number_of_an_object_is_a_constant_of_its_version() {
+    let folder = Folder::new();
+    let source = "#include \"takt.h\"
+        TAKT_PROGRAM(\"p\", 1, 0, 0, 0);
+        TAKT_QUEUE(first, 4, 4); TAKT_QUEUE(second, 4, 4); TAKT_SEMAPHORE(lock, 1); TAKT_FLAGS(f);
+        static void run(const takt_job *job) {
+            (void)job; takt_take(lock, 0); takt_flags_set(f, 1); takt_send(second, \"abc\", 4);
+            char got[4]; if (takt_receive(first, got, 4, 0) >= 0) takt_fail(\"the wrong queue\");
+            if (takt_receive(second, got, 4, 0) != 4) takt_fail(\"no message\");
+            takt_give(lock);
+        }
+        TAKT_CYCLIC(run, .period = TAKT_MS(1), .priority = 1);";
+    for flags in [&["-O0"][..], &["-O2"], &["-O2", "-fdata-sections"], &["-fPIE"]] {
+        folder.c_program_with("p", source, flags).expect(0, "");
+        folder.takt_plc(&["test", "p.plc"]).expect(0, "");
+        let json = folder.takt_plc(&["inspect", "p.plc", "--json"]).expect(0, "");
+        let value: serde_json::Value = serde_json::from_str(&json.text).unwrap();
+        assert_eq!(value["state_bytes"], 0, "{flags:?}: {value}");
+    }
+    // As gcc places it by itself.
+    let source = "#include \"takt.h\"
+        TAKT_PROGRAM(\"p\", 1, 0, 0, 0);
+        static volatile uint32_t q = 0; TAKT_DECLARE_(q, 10, \"q\", &q, \"\", .numbers = { 0 });
+        static void run(const takt_job *job) { (void)job; takt_flags_set(q, 1); }
+        TAKT_CYCLIC(run, .period = TAKT_MS(1));";
+    folder.c_program("p", source).expect(2, "object `q`: its number lies in the state");
+}
+
+#[test]
+fn a_program_with_initial_values_and_zeros_is_changed_while_it_runs() {
+    let folder = Folder::new();
+    let program = |name: &str, hidden: &str, body: &str| {
+        let source = format!(
+            "#include \"takt.h\"\nTAKT_PROGRAM(\"p\", 1, 0, 0, 0);\n{hidden}\n\
+             float two = 2; TAKT_POINT(REAL, two, 0);\n\
+             float zero; TAKT_POINT(REAL, zero, 0); int16_t row[40]; TAKT_POINT(INT, row, 0);\n\
+             static void run(const takt_job *job) {{ (void)job; {body} }}\n\
+             TAKT_CYCLIC(run, .period = TAKT_MS(1));"
+        );
+        folder.c_program(name, &source).expect(0, "");
+    };
+    program("old", "", "zero += two;");
+    program("new", "", "zero -= two; row[1]++;");
+    folder.takt_plc(&["diff", "old.plc", "new.plc"]).expect(0, "commit ");
+    // Of either kind, also in what would be a gap of alignment.
+    for (hidden, body, says) in [
+        (
+            "static volatile char n = 1;",
+            "n++;",
+            "1 bytes of state at offset 4 that no variable names",
+        ),
+        ("static volatile char n[80];", "n[job->cycle % 80]++;", "bytes of state at offset 1"),
+    ] {
+        program("new", hidden, body);
+        folder.takt_plc(&["diff", "old.plc", "new.plc"]).expect(1, says);
+    }
+}

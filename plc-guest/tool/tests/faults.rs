@@ -2,6 +2,9 @@
 
 mod common;
 
+use std::fs;
+use std::process::{Command, Stdio};
+
 use common::Folder;
 
 const SOURCE: &str = include_str!("programs/faults.c");
@@ -90,4 +93,53 @@ fn nothing_of_the_tool_is_in_reach_of_a_program() {
         folder.write("t.csv", &format!("where\n{at}\n"));
         folder.takt_plc(&["test", "peek.plc", "t.csv"]).expect(3, "task run, job 0");
     }
+}
+
+#[test]
+fn signals_from_outside_do_not_concern_a_program() {
+    let folder = Folder::new();
+    let source = r#"
+        #include "takt.h"
+        TAKT_PROGRAM("long", 1, 0, 0, 0);
+        static void run(const takt_job *job) {
+            (void)job;
+            for (volatile int i = 0; i < 300000000; i++) continue;
+        }
+        TAKT_CYCLIC(run, .period = TAKT_MS(1));
+    "#;
+    folder.c_program("long", source).expect(0, "");
+    let mut tool = Command::new(env!("CARGO_BIN_EXE_takt-plc"))
+        .args(["test", "long.plc", "--time-limit", "60000"])
+        .current_dir(folder.path())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let id = tool.id();
+    let mut sent = 0;
+    while tool.try_wait().unwrap().is_none() {
+        let children = fs::read_to_string(format!("/proc/{id}/task/{id}/children"));
+        let Some(child) =
+            children.ok().and_then(|all| Some(all.split_whitespace().next()?.to_owned()))
+        else {
+            continue;
+        };
+        let stat = fs::read_to_string(format!("/proc/{child}/stat")).unwrap_or_default();
+        // Behind the name: state, parent, group.
+        let group = stat.rsplit(')').next().and_then(|rest| rest.split_whitespace().nth(2));
+        let maps = fs::read_to_string(format!("/proc/{child}/maps")).unwrap_or_default();
+        // Not yet the program, or not any more.
+        if maps.is_empty() || maps.contains("takt-plc") {
+            continue;
+        }
+        assert_eq!(group, Some(child.as_str()), "a terminal's signals reach it");
+        // A terminal has another size; Ctrl-Z and fg.
+        for signal in ["-WINCH", "-TSTP", "-CONT"] {
+            Command::new("kill").args([signal, &child]).stderr(Stdio::null()).status().unwrap();
+        }
+        sent += 1;
+    }
+    let output = tool.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(sent > 0, "no signal was sent while the program ran");
 }

@@ -14,6 +14,9 @@ use takt_program::{Area, Image, TypeId, TypeKind, Variable};
 /// What linkers align large objects to.
 const LARGE_ALIGNMENT: u32 = 32;
 
+/// Where `takt plc build` begins the zeros of C and Rust behind the initial values: at a multiple of this (`program.ld`).
+const ZEROS_ALIGNMENT: u32 = 64;
+
 /// The variables of the state, in the order of their places.
 pub fn state_variables<'a>(image: &Image<'a>) -> Vec<Variable<'a>> {
     let is_whole = |v: &Variable<'_>| v.area == Area::State && !v.is_part();
@@ -25,7 +28,17 @@ pub fn state_variables<'a>(image: &Image<'a>) -> Vec<Variable<'a>> {
 /// The ranges of the state that no variable names, without gaps of alignment.
 pub fn nameless(image: &Image<'_>) -> impl Iterator<Item = Range<u32>> + use<> {
     let mut alignments = Alignments { image, known: HashMap::new() };
+    let initial = image.state().len() as u32;
+    let zeros = initial.next_multiple_of(ZEROS_ALIGNMENT);
     let mut gaps = Vec::new();
+    let mut add = |gap: Range<u32>, alignment| {
+        // No object of the program begins between these two, and the last initial value belongs to one.
+        let is_split = gap.start < initial && initial < gap.end;
+        let least = if is_split { 1 } else { alignment };
+        let parts = [gap.start..gap.end.min(initial), gap.start.max(zeros)..gap.end];
+        let parts = parts.into_iter().zip([least, alignment]);
+        gaps.extend(parts.filter(|(gap, least)| gap.len() as u32 >= *least).map(|(gap, _)| gap));
+    };
     let mut end = 0;
     for variable in state_variables(image) {
         if variable.offset > end {
@@ -33,16 +46,11 @@ pub fn nameless(image: &Image<'_>) -> impl Iterator<Item = Range<u32>> + use<> {
                 _ if variable.bytes >= LARGE_ALIGNMENT => LARGE_ALIGNMENT,
                 alignment => alignment,
             };
-            let padding = variable.offset - end < alignment;
-            if !padding {
-                gaps.push(end..variable.offset);
-            }
+            add(end..variable.offset, alignment);
         }
         end = end.max(variable.offset + variable.bytes);
     }
-    if image.state_bytes().saturating_sub(end) >= LARGE_ALIGNMENT {
-        gaps.push(end..image.state_bytes());
-    }
+    add(end..image.state_bytes(), LARGE_ALIGNMENT);
     gaps.into_iter()
 }
 

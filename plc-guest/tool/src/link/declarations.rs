@@ -305,20 +305,19 @@ impl Maker<'_> {
 
     /// Writes the number of an object where the program reads it.
     fn number(&mut self, declared: &Declared, id: u32) -> Result<(), LinkError> {
-        let (area, offset) = self.place(declared, 4)?;
-        let bytes = match area {
-            Area::Constant => &mut self.builder.constants,
-            Area::State => &mut self.builder.state,
-            _ => {
-                return Err(declared.error("object", "its number lies in the process image".into()));
+        let why = match self.place(declared, 4)? {
+            (Area::Constant, offset) => {
+                let offset = offset as usize;
+                self.builder.constants[offset..offset + 4].copy_from_slice(&id.to_le_bytes());
+                return Ok(());
             }
+            // A change would keep the number, and the new version may have given it to another object.
+            (Area::State, _) => {
+                "its number lies in the state; compile the program with the takt.h of this version"
+            }
+            _ => "its number lies in the process image",
         };
-        let offset = offset as usize;
-        if bytes.len() < offset + 4 {
-            bytes.resize(offset + 4, 0);
-        }
-        bytes[offset..offset + 4].copy_from_slice(&id.to_le_bytes());
-        Ok(())
+        Err(declared.error("object", why.into()))
     }
 }
 

@@ -18,7 +18,7 @@ pub enum Stop {
     Call(Registers),
     /// It asked for something by another instruction: `int 0x80` or `sysenter`.
     ForeignCall(Registers),
-    /// A signal, which is how a fault shows.
+    /// A signal of a fault.
     Signal { number: c_int, code: c_int, address: u64, registers: Registers },
     /// It was still running when its time was over.
     TimedOut(Registers),
@@ -31,6 +31,10 @@ pub struct Child {
     pid: libc::pid_t,
 }
 
+/// Signals that the program itself causes.
+const FAULTS: [c_int; 5] = [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGTRAP];
+/// Marks stops by system calls (`PTRACE_O_TRACESYSGOOD`).
+const CALL: c_int = 0x80;
 /// First byte of all that does not belong to a program, above it.
 const ABOVE: u64 = 0x7000_0000;
 /// End of what a process can map (x86-64, four levels of page tables).
@@ -141,22 +145,30 @@ impl Child {
     pub fn run(&self, registers: &Registers, limit: Duration) -> Result<Stop, HostError> {
         let at = std::ptr::from_ref(registers) as u64;
         self.ptrace(libc::PTRACE_SETREGS, 0, at, "PTRACE_SETREGS")?;
-        self.ptrace(libc::PTRACE_SYSEMU, 0, 0, "PTRACE_SYSEMU")?;
-        let Some(status) = self.wait(limit)? else {
-            // SAFETY: stops an own child.
-            unsafe { libc::kill(self.pid, libc::SIGSTOP) };
-            return match self.wait(Duration::from_secs(10))? {
-                Some(status) if libc::WIFSTOPPED(status) => Ok(Stop::TimedOut(self.registers()?)),
-                _ => Ok(Stop::Gone),
+        let deadline = Instant::now() + limit;
+        let status = loop {
+            self.ptrace(libc::PTRACE_SYSEMU, 0, 0, "PTRACE_SYSEMU")?;
+            let Some(status) = self.wait(deadline)? else {
+                // SAFETY: stops an own child.
+                unsafe { libc::kill(self.pid, libc::SIGSTOP) };
+                return match self.wait(Instant::now() + Duration::from_secs(10))? {
+                    Some(status) if libc::WIFSTOPPED(status) => {
+                        Ok(Stop::TimedOut(self.registers()?))
+                    }
+                    _ => Ok(Stop::Gone),
+                };
             };
+            if !libc::WIFSTOPPED(status) {
+                return Ok(Stop::Gone);
+            }
+            // Others come from outside, and do not concern the program.
+            if FAULTS.contains(&(libc::WSTOPSIG(status) & !CALL)) {
+                break status;
+            }
         };
-        if !libc::WIFSTOPPED(status) {
-            return Ok(Stop::Gone);
-        }
         let registers = self.registers()?;
         match libc::WSTOPSIG(status) {
-            // PTRACE_O_TRACESYSGOOD marks stops by system calls.
-            signal if signal == libc::SIGTRAP | 0x80 => Ok(Stop::Call(registers)),
+            signal if signal == libc::SIGTRAP | CALL => Ok(Stop::Call(registers)),
             number => {
                 let mut info = MaybeUninit::<libc::siginfo_t>::zeroed();
                 let at = info.as_mut_ptr() as u64;
@@ -170,9 +182,8 @@ impl Child {
         }
     }
 
-    /// The status of the process when it stops or ends, or nothing when `limit` is over.
-    fn wait(&self, limit: Duration) -> Result<Option<c_int>, HostError> {
-        let deadline = Instant::now() + limit;
+    /// The status of the process when it stops or ends, or nothing when the time is over.
+    fn wait(&self, deadline: Instant) -> Result<Option<c_int>, HostError> {
         loop {
             let mut status = 0;
             // SAFETY: asks for an own child.
@@ -219,6 +230,8 @@ fn become_program(memory: &Memory) -> ! {
         if libc::ptrace(libc::PTRACE_TRACEME, 0, 0, 0) != 0 {
             libc::_exit(1);
         }
+        // A terminal signals all of a group: Ctrl-C, Ctrl-Z and a new size are for the tool alone.
+        libc::setpgid(0, 0);
         let none = libc::rlimit { rlim_cur: 0, rlim_max: 0 };
         libc::setrlimit(libc::RLIMIT_CORE, &raw const none);
         for region in memory.regions() {
