@@ -57,12 +57,14 @@ impl Value {
     /// with seven digits when no tolerance is given, since a table has no more.
     #[must_use]
     pub fn accepts(self, found: Self, tolerance: Option<f64>) -> bool {
+        if let (Self::Float(want), Self::Float(is)) = (self, found)
+            && !(want.is_finite() && is.is_finite())
+        {
+            // No tolerance has a meaning here: every finite number is within infinity of infinity.
+            return want == is || (want.is_nan() && is.is_nan());
+        }
         match (self, found, tolerance) {
-            (Self::Float(want), Self::Float(is), None) => {
-                want == is
-                    || (want.is_nan() && is.is_nan())
-                    || (want - is).abs() <= 5e-7 * want.abs()
-            }
+            (Self::Float(want), Self::Float(is), None) => (want - is).abs() <= 5e-7 * want.abs(),
             (want, is, None) => want == is,
             (want, is, Some(tolerance)) => match (want.integer(), is.integer()) {
                 // Numbers of 64 bits would lose digits as floating-point ones.
@@ -121,4 +123,25 @@ pub fn digits<F: Copy + Into<f64> + fmt::Display + fmt::LowerExp>(number: F) -> 
 pub fn is_signed(elementary: Elementary) -> bool {
     use Elementary as E;
     matches!(elementary, E::Sint | E::Int | E::Dint | E::Lint | E::Date | E::Ldate | E::Dt | E::Ldt)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Value;
+
+    #[test]
+    fn infinity_and_no_number_are_only_themselves() {
+        let all = [0.0, 2.0, f64::MAX, f64::INFINITY, f64::NEG_INFINITY, f64::NAN];
+        for (i, want) in all.into_iter().enumerate() {
+            for (k, found) in all.into_iter().enumerate() {
+                for tolerance in [None, Some(0.5)] {
+                    let accepts = Value::Float(want).accepts(Value::Float(found), tolerance);
+                    assert_eq!(accepts, i == k, "{want} {found} {tolerance:?}");
+                }
+            }
+        }
+        assert!(Value::Float(1.0).accepts(Value::Float(1.000_000_4), None));
+        assert!(!Value::Float(1.0).accepts(Value::Float(1.000_001), None));
+        assert!(Value::Float(1.0).accepts(Value::Float(1.4), Some(0.5)));
+    }
 }

@@ -1,6 +1,6 @@
 //! A table of inputs and expected outputs: CSV with one column for each point and one row for each cycle.
 //!
-//! The first row has the names. A column of a point of the input image sets it; any other column is an
+//! The first row has the names. A column of a point of the input image, or of a part of one, sets it; any other column is an
 //! expectation. `set NAME` sets a variable that is no input, `NAME +-0.01` has a tolerance. An empty cell
 //! sets nothing and expects nothing; an input keeps its value. Lines that begin with `#` are comments, and so are
 //! columns whose name does.
@@ -117,8 +117,7 @@ fn column(image: &Image<'_>, text: &str) -> Result<Column, String> {
     };
     let (name, told) = name.strip_prefix("set ").map_or((name, false), |name| (name.trim(), true));
     let place = Place::find(image, name).map_err(|error| error.to_string())?;
-    let input = image.variable(name).is_some_and(|variable| variable.area == Area::Input);
-    let kind = match (told || input, tolerance) {
+    let kind = match (told || place.area == Area::Input, tolerance) {
         (true, None) => Kind::Set,
         (true, Some(_)) => return Err("a value that is set has no tolerance".into()),
         (false, tolerance) => Kind::Expect { tolerance },

@@ -2,7 +2,7 @@
 
 pub use takt_points::Value;
 use takt_points::is_signed;
-use takt_program::{Elementary, Image, Type, TypeId, TypeKind, Variable};
+use takt_program::{Area, Elementary, Image, Type, TypeId, TypeKind, Variable};
 use takt_st::syntax::ast::LiteralValue;
 use takt_st::syntax::literal;
 
@@ -11,6 +11,8 @@ use crate::run::Machine;
 /// Where a value lies, and what it is.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
+    /// Of the variable that it is, or is a part of.
+    pub area: Area,
     address: u64,
     bit: Option<u8>,
     elementary: Elementary,
@@ -53,7 +55,7 @@ impl Place {
             }
             _ => return Err(PlaceError::NotSimple(name.into(), "an array or structure")),
         };
-        Ok(Self { address: at, bit: variable.bit, elementary })
+        Ok(Self { area: variable.area, address: at, bit: variable.bit, elementary })
     }
 
     /// The value now. There is always one, unless the program's memory is not what its image says.

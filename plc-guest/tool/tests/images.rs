@@ -29,6 +29,10 @@ fn an_image_is_signed_by_a_key_and_no_other() {
     folder.write("half.pub", "");
     folder.takt_plc(&["keygen", "half"]).expect(2, "cannot make half.pub");
     assert!(!folder.path().join("half.key").exists());
+    // As if the disk were full.
+    let words = "trap '' XFSZ; ulimit -f 0; exec \"$TAKT\" plc keygen full";
+    folder.run("sh", &["-c", words]).expect(2, "cannot make full.key");
+    assert!(!folder.path().join("full.key").exists());
     folder.takt_plc(&["verify", "p.plc", "--key", "a.pub"]).expect(1, "is not signed");
     folder.takt_plc(&["sign", "p.plc", "--key", "a.key"]).expect(0, "signed by");
     folder
@@ -109,6 +113,31 @@ fn a_task_that_writes_the_output_of_another_is_told() {
         3,
         "task a, job 1, at 1 ms: it changed the output `horn`, which another task writes",
     );
+}
+
+#[test]
+fn parts_of_inputs_are_set_and_the_initialisation_finds_the_inputs() {
+    let folder = Folder::new();
+    let source = "PROGRAM Main\nVAR\n row AT %IW0 : ARRAY[1..2] OF INT; q AT %QW0 : INT; END_VAR\n\
+        q := row[1] + 10 * row[2];\nEND_PROGRAM\nCONFIGURATION c\n\
+        TASK t (INTERVAL := T#10ms, PRIORITY := 1);\nPROGRAM main WITH t : Main;\nEND_CONFIGURATION\n";
+    folder.write("p.st", source);
+    folder.takt_plc(&["build", "p.st", "-o", "p.plc"]).expect(0, "");
+    folder.write("t.csv", "main.row[1],main.row[2],main.q\n1,2,21\n,3,31\n");
+    folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(0, "all as expected");
+
+    let source = "#include \"takt.h\"\nTAKT_PROGRAM(\"p\", 1, 0, 0, 0);\n\
+        TAKT_INPUT(INT, x, 0); TAKT_OUTPUT(INT, y, 0); int16_t first = 5; TAKT_POINT(INT, first, 0);\n\
+        int16_t seen; TAKT_POINT(INT, seen, 0);\n\
+        static void begin(const takt_job *job) { (void)job; seen = first; first = x; }\nTAKT_INIT(begin);\n\
+        static void run(const takt_job *job) { (void)job; y = first; }\n\
+        TAKT_CYCLIC(run, .period = TAKT_MS(1));\n";
+    folder.c_program("p", source).expect(0, "");
+    // A variable is set behind the initialisation, which gives it its value.
+    folder.write("t.csv", "x,y,seen\n7,7,5\n8,7,5\n");
+    folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(0, "all as expected");
+    folder.write("t.csv", "x,set first,y,seen\n7,9,9,5\n");
+    folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(0, "all as expected");
 }
 
 #[test]

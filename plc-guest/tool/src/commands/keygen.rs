@@ -52,6 +52,10 @@ fn with(name: &Path, end: &str) -> PathBuf {
 /// A key is never overwritten: what it has signed could not be signed again.
 fn create(path: &Path, text: &str, mode: u32) -> Result<(), Failure> {
     let file = OpenOptions::new().write(true).create_new(true).mode(mode).open(path);
-    file.and_then(|mut file| writeln!(file, "{text}"))
+    let write = |mut file: File| {
+        // What is left of a key is none, and would be in the way of the next one.
+        writeln!(file, "{text}").inspect_err(|_| drop(fs::remove_file(path)))
+    };
+    file.and_then(write)
         .map_err(|error| Failure::input(format!("cannot make {}: {error}", path.display())))
 }

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use takt_program::{Image, Nanoseconds};
+use takt_program::{Area, Image, Nanoseconds};
 
 use super::{Options, failed, host, read};
 use crate::run::{Logged, Machine, Schedule};
-use crate::table::{Kind, Row, Table};
+use crate::table::{Column, Kind, Row, Table};
 use crate::{Failure, status};
 
 /// Mismatches that are told one by one.
@@ -21,12 +21,16 @@ pub fn run(image: Image<'_>, path: Option<&PathBuf>, options: &Options) -> Resul
             Failure::input("the program has no cyclic task: say how long a row is with --step")
         })?;
     let mut machine = Machine::new(image, options.limit()).map_err(host)?;
+    // As in the guest, `init` finds the inputs as they are.
+    if let Some(row) = table.rows.first() {
+        set(&table, row, &machine, |column| column.place.area == Area::Input);
+    }
     let lines = machine.init().map_err(failed)?;
     let logged = lines.into_iter().map(|line| Logged { task: "init".into(), now: 0, line });
     options.say(&logged.collect::<Vec<_>>());
     let mut wrong = Vec::new();
     for row in &table.rows {
-        set(&table, row, &machine);
+        set(&table, row, &machine, |_| true);
         options.say(&schedule.step(&mut machine, step).map_err(failed)?);
         compare(&table, row, &machine, &mut wrong);
     }
@@ -63,10 +67,10 @@ fn table(image: &Image<'_>, path: Option<&PathBuf>, cycles: u64) -> Result<Table
     Ok(table)
 }
 
-fn set(table: &Table, row: &Row, machine: &Machine<'_>) {
+fn set(table: &Table, row: &Row, machine: &Machine<'_>, which: impl Fn(&Column) -> bool) {
     for (index, value) in &row.cells {
         let column = &table.columns[*index];
-        if column.kind == Kind::Set {
+        if column.kind == Kind::Set && which(column) {
             column.place.put(machine, *value);
         }
     }
