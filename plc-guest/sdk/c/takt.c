@@ -171,10 +171,9 @@ void takt_logf(const char *format, ...) {
         } else if (*format == '%') {
             put(&line, '%');
         } else {
-            /* A format that ends in the middle of a conversion ends the line. */
-            for (; from < format; from++) put(&line, *from);
-            if (!*format) break;
-            put(&line, *format);
+            /* Which value it would take is not known, so the others would not be those of their conversions. */
+            while (*from) put(&line, *from++);
+            break;
         }
     }
     va_end(values);

@@ -29,8 +29,13 @@ typedef struct {
     uint64_t reserved[3]; /* 0 */
 } takt_job;
 
-#define TAKT_US(n) ((uint64_t)(n) * 1000u)
-#define TAKT_MS(n) ((uint64_t)(n) * 1000000u)
+/* TAKT_MS(10), TAKT_MS(2.5): as nanoseconds, whole numbers exactly, others rounded. */
+#define TAKT_US(n) TAKT_NS_(n, 1000)
+#define TAKT_MS(n) TAKT_NS_(n, 1000000)
+#define TAKT_NS_(n, unit)                                                                         \
+    _Generic((n), float: TAKT_ROUNDED_(n, unit), double: TAKT_ROUNDED_(n, unit),                  \
+             long double: TAKT_ROUNDED_(n, unit), default: (uint64_t)(n) * unit##u)
+#define TAKT_ROUNDED_(n, unit) ((uint64_t)((double)(n) * unit + 0.5))
 
 /* The elementary types of IEC 61131-3 that points can have. */
 typedef bool takt_BOOL;
@@ -225,8 +230,8 @@ __attribute__((always_inline)) static inline void takt_log(const char *text) {
 }
 /* Logs a line with numbers: as printf does, but only with %d %u %x %lld %llu %llx %f %s %c and %%. Between % and the
  * letter a width of up to 60 may be given, with a 0 or - before it, and for %f the digits behind the point: %06.2f. There are
- * 6 without, and no more than 9. A %f of 1e18 and above is written with an exponent. What is none of these is
- * logged as it is written. The line is cut behind 120 bytes. */
+ * 6 without, and no more than 9. A %f of 1e18 and above is written with an exponent. What is none of these, and all
+ * that comes behind it, is logged as it is written. The line is cut behind 120 bytes. */
 __attribute__((format(printf, 1, 2))) void takt_logf(const char *format, ...);
 /* Takes a semaphore; waits up to timeout nanoseconds. */
 static inline int64_t takt_take(uint32_t semaphore, uint64_t timeout) {

@@ -13,9 +13,12 @@ NOTED := $(shell $(CC) -Wa,-mx86-used-note=yes -c -x c /dev/null -o /dev/null 2>
 
 build/%.o: %.c $(SDK)/takt.h
 	@mkdir -p build
-	$(CC) $(CFLAGS) $(FREESTANDING) $(NOTED) -c $< -o $@
+	$(CC) $(CFLAGS) $(FREESTANDING) $(NOTED) -MMD -MP -c $< -o $@
 
 # gcc would make calls of memcpy of the loops that memcpy is made of, and of sqrt of what sqrt is made of.
 build/takt.o build/takt_math.o: build/%.o: $(SDK)/%.c $(SDK)/takt.h
 	@mkdir -p build
-	$(CC) $(CFLAGS) $(FREESTANDING) $(NOTED) -fno-builtin -fno-tree-loop-distribute-patterns -c $< -o $@
+	$(CC) $(CFLAGS) $(FREESTANDING) $(NOTED) -MMD -MP -fno-builtin -fno-tree-loop-distribute-patterns -c $< -o $@
+
+# The headers that each object was made of.
+-include $(wildcard build/*.d)

@@ -167,6 +167,9 @@ fn numbers_are_logged() {
         ("\"%f %f %f\", 1.0 / zero, -1.0 / zero, 0.0 / zero", "inf -inf nan"),
         ("\"%s|%8s|%-4s|%c\", \"a\", \"right\", \"l\", 'x'", "a|   right|l   |x"),
         ("\"100%%\"", "100%"),
+        // Behind what is not known no value is told as that of another conversion.
+        ("\"[%d %+d|%s]\", 1, 2, \"a\"", "[1 %+d|%s]"),
+        ("\"[%d %zu|%f]\", 1, sizeof(int), 2.0", "[1 %zu|%f]"),
     ];
     let mut body = String::new();
     for (number, (arguments, _)) in table.iter().enumerate() {
@@ -196,6 +199,46 @@ fn numbers_are_logged() {
     }
     says(100, &format!("{:>60}{:>60}", 1, 2));
     says(101, "%q %");
+}
+
+#[test]
+fn a_time_may_have_a_fraction() {
+    let folder = Folder::new();
+    let times = [
+        ("TAKT_MS(10)", 10_000_000_u64),
+        ("TAKT_MS(2.5)", 2_500_000),
+        ("TAKT_MS(0.5)", 500_000),
+        ("TAKT_MS(0.1f)", 100_000),
+        ("TAKT_US(0.3)", 300),
+        ("TAKT_US(1 + 0.0016)", 1002),
+        ("TAKT_MS(4.0L)", 4_000_000),
+        // More nanoseconds than a double can count, and more than an int can.
+        ("TAKT_US(9007199254740993)", 9_007_199_254_740_993_000),
+        ("TAKT_US(4294967295u)", 4_294_967_295_000),
+        ("2 * TAKT_MS(1 + 1)", 4_000_000),
+    ];
+    let statics: String = times
+        .iter()
+        .enumerate()
+        .map(|(i, (time, _))| format!("static const uint64_t at_{i} = {time};\n"))
+        .collect();
+    let checks: String = times
+        .iter()
+        .enumerate()
+        .map(|(i, (time, ns))| {
+            format!("_Static_assert({time} == {ns}u, \"{time}\"); if (at_{i} != {ns}u) takt_fail(\"{time}\");\n")
+        })
+        .collect();
+    // The value is made once.
+    let checks =
+        format!("{checks} int n = 3; if (TAKT_MS(n++) != 3000000 || n != 4) takt_fail(\"n\");\n");
+    let source = format!(
+        "{HEAD}{statics}static void run(const takt_job *job) {{ (void)job;\n{checks} }}\n\
+         TAKT_CYCLIC(run, .period = TAKT_MS(2.5), .budget = TAKT_MS(0.5));\n"
+    );
+    folder.c_program("p", &source).expect(0, "");
+    folder.takt_plc(&["test", "p.plc"]).expect(0, "1 cycles, 2500 us");
+    folder.takt_plc(&["inspect", "p.plc"]).expect(0, "budget 500 us");
 }
 
 #[test]

@@ -85,6 +85,25 @@ fn a_c_project_is_made_built_inspected_and_tested() {
 }
 
 #[test]
+fn a_header_that_has_changed_makes_the_program_anew() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "p", "--lang", "c"]).expect(0, "");
+    let source = "#include \"takt.h\"\n#include \"level.h\"\nTAKT_PROGRAM(\"p\", 0, 1, 0, 0);\n\
+        TAKT_OUTPUT(DINT, level, 0);\nstatic void run(const takt_job *job) { (void)job; level = LEVEL; }\n\
+        TAKT_CYCLIC(run, .period = TAKT_MS(10));\n";
+    folder.write("p/tank.c", source);
+    for level in ["1", "2"] {
+        folder.write("p/level.h", &format!("#define LEVEL {level}\n"));
+        folder.write("p/tests/tank.csv", &format!("level\n{level}\n"));
+        folder.run("make", &["-C", "p", "test"]).expect(0, "1 cycles");
+    }
+    // One that is gone is in the way of nothing.
+    folder.write("p/tank.c", &source.replace("#include \"level.h\"", "#define LEVEL 2"));
+    std::fs::remove_file(folder.path().join("p/level.h")).unwrap();
+    folder.run("make", &["-C", "p", "test"]).expect(0, "1 cycles");
+}
+
+#[test]
 fn function_blocks_are_used_in_c() {
     let folder = Folder::new();
     folder.takt_plc(&["new", "filter", "--lang", "c"]).expect(0, "");
