@@ -87,7 +87,11 @@ macro_rules! __variable {
 #[macro_export]
 macro_rules! input {
     ($vis:vis $ident:ident: $ty:ty, $name:literal, $byte:expr) => {
-        $vis static $ident: $crate::Input<$ty> = $crate::Input::at($byte);
+        $vis static $ident: $crate::Input<$ty> = {
+            const BYTE: usize = $byte;
+            // SAFETY: it is declared below.
+            unsafe { $crate::Input::at(BYTE) }
+        };
         $crate::__variable!(
             $name,
             $crate::declaration::INPUT + $byte,
@@ -102,7 +106,11 @@ macro_rules! input {
 #[macro_export]
 macro_rules! output {
     ($vis:vis $ident:ident: $ty:ty, $name:literal, $byte:expr) => {
-        $vis static $ident: $crate::Output<$ty> = $crate::Output::at($byte);
+        $vis static $ident: $crate::Output<$ty> = {
+            const BYTE: usize = $byte;
+            // SAFETY: it is declared below.
+            unsafe { $crate::Output::at(BYTE) }
+        };
         $crate::__variable!(
             $name,
             $crate::declaration::OUTPUT + $byte,
@@ -118,7 +126,11 @@ macro_rules! output {
 #[macro_export]
 macro_rules! marker {
     ($vis:vis $ident:ident: $ty:ty, $name:literal, $byte:expr) => {
-        $vis static $ident: $crate::Marker<$ty> = $crate::Marker::at($byte);
+        $vis static $ident: $crate::Marker<$ty> = {
+            const BYTE: usize = $byte;
+            // SAFETY: it is declared below.
+            unsafe { $crate::Marker::at(BYTE) }
+        };
         $crate::__variable!(
             $name,
             $crate::declaration::MARKER + $byte,
@@ -145,7 +157,11 @@ macro_rules! writes {
 #[macro_export]
 macro_rules! input_bit {
     ($vis:vis $ident:ident, $name:literal, $byte:expr, $bit:expr) => {
-        $vis static $ident: $crate::InputBit = $crate::InputBit::at($byte, $bit);
+        $vis static $ident: $crate::InputBit = {
+            const PLACE: (usize, u8) = ($byte, $bit);
+            // SAFETY: it is declared below.
+            unsafe { $crate::InputBit::at(PLACE.0, PLACE.1) }
+        };
         $crate::__variable!(
             $name,
             $crate::declaration::INPUT + $byte,
@@ -160,7 +176,11 @@ macro_rules! input_bit {
 #[macro_export]
 macro_rules! output_bit {
     ($vis:vis $ident:ident, $name:literal, $byte:expr, $bit:expr) => {
-        $vis static $ident: $crate::OutputBit = $crate::OutputBit::at($byte, $bit);
+        $vis static $ident: $crate::OutputBit = {
+            const PLACE: (usize, u8) = ($byte, $bit);
+            // SAFETY: it is declared below.
+            unsafe { $crate::OutputBit::at(PLACE.0, PLACE.1) }
+        };
         $crate::__variable!(
             $name,
             $crate::declaration::OUTPUT + $byte,

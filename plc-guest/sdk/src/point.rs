@@ -111,8 +111,12 @@ unsafe impl<T: Value> Sync for Point<T> {}
 
 impl<T: Value> Input<T> {
     /// At this byte of `%I`. Made by [`input!`](crate::input), which also declares it.
+    ///
+    /// # Safety
+    /// It is declared there: `takt plc build` then checks that all of it is inside of the image.
+    #[doc(hidden)]
     #[must_use]
-    pub const fn at(byte: usize) -> Self {
+    pub const unsafe fn at(byte: usize) -> Self {
         Self(INPUT + byte, PhantomData)
     }
 
@@ -132,8 +136,12 @@ struct Anywhere<T: Copy>(T);
 
 impl<T: Value> Output<T> {
     /// At this byte of `%Q`. Made by [`output!`](crate::output), which also declares it.
+    ///
+    /// # Safety
+    /// As for [`Input::at`].
+    #[doc(hidden)]
     #[must_use]
-    pub const fn at(byte: usize) -> Self {
+    pub const unsafe fn at(byte: usize) -> Self {
         Self(OUTPUT + byte, PhantomData)
     }
 
@@ -153,8 +161,12 @@ impl<T: Value> Output<T> {
 
 impl<T: Value> Marker<T> {
     /// At this byte of `%M`. Made by [`marker!`](crate::marker), which also declares it.
+    ///
+    /// # Safety
+    /// As for [`Input::at`].
+    #[doc(hidden)]
     #[must_use]
-    pub const fn at(byte: usize) -> Self {
+    pub const unsafe fn at(byte: usize) -> Self {
         Self(MARKER + byte, PhantomData)
     }
 
@@ -174,34 +186,45 @@ impl<T: Value> Marker<T> {
 
 impl InputBit {
     /// Bit `bit` of this byte of `%I`. Made by [`input_bit!`](crate::input_bit).
+    ///
+    /// # Safety
+    /// As for [`Input::at`].
+    #[doc(hidden)]
     #[must_use]
-    pub const fn at(byte: usize, bit: u8) -> Self {
+    pub const unsafe fn at(byte: usize, bit: u8) -> Self {
         Self(byte, bit)
     }
 
     /// The value in this cycle.
     #[must_use]
     pub fn get(&self) -> bool {
-        Input::<u8>::at(self.0).get() >> self.1 & 1 == 1
+        // SAFETY: it was promised when this was made.
+        unsafe { Input::<u8>::at(self.0) }.get() >> self.1 & 1 == 1
     }
 }
 
 impl OutputBit {
     /// Bit `bit` of this byte of `%Q`. Made by [`output_bit!`](crate::output_bit).
+    ///
+    /// # Safety
+    /// As for [`Input::at`].
+    #[doc(hidden)]
     #[must_use]
-    pub const fn at(byte: usize, bit: u8) -> Self {
+    pub const unsafe fn at(byte: usize, bit: u8) -> Self {
         Self(byte, bit)
     }
 
     /// The value that was set last.
     #[must_use]
     pub fn get(&self) -> bool {
-        Output::<u8>::at(self.0).get() >> self.1 & 1 == 1
+        // SAFETY: as for `InputBit::get`.
+        unsafe { Output::<u8>::at(self.0) }.get() >> self.1 & 1 == 1
     }
 
     /// Sets it. Bits of one byte must be written by one task only.
     pub fn set(&self, value: bool) {
-        let byte = Output::<u8>::at(self.0);
+        // SAFETY: as for `InputBit::get`.
+        let byte = unsafe { Output::<u8>::at(self.0) };
         byte.set(byte.get() & !(1 << self.1) | u8::from(value) << self.1);
     }
 }

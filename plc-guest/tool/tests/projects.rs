@@ -21,6 +21,38 @@ fn a_rust_project_is_made_built_inspected_and_tested() {
 }
 
 #[test]
+fn a_rust_program_without_unsafe_code_reaches_only_what_it_declares() {
+    let folder = Folder::new();
+    folder.takt_plc(&["new", "safe", "--lang", "rust"]).expect(0, "");
+    let source = "#![no_std]\n#![forbid(unsafe_code)]\nuse takt_sdk::{Cyclic, Job};\n\
+        takt_sdk::program!(\"safe\", 1, 0, 0);\n\
+        takt_sdk::input!(X: i32, \"x\", 4);\ntakt_sdk::marker!(pub M: i32, \"m\", 0);\n\
+        takt_sdk::input_bit!(ON, \"on\", 8, 2);\ntakt_sdk::output_bit!(LAMP, \"lamp\", 4, 1);\n\
+        takt_sdk::output!(Y: i32, \"y\", 0);\ntakt_sdk::point!(P: i32 = 1, \"p\");\n\
+        takt_sdk::queue!(JOBS, \"jobs\", bytes = 4, depth = 2);\n\
+        takt_sdk::task!(\"run\", run, Cyclic::DEFAULT);\n\
+        fn run(_: &Job) {\n    LAMP.set(ON.get());\n    M.set(X.get());\n    Y.set(M.get() + P.get());\n}\n";
+    folder.write("safe/src/lib.rs", source);
+    let words = ["build", "--release", "--offline", "--manifest-path", "safe/Cargo.toml"];
+    folder.run("cargo", &words).expect(0, "Finished");
+    folder.takt_plc(&["build", "safe/target/release/libsafe.a", "-o", "p.plc"]).expect(0, "");
+    folder.write("t.csv", "x,on,y,lamp\n3,1,4,1\n,0,4,0\n");
+    folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(0, "all as expected");
+    for (at, unsafe_code) in [
+        ("takt_sdk::Input::<i32>::at(1 << 40)", "E0133"),
+        ("takt_sdk::OutputBit::at(1 << 40, 0)", "E0133"),
+        ("unsafe { takt_sdk::Input::<i32>::at(1 << 40) }", "usage of an `unsafe` block"),
+    ] {
+        folder.write("safe/src/lib.rs", &source.replace("X.get()", &format!("{at}.get().into()")));
+        folder.run("cargo", &words).expect(101, unsafe_code);
+    }
+    // Nor does a macro lend its own.
+    let lent = "takt_sdk::Input::<i32>::at(1 << 40).get() as usize";
+    folder.write("safe/src/lib.rs", &source.replace("\"x\", 4", &format!("\"x\", {lent}")));
+    folder.run("cargo", &words).expect(101, "E0133");
+}
+
+#[test]
 fn a_rust_project_is_built_where_cargo_is_told_another_target_folder() {
     let folder = Folder::new();
     // As in the repository itself.
