@@ -64,9 +64,7 @@ impl Value {
             return want == is || (want.is_nan() && is.is_nan());
         }
         match (self, found, tolerance) {
-            (Self::Float(want), Self::Float(is), None) => {
-                (want - is).abs() <= 5e-7 * want.abs()
-            }
+            (Self::Float(want), Self::Float(is), None) => (want - is).abs() <= 5e-7 * want.abs(),
             (want, is, None) => want == is,
             (want, is, Some(tolerance)) => match (want.integer(), is.integer()) {
                 // Numbers of 64 bits would lose digits as floating-point ones.

@@ -230,7 +230,8 @@ fn a_time_may_have_a_fraction() {
         })
         .collect();
     // The value is made once.
-    let checks = format!("{checks} int n = 3; if (TAKT_MS(n++) != 3000000 || n != 4) takt_fail(\"n\");\n");
+    let checks =
+        format!("{checks} int n = 3; if (TAKT_MS(n++) != 3000000 || n != 4) takt_fail(\"n\");\n");
     let source = format!(
         "{HEAD}{statics}static void run(const takt_job *job) {{ (void)job;\n{checks} }}\n\
          TAKT_CYCLIC(run, .period = TAKT_MS(2.5), .budget = TAKT_MS(0.5));\n"
