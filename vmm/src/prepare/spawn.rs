@@ -191,6 +191,7 @@ impl Preparation<'_> {
             occupied: Nanos::ZERO,
             watchdog: None,
             leaves_by: Nanos::ZERO,
+            looked: 0,
             timetable,
             kernel: None,
             deadlines: Vec::new(),
