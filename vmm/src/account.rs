@@ -15,6 +15,7 @@ use takt_scheduler::timetable::{Slot, Timetable};
 use crate::attendance::Attendance;
 use crate::console_log::ConsoleLog;
 use crate::delay::Delay;
+use crate::disk::DiskWatch;
 use crate::handoff::Taker;
 use crate::health::{Detail, Watch};
 use crate::init_watch::Console;
@@ -84,6 +85,8 @@ pub struct Account {
     pub timetable: Option<Timetable>,
     /// What notices that its kernel does nothing any more; only of a Linux.
     pub kernel: Option<KernelWatch>,
+    /// What notices errors of its disks.
+    pub disks: Vec<DiskWatch>,
     /// Where the deadlines of its processors' timers are placed; empty if Takt does not do that.
     pub deadlines: Vec<Arc<Deadlines>>,
     /// Where other versions of its programs are put; `None` if it has no programs.

@@ -49,20 +49,26 @@ struct Answer {
     status: u32,
     /// Bytes that were written to the guest's memory, without the status.
     bytes: u64,
+    /// What the medium failed with.
+    failure: Option<io::Error>,
 }
 
 impl Answer {
-    const fn error(status: u32) -> Self {
-        Self { status, bytes: 0 }
+    const fn good(bytes: u64) -> Self {
+        Self { status: VIRTIO_BLK_S_OK, bytes, failure: None }
     }
 
-    fn of(result: &io::Result<()>, bytes: u64) -> Self {
+    const fn error(status: u32) -> Self {
+        Self { status, bytes: 0, failure: None }
+    }
+
+    fn of(result: io::Result<()>, bytes: u64) -> Self {
         match result {
-            Ok(()) => Self { status: VIRTIO_BLK_S_OK, bytes },
+            Ok(()) => Self::good(bytes),
             Err(error) if error.kind() == ErrorKind::Unsupported => {
                 Self::error(VIRTIO_BLK_S_UNSUPP)
             }
-            Err(_) => Self::error(VIRTIO_BLK_S_IOERR),
+            Err(error) => Self { failure: Some(error), ..Self::error(VIRTIO_BLK_S_IOERR) },
         }
     }
 }
@@ -132,6 +138,9 @@ impl<M: Medium> Server<M> {
             Some(body) => disk.answer(body, buffer, Guest { shared, lease })?,
             None => Answer::error(VIRTIO_BLK_S_IOERR),
         };
+        if let Some(error) = answer.failure {
+            shared.note(error);
+        }
         // Counted from the first writable byte: the status lies behind what was not filled.
         let bytes = u32::try_from(answer.bytes + 1).map_err(|_| Stop::Broken)?;
         let answered = shared.touch(lease, || {
@@ -154,7 +163,7 @@ impl<M: Medium> Disk<M> {
             VIRTIO_BLK_T_IN if from == 0 => match self.place(body.sector, into) {
                 Some(at) => {
                     let transfer = Transfer { buffer, guest, at, slices: &body.into };
-                    Answer::of(&transfer.read(&mut self.medium)?, into)
+                    Answer::of(transfer.read(&mut self.medium)?, into)
                 }
                 None => Answer::error(VIRTIO_BLK_S_IOERR),
             },
@@ -162,12 +171,12 @@ impl<M: Medium> Disk<M> {
                 match self.place(body.sector, from) {
                     Some(at) => {
                         let transfer = Transfer { buffer, guest, at, slices: &body.from };
-                        Answer::of(&transfer.write(&mut self.medium)?, 0)
+                        Answer::of(transfer.write(&mut self.medium)?, 0)
                     }
                     None => Answer::error(VIRTIO_BLK_S_IOERR),
                 }
             }
-            VIRTIO_BLK_T_FLUSH if from == 0 && into == 0 => Answer::of(&self.medium.flush(), 0),
+            VIRTIO_BLK_T_FLUSH if from == 0 && into == 0 => Answer::of(self.medium.flush(), 0),
             VIRTIO_BLK_T_DISCARD if into == 0 && !self.shape.read_only => {
                 self.discard(guest.touch(|| body.discarded())?)
             }
@@ -196,7 +205,7 @@ impl<M: Medium> Disk<M> {
         let bytes = u64::from(sectors) * SECTOR;
         match self.place(sector, bytes) {
             Some(at) if sectors <= DISCARD_SECTORS_MAX => {
-                Answer::of(&self.medium.discard(at, bytes), 0)
+                Answer::of(self.medium.discard(at, bytes), 0)
             }
             _ => Answer::error(VIRTIO_BLK_S_IOERR),
         }
@@ -213,6 +222,6 @@ impl<M: Medium> Disk<M> {
             slice.copy_from(part);
             rest = behind;
         }
-        Answer { status: VIRTIO_BLK_S_OK, bytes: self.id.len() as u64 }
+        Answer::good(self.id.len() as u64)
     }
 }

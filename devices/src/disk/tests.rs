@@ -256,7 +256,7 @@ impl Guest {
     /// reset.
     fn assert_broken_until_reset(&mut self) {
         assert!(self.server.serve(), "the guest is not interrupted");
-        assert!(self.needs_reset());
+        assert!(self.needs_reset() && self.shared.was_broken());
         assert_eq!(self.read(0x60) & 2, 2, "no interrupt for a change of the configuration");
         assert!(!self.server.serve());
         self.start_driver();

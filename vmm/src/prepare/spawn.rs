@@ -194,6 +194,7 @@ impl Preparation<'_> {
             looked: 0,
             timetable,
             kernel: None,
+            disks: Vec::new(),
             deadlines: Vec::new(),
             banks: None,
             power_button: None,

@@ -108,6 +108,7 @@ fn an_error_of_the_file_is_an_answer() {
     let mut guest = Guest::with(false, Some(io::ErrorKind::Unsupported)).drive();
     guest.write_discarded(0, 8, 0);
     assert_eq!(guest.ask(DISCARD, 0, &[readable(DATA, 16)]), UNSUPP);
+    assert!(guest.shared.error().is_none(), "a medium may keep all space");
     let mut guest = Guest::with(false, Some(io::ErrorKind::Other)).drive();
     guest.write_discarded(0, 8, 0);
     assert_eq!(guest.ask(DISCARD, 0, &[readable(DATA, 16)]), IOERR);
@@ -117,6 +118,7 @@ fn an_error_of_the_file_is_an_answer() {
     assert_eq!(guest.ask(OUT, 0, &[readable(DATA, 512)]), IOERR);
     assert_eq!(guest.ask(FLUSH, 0, &[]), IOERR);
     assert_eq!(guest.transfers(), 3);
+    assert_eq!(guest.shared.error().unwrap().kind(), io::ErrorKind::Other);
 }
 
 #[test]

@@ -67,6 +67,7 @@ fn account() -> (Account, Revivals<PlcGuest>) {
         looked: 0,
         timetable: None,
         kernel: None,
+        disks: Vec::new(),
         deadlines: Vec::new(),
         banks: None,
         power_button: None,
