@@ -1,5 +1,6 @@
 //! What is kept of one partition while it runs.
 
+use std::mem;
 use std::sync::Arc;
 
 use rtrb::Consumer;
@@ -14,6 +15,7 @@ use takt_scheduler::timetable::{Slot, Timetable};
 use crate::attendance::Attendance;
 use crate::console_log::ConsoleLog;
 use crate::delay::Delay;
+use crate::disk::DiskWatch;
 use crate::handoff::Taker;
 use crate::health::{Detail, Watch};
 use crate::init_watch::Console;
@@ -31,6 +33,9 @@ use crate::vcpu::Control;
 use crate::vcpu::guest_timer::Deadlines;
 use crate::vcpu::record::{Detour, Record, WindowRecord};
 use takt_record::WindowAssembler;
+
+/// Time between two looks, in ns, from which on it is taken that Takt itself was stopped. It looks fifty times a second.
+const STOPPED: u64 = 1_000_000_000;
 
 /// The supervisor thread's side of a partition.
 pub struct Account {
@@ -74,10 +79,14 @@ pub struct Account {
     pub watchdog: Option<Timer>,
     /// When its silent guest has to leave: in its next window, if it has windows.
     pub leaves_by: Nanos,
+    /// The watchdog's clock when it was last looked at.
+    pub looked: u64,
     /// Its windows, if it has any.
     pub timetable: Option<Timetable>,
     /// What notices that its kernel does nothing any more; only of a Linux.
     pub kernel: Option<KernelWatch>,
+    /// What notices errors of its disks.
+    pub disks: Vec<DiskWatch>,
     /// Where the deadlines of its processors' timers are placed; empty if Takt does not do that.
     pub deadlines: Vec<Arc<Deadlines>>,
     /// Where other versions of its programs are put; `None` if it has no programs.
@@ -232,11 +241,12 @@ impl Account {
     }
 
     /// Ends its guest if that has been silent for too long by `clock`. The time does not run while the schedule has no
-    /// window for it.
+    /// window for it. It begins anew after Takt was stopped (SIGSTOP): the clock has run on, and the guest has not.
     pub fn look_for_silence(&mut self, clock: u64, switch: Switch, now: Nanos) {
         let Some(timer) = &self.watchdog else { return };
+        let gap = clock.saturating_sub(mem::replace(&mut self.looked, clock));
         let slot = self.timetable.as_ref().map(|t| t.catch_up(&t.first(switch), now, switch));
-        if let Some(Slot::Idle(_)) = slot {
+        if gap >= STOPPED || matches!(slot, Some(Slot::Idle(_))) {
             timer.hold(clock);
         } else if timer.expires(clock) {
             // The thread finds the reason in the timer, one with windows only in them.

@@ -20,8 +20,9 @@
 //! The lock is held for a few words, or while a piece of at most [`PIECE_BYTES`](super::PIECE_BYTES) is
 //! copied, never during a call to the medium.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::io;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use virtio_queue::Queue;
 
@@ -51,13 +52,38 @@ pub struct Handover {
     recalls: AtomicU64,
     /// Where the guest is told that it has done what no driver does.
     page: RegisterPage,
+    /// The first error of the medium.
+    error: OnceLock<io::Error>,
+    /// The guest has broken a queue.
+    broken: AtomicBool,
 }
 
 impl Handover {
     /// Without a queue.
     #[must_use]
     pub fn new(page: RegisterPage) -> Self {
-        Self { slot: Mutex::new(Slot::Off), recalls: AtomicU64::new(0), page }
+        Self {
+            slot: Mutex::new(Slot::Off),
+            recalls: AtomicU64::new(0),
+            page,
+            error: OnceLock::new(),
+            broken: AtomicBool::new(false),
+        }
+    }
+
+    /// The first error of the medium since the host opened it.
+    pub fn error(&self) -> Option<&io::Error> {
+        self.error.get()
+    }
+
+    /// Whether a guest has broken a queue since then.
+    pub fn was_broken(&self) -> bool {
+        self.broken.load(Ordering::SeqCst)
+    }
+
+    /// Takes note of an error of the medium; the first one stays.
+    pub fn note(&self, error: io::Error) {
+        let _ = self.error.set(error);
     }
 
     /// Gives the server a queue. There must be none.
@@ -114,6 +140,7 @@ impl Handover {
             None => {
                 *slot = Slot::Off;
                 self.page.break_down();
+                self.broken.store(true, Ordering::SeqCst);
                 true
             }
         }

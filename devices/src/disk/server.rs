@@ -3,6 +3,7 @@
 use std::io::{self, ErrorKind};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 
 use virtio_bindings::virtio_blk::{
     VIRTIO_BLK_ID_BYTES, VIRTIO_BLK_S_IOERR, VIRTIO_BLK_S_OK, VIRTIO_BLK_S_UNSUPP,
@@ -19,6 +20,9 @@ use super::{BUFFER_ALIGNMENT, DISCARD_SECTORS_MAX, Medium, PIECE_BYTES, SECTOR, 
 
 /// What a guest learns as the disk's serial number; zeros behind it.
 pub type DiskId = [u8; VIRTIO_BLK_ID_BYTES as usize];
+
+/// How long an answer may wait for those behind it before the guest is interrupted.
+const UNTOLD_MAX: Duration = Duration::from_millis(1);
 
 /// A disk, apart from how a guest reaches it.
 pub struct Disk<M> {
@@ -49,20 +53,26 @@ struct Answer {
     status: u32,
     /// Bytes that were written to the guest's memory, without the status.
     bytes: u64,
+    /// What the medium failed with.
+    failure: Option<io::Error>,
 }
 
 impl Answer {
-    const fn error(status: u32) -> Self {
-        Self { status, bytes: 0 }
+    const fn good(bytes: u64) -> Self {
+        Self { status: VIRTIO_BLK_S_OK, bytes, failure: None }
     }
 
-    fn of(result: &io::Result<()>, bytes: u64) -> Self {
+    const fn error(status: u32) -> Self {
+        Self { status, bytes: 0, failure: None }
+    }
+
+    fn of(result: io::Result<()>, bytes: u64) -> Self {
         match result {
-            Ok(()) => Self { status: VIRTIO_BLK_S_OK, bytes },
+            Ok(()) => Self::good(bytes),
             Err(error) if error.kind() == ErrorKind::Unsupported => {
                 Self::error(VIRTIO_BLK_S_UNSUPP)
             }
-            Err(_) => Self::error(VIRTIO_BLK_S_IOERR),
+            Err(error) => Self { failure: Some(error), ..Self::error(VIRTIO_BLK_S_IOERR) },
         }
     }
 }
@@ -92,18 +102,24 @@ impl<M: Medium> Server<M> {
 
     /// Serves the requests that wait now, which are a queue full at most. Those that come meanwhile
     /// have a notification of their own. True if the guest is to be interrupted: once for all of
-    /// them, since an interrupt costs it more than most requests.
+    /// them, since an interrupt costs it more than most requests. If some take long, `early` interrupts it for those
+    /// that are done.
     #[must_use]
-    pub fn serve(&mut self) -> bool {
+    pub fn serve(&mut self, mut early: impl FnMut()) -> bool {
         let Some((mut queue, lease)) = self.shared.take() else { return false };
-        match self.serve_queue(&mut queue, &lease) {
+        match self.serve_queue(&mut queue, &lease, &mut early) {
             Ok(answered) => self.shared.give_back(&lease, Some((queue, answered))),
             Err(Stop::Broken) => self.shared.give_back(&lease, None),
             Err(Stop::Recalled) => false,
         }
     }
 
-    fn serve_queue(&mut self, queue: &mut Queue, lease: &Lease) -> Result<bool, Stop> {
+    fn serve_queue(
+        &mut self,
+        queue: &mut Queue,
+        lease: &Lease,
+        early: &mut impl FnMut(),
+    ) -> Result<bool, Stop> {
         if !queue.is_valid(&self.memory) {
             return Err(Stop::Broken);
         }
@@ -113,13 +129,27 @@ impl<M: Medium> Server<M> {
         if waiting > queue.size() {
             return Err(Stop::Broken);
         }
+        // Since when there is an answer of which the guest does not know.
+        let mut untold: Option<Instant> = None;
         for _ in 0..waiting {
-            self.serve_one(queue, lease)?;
+            self.serve_one(queue, lease, |slow| {
+                if untold.is_some_and(|since| slow || since.elapsed() >= UNTOLD_MAX) {
+                    untold = None;
+                    early();
+                }
+            })?;
+            untold.get_or_insert_with(Instant::now);
         }
         Ok(waiting > 0)
     }
 
-    fn serve_one(&mut self, queue: &mut Queue, lease: &Lease) -> Result<(), Stop> {
+    /// `before` is called first, while the lease holds, and told whether the request may be slow.
+    fn serve_one(
+        &mut self,
+        queue: &mut Queue,
+        lease: &Lease,
+        before: impl FnOnce(bool),
+    ) -> Result<(), Stop> {
         let Self { shared, memory, disk, buffer, start } = self;
         let (memory, shared) = (&*memory, &**shared);
         let buffer = buffer.get_mut(*start..).unwrap_or_default();
@@ -128,10 +158,16 @@ impl<M: Medium> Server<M> {
         }
         let chain = queue.pop_descriptor_chain(memory).ok_or(Stop::Broken)?;
         let request = Request::parse(chain, memory).map_err(|_| Stop::Broken)?;
+        let kind = request.body.as_ref().map(|body| body.kind);
+        let slow = matches!(kind, Some(VIRTIO_BLK_T_FLUSH | VIRTIO_BLK_T_DISCARD));
+        shared.touch(lease, || before(slow))?;
         let answer = match &request.body {
             Some(body) => disk.answer(body, buffer, Guest { shared, lease })?,
             None => Answer::error(VIRTIO_BLK_S_IOERR),
         };
+        if let Some(error) = answer.failure {
+            shared.note(error);
+        }
         // Counted from the first writable byte: the status lies behind what was not filled.
         let bytes = u32::try_from(answer.bytes + 1).map_err(|_| Stop::Broken)?;
         let answered = shared.touch(lease, || {
@@ -154,7 +190,7 @@ impl<M: Medium> Disk<M> {
             VIRTIO_BLK_T_IN if from == 0 => match self.place(body.sector, into) {
                 Some(at) => {
                     let transfer = Transfer { buffer, guest, at, slices: &body.into };
-                    Answer::of(&transfer.read(&mut self.medium)?, into)
+                    Answer::of(transfer.read(&mut self.medium)?, into)
                 }
                 None => Answer::error(VIRTIO_BLK_S_IOERR),
             },
@@ -162,12 +198,12 @@ impl<M: Medium> Disk<M> {
                 match self.place(body.sector, from) {
                     Some(at) => {
                         let transfer = Transfer { buffer, guest, at, slices: &body.from };
-                        Answer::of(&transfer.write(&mut self.medium)?, 0)
+                        Answer::of(transfer.write(&mut self.medium)?, 0)
                     }
                     None => Answer::error(VIRTIO_BLK_S_IOERR),
                 }
             }
-            VIRTIO_BLK_T_FLUSH if from == 0 && into == 0 => Answer::of(&self.medium.flush(), 0),
+            VIRTIO_BLK_T_FLUSH if from == 0 && into == 0 => Answer::of(self.medium.flush(), 0),
             VIRTIO_BLK_T_DISCARD if into == 0 && !self.shape.read_only => {
                 self.discard(guest.touch(|| body.discarded())?)
             }
@@ -196,7 +232,7 @@ impl<M: Medium> Disk<M> {
         let bytes = u64::from(sectors) * SECTOR;
         match self.place(sector, bytes) {
             Some(at) if sectors <= DISCARD_SECTORS_MAX => {
-                Answer::of(&self.medium.discard(at, bytes), 0)
+                Answer::of(self.medium.discard(at, bytes), 0)
             }
             _ => Answer::error(VIRTIO_BLK_S_IOERR),
         }
@@ -213,6 +249,6 @@ impl<M: Medium> Disk<M> {
             slice.copy_from(part);
             rest = behind;
         }
-        Answer { status: VIRTIO_BLK_S_OK, bytes: self.id.len() as u64 }
+        Answer::good(self.id.len() as u64)
     }
 }

@@ -19,6 +19,7 @@ mod error;
 mod file;
 mod thread;
 
+use std::mem;
 use std::sync::Arc;
 
 use kvm_ioctls::VmFd;
@@ -95,6 +96,35 @@ impl Drive {
     pub fn reset(&self) {
         self.shared.recall();
     }
+
+    /// What tells of it.
+    #[must_use]
+    pub fn watch(&self) -> DiskWatch {
+        DiskWatch { number: self.number, shared: self.shared.clone(), error: false, broken: false }
+    }
+}
+
+/// The supervisor's view of a disk.
+pub struct DiskWatch {
+    number: u32,
+    shared: Arc<Handover>,
+    /// What has been told.
+    error: bool,
+    broken: bool,
+}
+
+impl DiskWatch {
+    /// What is to be told: the first error of its file, and that a driver broke its queue, each once.
+    pub fn look(&mut self) -> Option<String> {
+        let Self { number, shared, error, broken } = self;
+        if let Some(first) = shared.error().filter(|_| !mem::replace(error, true)) {
+            return Some(format!("disk {number}: {first}; its Linux sees I/O errors"));
+        }
+        let tells = shared.was_broken() && !mem::replace(broken, true);
+        tells.then(|| {
+            format!("disk {number}: the guest's driver broke the queue, and has to reset the disk")
+        })
+    }
 }
 
 /// What Linux shows as the serial number of the disk.
@@ -102,4 +132,26 @@ fn id(number: u32) -> DiskId {
     let mut id = DiskId::default();
     id.iter_mut().zip(format!("takt-{number}").bytes()).for_each(|(to, from)| *to = from);
     id
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Error;
+
+    use super::*;
+    use crate::memory::Pages;
+
+    #[test]
+    fn the_first_error_of_a_disk_is_told_once() {
+        let memory = GuestMemory::for_linux(1 << 20, Pages::Small, &[], 1).unwrap();
+        let shared = Arc::new(Handover::new(Slot(0).page(&memory).unwrap()));
+        let mut watch =
+            DiskWatch { number: 1, shared: shared.clone(), error: false, broken: false };
+        assert_eq!(watch.look(), None);
+        shared.note(Error::from_raw_os_error(libc::ENOSPC));
+        shared.note(Error::from_raw_os_error(libc::EIO));
+        let told = "disk 1: No space left on device (os error 28); its Linux sees I/O errors";
+        assert_eq!(watch.look().as_deref(), Some(told));
+        assert_eq!(watch.look(), None);
+    }
 }

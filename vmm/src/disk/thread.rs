@@ -35,9 +35,10 @@ impl DiskThread {
         let (own, rung) = (control.clone(), event::clone(&bell)?);
         let run = move |_| {
             while wait(&rung).is_ok() && !own.ending() {
-                if server.serve() {
-                    // Fails only if 2^64 interrupts wait, and then there is one.
-                    let _ = interrupt.write(1);
+                // Fails only if 2^64 interrupts wait, and then there is one.
+                let tell = || drop(interrupt.write(1));
+                if server.serve(tell) {
+                    tell();
                 }
             }
         };

@@ -79,6 +79,7 @@ impl Preparation<'_> {
             drives.push(drive);
             disks.push(thread);
         }
+        let watches = drives.iter().map(Drive::watch).collect();
         let (mut carried, mut cables) = (Vec::new(), Vec::new());
         if !partition.nets().is_empty() {
             net::load_modules(self.role).map_err(unplugged)?;
@@ -148,6 +149,7 @@ impl Preparation<'_> {
         prepared.account.power_button =
             button.zip(patience).map(|(wire, patience)| PowerButton::new(wire, patience));
         prepared.account.kernel = Some(KernelWatch::new(panic));
+        prepared.account.disks = watches;
         prepared.disks = disks;
         prepared.linux = Some(LinuxParts { init, cables, nets: Vec::new(), vsock: socket, closer });
         Ok(prepared)

@@ -33,6 +33,7 @@ use crate::account::Account;
 use crate::console_log::ConsoleLog;
 use crate::control::Operators;
 use crate::control::protocol::EventKind;
+use crate::disk::DiskWatch;
 use crate::health::Detail;
 use crate::host_clock::HostClock;
 use crate::host_ports::HostPorts;
@@ -264,13 +265,15 @@ impl Supervisor {
         }
     }
 
-    /// Says which kernels do nothing any more, and which partitions do not come to what must follow.
+    /// Says which kernels do nothing any more, which disks have errors, and which partitions do not come to what must
+    /// follow.
     fn look_at_guests(&mut self) {
         let (base, now) = (self.desk.base(), self.desk.now());
         for account in &mut self.accounts {
             let kernel = account.look_at_kernel(&base, now).map(|news| news.to_string());
             let delay = account.look_for_delay(now).map(str::to_owned);
-            for news in kernel.into_iter().chain(delay) {
+            let disks = account.disks.iter_mut().filter_map(DiskWatch::look);
+            for news in kernel.into_iter().chain(delay).chain(disks) {
                 let name = &account.name;
                 self.screen.line("takt", &format!("{name}: {news}"));
                 tell(&mut self.operators, now, EventKind::Health, Some(name), &news);

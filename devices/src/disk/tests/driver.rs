@@ -77,7 +77,7 @@ fn a_queue_that_is_switched_off_is_served_no_more() {
     assert_eq!(guest.read(0x44), 0);
     guest.write_header(IN, 0);
     guest.offer(0, &[readable(HEADER, 16), writable(DATA, 512), writable(STATUS, 1)]);
-    assert!(!guest.server.serve());
+    assert!(!guest.server.serve(|| ()));
     assert_eq!((guest.status(), guest.transfers()), (UNTOUCHED, 0));
 }
 
@@ -90,7 +90,7 @@ fn a_restart_of_the_guest_begins_as_at_power_on() {
     let device = DiskDevice::new(shape, guest.shared.clone());
     guest.registers = Registers::new(device, guest.registers.page().clone());
     assert_eq!([0x44, 0x60, 0x70].map(|at| guest.read(at)), [0; 3]);
-    assert!(!guest.server.serve());
+    assert!(!guest.server.serve(|| ()));
     guest.start_driver();
     assert_eq!(guest.ask(IN, 1, &[writable(DATA, 512)]), OK);
 }

@@ -98,7 +98,7 @@ fn a_header_that_cannot_be_read_is_an_error() {
         let mut guest = Guest::driven(false);
         guest.write_header(FLUSH, 0);
         guest.offer(0, &[header, STATUS_PIECE]);
-        assert!(guest.server.serve());
+        assert!(guest.server.serve(|| ()));
         assert_eq!((guest.status(), guest.transfers()), (IOERR, 0));
     }
 }
@@ -260,7 +260,7 @@ fn a_queue_of_a_size_or_at_a_place_that_none_has_is_refused() {
         let mut guest = Guest::new(false);
         guest.set_up(size, rings);
         assert!(guest.needs_reset(), "{size}");
-        assert!(!guest.server.serve());
+        assert!(!guest.server.serve(|| ()));
         guest.start_driver();
         assert_eq!(guest.ask(IN, 0, &[writable(DATA, 512)]), OK);
     }
@@ -275,7 +275,7 @@ fn a_driver_that_is_ready_before_its_time_has_no_queue() {
     guest.negotiate();
     guest.write(0x70, 0xf);
     assert!(guest.needs_reset());
-    assert!(!guest.server.serve());
+    assert!(!guest.server.serve(|| ()));
 }
 
 #[test]
@@ -284,7 +284,7 @@ fn rings_that_lie_on_each_other_harm_only_their_guest() {
     guest.set_up(128, [TABLE, TABLE, TABLE]);
     for n in 0..64u16 {
         guest.memory.write_obj([n; 32], GuestAddress(TABLE)).unwrap();
-        let _ = guest.server.serve();
+        let _ = guest.server.serve(|| ());
     }
     guest.start_driver();
     assert_eq!(guest.ask(IN, 0, &[writable(DATA, 512)]), OK);
@@ -311,7 +311,7 @@ fn no_more_is_discarded_at_once_than_a_driver_was_told() {
         guest.write_discarded(0, DISCARD_SECTORS_MAX + more, 0);
         guest.write_header(DISCARD, 0);
         guest.offer(0, &[HEADER_PIECE, readable(DATA, 16), STATUS_PIECE]);
-        assert!(server.serve());
+        assert!(server.serve(|| ()));
         assert_eq!(guest.status(), answer);
     }
     assert_eq!(begins.try_iter().count(), 1);
@@ -363,7 +363,7 @@ fn a_reset_waits_for_no_medium_and_the_guests_memory_is_its_own_after_it() {
         for n in 0..8 {
             guest.offer(4 * n, &[HEADER_PIECE, data, STATUS_PIECE]);
         }
-        let thread = std::thread::spawn(move || (server.serve(), server));
+        let thread = std::thread::spawn(move || (server.serve(|| ()), server));
         begins.recv().unwrap();
         // The medium has not answered, and has no word to. This would not come back if it waited.
         guest.write(0x70, 0);
@@ -382,10 +382,73 @@ fn a_reset_waits_for_no_medium_and_the_guests_memory_is_its_own_after_it() {
         guest.write_header(IN, 0);
         guest.offer(0, &[HEADER_PIECE, writable(DATA, 512), STATUS_PIECE]);
         go.send(()).unwrap();
-        assert!(server.serve());
+        assert!(server.serve(|| ()));
         guest.memory.read_slice(&mut read, GuestAddress(DATA)).unwrap();
         assert_eq!((read, guest.status()), ([7; 512], OK));
     }
+}
+
+#[test]
+fn an_answer_waits_for_no_slow_request_behind_it() {
+    for (slow, early) in [(FLUSH, 1), (DISCARD, 1), (IN, 0)] {
+        let mut guest = Guest::driven(false);
+        let shape = Shape { sectors: SECTORS, read_only: false };
+        let ((begun, begins), (go, gone)) = (channel(), channel());
+        let disk = Disk { shape, id: [0; 20], medium: Slow { begun, go: gone } };
+        let mut server = Server::new(guest.shared.clone(), guest.memory.clone(), disk);
+        guest.write_header(IN, 0);
+        guest.offer(0, &[HEADER_PIECE, writable(DATA + 512, 512), STATUS_PIECE]);
+        let header = HEADER + 0x100;
+        guest.memory.write_obj([slow, 0], GuestAddress(header)).unwrap();
+        guest.memory.write_obj(0u64, GuestAddress(header + 8)).unwrap();
+        guest.write_discarded(0, 8, 0);
+        let data = match slow {
+            FLUSH => vec![],
+            DISCARD => vec![readable(DATA, 16)],
+            _ => vec![writable(DATA, 512)],
+        };
+        let chain = [vec![readable(header, 16)], data, vec![STATUS_PIECE]].concat();
+        guest.offer(8, &chain);
+        for _ in 0..2 {
+            go.send(()).unwrap();
+        }
+        let mut done = Vec::new();
+        assert!(server.serve(|| done.push((begins.try_iter().count(), guest.used().0))));
+        // The first is answered, and the second has not begun.
+        assert!(done.len() >= early && done.iter().all(|done| *done == (1, 1)), "{slow}: {done:?}");
+    }
+}
+
+/// Each request takes 2 ms.
+#[test]
+fn an_answer_is_told_before_it_is_old() {
+    struct Steady;
+    impl Medium for Steady {
+        fn read(&mut self, _: u64, _: &mut [u8]) -> io::Result<()> {
+            std::thread::sleep(std::time::Duration::from_millis(2));
+            Ok(())
+        }
+        fn write(&mut self, _: u64, _: &[u8]) -> io::Result<()> {
+            Ok(())
+        }
+        fn discard(&mut self, _: u64, _: u64) -> io::Result<()> {
+            Ok(())
+        }
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+    let mut guest = Guest::driven(false);
+    let disk =
+        Disk { shape: Shape { sectors: SECTORS, read_only: false }, id: [0; 20], medium: Steady };
+    let mut server = Server::new(guest.shared.clone(), guest.memory.clone(), disk);
+    guest.write_header(IN, 0);
+    for n in 0..6 {
+        guest.offer(4 * n, &[HEADER_PIECE, writable(DATA, 512), STATUS_PIECE]);
+    }
+    let mut early = 0;
+    assert!(server.serve(|| early += 1));
+    assert!(early >= 2, "{early}");
 }
 
 #[test]
@@ -399,7 +462,7 @@ fn registers_survive_every_write() {
         let data = (number >> 8).to_le_bytes();
         let offset = if number >> 33 & 1 == 0 { offset & 0xff } else { offset };
         guest.registers.write(offset, &data[..width]);
-        let _ = guest.server.serve();
+        let _ = guest.server.serve(|| ());
     }
     guest.start_driver();
     assert_eq!(guest.ask(IN, 0, &[writable(DATA, 512)]), OK);
@@ -427,7 +490,7 @@ fn rings_full_of_chance_are_survived() {
             guest.make_available(chance() as u16 & 0xff);
         }
         let before = guest.transfers();
-        let _ = guest.server.serve();
+        let _ = guest.server.serve(|| ());
         assert!(guest.transfers() - before <= QUEUE_SIZE.into(), "round {round}");
         guest.start_driver();
     }

@@ -59,6 +59,40 @@ pub fn nested(host: &Host) -> Finding {
     )
 }
 
+/// Whether a guest's locked access across two cache lines ends takt, or holds its thread up (`handle_guest_split_lock`
+/// in `arch/x86/kernel/cpu/bus_lock.c`).
+///
+/// In the mode `fatal` the thread gets SIGBUS. In the mode `warn` it sleeps 10 ms in the kernel first, unless
+/// `kernel.split_lock_mitigate` is 0 (Linux 6.2; those since 5.19 have the sleep and no switch). In `off` and
+/// `ratelimit` the processor raises nothing.
+pub fn split_locks(host: &Host) -> Finding {
+    const CHECK: &str = "split-locks";
+    const PARAMETER: &str = "split_lock_detect";
+    if !host.has_feature(PARAMETER) {
+        return Finding::good(CHECK, "the processor lets them pass");
+    }
+    let mode = host.parameter(PARAMETER).unwrap_or_default();
+    let off = format!("start the host with the kernel parameter {PARAMETER}=off");
+    if mode == "fatal" {
+        return Finding::cannot(
+            CHECK,
+            format!("the kernel ends a program whose guest makes one ({PARAMETER}=fatal)"),
+            "one instruction of any guest ends takt with all partitions",
+            format!("{off}, or with warn and kernel.split_lock_mitigate = 0"),
+        );
+    }
+    let switch = host.number("proc/sys/kernel/split_lock_mitigate");
+    if mode == "off" || mode.starts_with("ratelimit") || switch == Some(0) {
+        return Finding::good(CHECK, "the kernel holds no guest up for them");
+    }
+    Finding::warning(
+        CHECK,
+        "the kernel lets a thread sleep 10 ms whose guest makes one",
+        "a guest with shorter windows does not get past such an instruction",
+        if switch.is_some() { "sysctl kernel.split_lock_mitigate=0".to_owned() } else { off },
+    )
+}
+
 /// Whether a switch of a module is on; both forms are in use.
 fn is_on(host: &Host, path: &str) -> bool {
     matches!(host.text(path).as_deref(), Some("Y" | "1"))

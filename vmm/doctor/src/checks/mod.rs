@@ -41,6 +41,7 @@ pub fn all(host: &Host, demand: &Demand) -> Vec<Finding> {
         kvm::clock_updates(host),
         kvm::recovery(host),
         kvm::nested(host),
+        kvm::split_locks(host),
         interrupts::affinity(host, demand),
         watchdogs::watchdogs(host, demand),
         memory::available(host, demand),

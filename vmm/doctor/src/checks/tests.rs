@@ -139,6 +139,35 @@ fn a_workstation_that_was_mended_is_good() {
 }
 
 #[test]
+fn a_kernel_that_stops_guests_for_split_locks_is_found() {
+    let host = Recorded::named("workstation");
+    let of = |host: &Recorded| finding(host, "split-locks");
+    let fatal = host.clone().with("proc/cmdline", "quiet split_lock_detect=fatal");
+    assert_eq!(of(&fatal).severity, Good, "no such processor");
+    let detects = |host: Recorded| host.with("proc/cpuinfo", "flags\t\t: fpu split_lock_detect");
+    let fatal = of(&detects(fatal));
+    assert_eq!(fatal.severity, Cannot);
+    assert!(fatal.remedy.unwrap().contains("split_lock_detect=off"));
+    let switch = "proc/sys/kernel/split_lock_mitigate";
+    for (line, mitigates, severity, remedy) in [
+        ("quiet", None, Warning, "kernel parameter split_lock_detect=off"),
+        ("quiet", Some("1"), Warning, "sysctl kernel.split_lock_mitigate=0"),
+        ("split_lock_detect=warn", Some("1"), Warning, "sysctl kernel.split_lock_mitigate=0"),
+        ("split_lock_detect=warn", Some("0"), Good, ""),
+        ("split_lock_detect=off", Some("1"), Good, ""),
+        ("split_lock_detect=ratelimit:9", None, Good, ""),
+    ] {
+        let mut host = detects(host.clone().with("proc/cmdline", line));
+        if let Some(mitigates) = mitigates {
+            host = host.with(switch, mitigates);
+        }
+        let found = of(&host);
+        assert_eq!(found.severity, severity, "{line} {mitigates:?}");
+        assert!(found.remedy.unwrap_or_default().contains(remedy), "{line} {mitigates:?}");
+    }
+}
+
+#[test]
 fn a_kernel_that_may_give_the_counter_up_is_found_before_it_does() {
     let host = Recorded::named("workstation");
     let of = |host: Recorded| finding(&host, "tsc-watchdog").severity;
@@ -285,12 +314,12 @@ fn a_host_that_talks_nonsense_is_survived() {
         for content in odd {
             let before = tree.change(&path, content);
             let found = all(&tree.host, &Demand::usual(&tree.host));
-            assert_eq!(found.len(), 26, "{path}: {content:?}");
+            assert_eq!(found.len(), 27, "{path}: {content:?}");
             tree.change(&path, &before);
         }
     }
     let nothing = Host::recorded(std::path::Path::new("/no/such/folder"), String::new());
-    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 26);
+    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 27);
 }
 
 #[test]

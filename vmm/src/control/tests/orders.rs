@@ -64,8 +64,10 @@ fn account() -> (Account, Revivals<PlcGuest>) {
         occupied: Nanos::ZERO,
         watchdog: None,
         leaves_by: Nanos::ZERO,
+        looked: 0,
         timetable: None,
         kernel: None,
+        disks: Vec::new(),
         deadlines: Vec::new(),
         banks: None,
         power_button: None,
@@ -268,9 +270,33 @@ fn a_watchdog_waits_for_a_linux_without_windows_and_a_late_window_is_not_the_hos
     // In the background it has to leave at once.
     linux.timetable = None;
     timer.start(50_000 * MS);
-    assert_eq!(told(&mut linux, stays, 50_000), "");
-    assert_eq!((told(&mut linux, stays, 55_000), told(&mut linux, stays, 55_980)), ("", ""));
+    for at in (49_120..56_000).step_by(20) {
+        assert_eq!((told(&mut linux, stays, at), timer.has_expired()), ("", at >= 55_000), "{at}");
+    }
     assert!(told(&mut linux, stays, 56_000).starts_with("it does not leave its processor"));
+}
+
+#[test]
+fn a_linux_is_not_silent_while_takt_itself_is_stopped() {
+    const MS: u64 = 1_000_000;
+    let stays = Switch { before: ScheduleId(0), after: ScheduleId(0), frame: 0 };
+    let (mut linux, _revivals) = account();
+    let timer = Timer::new(500);
+    linux.watchdog = Some(timer.clone());
+    linux.looked = 10_000 * MS;
+    timer.start(10_000 * MS);
+    let mut look = |at| {
+        linux.look_for_silence(at * MS, stays, Nanos::from_millis(at));
+        timer.has_expired()
+    };
+    // Stopped once for less than its time and once for more.
+    for (from, until) in [(10_000, 14_000), (18_000, 20_000), (60_000, 65_000)] {
+        for at in (from..until).step_by(20) {
+            assert!(!look(at), "{at}");
+        }
+    }
+    // A silence in which Takt runs is one.
+    assert!(look(65_000));
 }
 
 /// A Linux with a power button, and the other end of its wire.
