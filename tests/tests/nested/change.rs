@@ -190,7 +190,7 @@ fn run() -> (Vec<Value>, String, Value) {
     load("damaged", &damaged);
     load("other-category", &Tank { category: 8, ..with(1) }.image());
     load("other-task", &Tank { task: "other", ..with(1) }.image());
-    load("nameless", &Tank { nameless: 64, ..with(1) }.image());
+    load("nameless", &Tank { nameless: 128, ..with(1) }.image());
     load("greedy", &Tank { budget_us: 400, ..with(1) }.image());
     load("grown", &image);
     load("faulting", &Tank { end: End::Fault, ..with(2) }.image());
@@ -258,7 +258,7 @@ fn a_program_changes_while_it_runs_and_loses_no_cycle() {
         "the content has changed since the image was made",
         "the category is 8, and 7 in the running version",
         "the name of task 0 is other, and control in the running version",
-        "has 64 bytes of state at offset 24 that no variable names",
+        "has 88 bytes of state at offset 64 that no variable names",
         "in the schedule \"normal\" the task \"tank.control\" is not proven to meet its deadlines",
         "1 of its values are forced: release them first",
         "another version",

@@ -40,7 +40,7 @@ fn beside_busy_linux(program: &str, guard: &str, place: u64) -> File {
 }
 
 #[test]
-fn the_first_release_comes_within_21_milliseconds_and_its_place_to_the_tick() {
+fn the_first_release_comes_within_22_milliseconds_and_its_place_to_the_tick() {
     // Until the kernel has loaded Takt, which then takes the time.
     const EXEC_NS: u64 = 1_000_000;
     for name in ["plc-alone", "plc-and-linux", "jitter"] {
@@ -55,7 +55,7 @@ fn the_first_release_comes_within_21_milliseconds_and_its_place_to_the_tick() {
         assert!(aligning < 1_000_000, "{name}: {aligning} ns\n{}", outcome.output);
         let besides = of("first_release_ns") - of("clearing_ns") - aligning + EXEC_NS;
         // Kernel 6.12 takes 0.9 ms more to make the machines.
-        let most = if outcome.is_on_kernel("6.1.") { 21_000_000 } else { 22_000_000 };
+        let most = if outcome.is_on_kernel("6.1.") { 22_000_000 } else { 23_000_000 };
         assert!(besides <= most, "{name}: {besides} ns\n{}", outcome.output);
     }
 }

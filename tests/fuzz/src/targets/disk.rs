@@ -96,7 +96,7 @@ pub fn run(mut data: &[u8]) {
                 registers = Registers::new(DiskDevice::new(shape, shared.clone()), page.clone());
             }
             3 => {
-                let _ = server.serve();
+                let _ = server.serve(|| ());
             }
             // What the guest writes behind the end of its memory is lost, as on a PC.
             _ => {
@@ -104,5 +104,5 @@ pub fn run(mut data: &[u8]) {
             }
         }
     }
-    let _ = server.serve();
+    let _ = server.serve(|| ());
 }
