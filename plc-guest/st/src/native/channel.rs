@@ -74,42 +74,41 @@ fn variable(message: &Expr) -> &Place {
 
 /// Where the strings of a type lie.
 fn strings(types: &Types, ty: TypeId, at: u32, found: &mut Vec<(u32, TypeId)>) {
-    match types.get(ty) {
-        Type::String { .. } | Type::WString { .. } => found.push((at, ty)),
-        Type::Array { element, lower, upper } => {
-            let size = types.size(*element);
-            for index in 0..=(upper - lower) as u32 {
-                strings(types, *element, at + index * size, found);
-            }
+    for_each_part(types, ty, at, &mut |at, ty| {
+        if matches!(types.get(ty), Type::String { .. } | Type::WString { .. }) {
+            found.push((at, ty));
         }
-        Type::Structure(structure) => {
-            for field in &structure.fields {
-                strings(types, field.ty, at + field.offset, found);
-            }
-        }
-        _ => {}
-    }
+    });
 }
 
 /// Where the BOOLs of a type lie, in stretches of offset and number.
 fn booleans(types: &Types, ty: TypeId, at: u32, found: &mut Vec<(u32, u32)>) {
-    match types.get(ty) {
-        Type::Elementary(Elementary::Bool) => match found.last_mut() {
+    for_each_part(types, ty, at, &mut |at, ty| {
+        if !matches!(types.get(ty), Type::Elementary(Elementary::Bool)) {
+            return;
+        }
+        match found.last_mut() {
             Some((first, count)) if *first + *count == at => *count += 1,
             _ => found.push((at, 1)),
-        },
+        }
+    });
+}
+
+/// Shows each part of a type that has no parts itself, in the order of their places. There is at most one for each byte of
+/// a message.
+fn for_each_part(types: &Types, ty: TypeId, at: u32, show: &mut dyn FnMut(u32, TypeId)) {
+    match types.get(ty) {
         Type::Array { element, lower, upper } => {
             let size = types.size(*element);
-            // At most one for each byte of a message.
             for index in 0..=(upper - lower) as u32 {
-                booleans(types, *element, at + index * size, found);
+                for_each_part(types, *element, at + index * size, show);
             }
         }
         Type::Structure(structure) => {
             for field in &structure.fields {
-                booleans(types, field.ty, at + field.offset, found);
+                for_each_part(types, field.ty, at + field.offset, show);
             }
         }
-        _ => {}
+        _ => show(at, ty),
     }
 }
