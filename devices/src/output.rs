@@ -17,19 +17,19 @@ use rtrb::{Consumer, Producer, RingBuffer};
 /// Bytes that a ring holds: the supervisor thread empties it many times a second.
 const CAPACITY: usize = 16 * 1024;
 /// How long a waiting writer sleeps before it looks again.
-pub(crate) const RETRY: Duration = Duration::from_millis(1);
+pub const RETRY: Duration = Duration::from_millis(1);
 
 /// Where a serial port's output goes.
 pub trait ConsoleOutput: io::Write {
-    /// Whether a write would wait now.
-    fn would_wait(&self) -> bool {
+    /// Whether a write of this many bytes would wait now.
+    fn would_wait(&self, _bytes: usize) -> bool {
         false
     }
 }
 
 impl<W: ConsoleOutput + ?Sized> ConsoleOutput for Box<W> {
-    fn would_wait(&self) -> bool {
-        W::would_wait(self)
+    fn would_wait(&self, bytes: usize) -> bool {
+        W::would_wait(self, bytes)
     }
 }
 
@@ -37,8 +37,8 @@ impl ConsoleOutput for Vec<u8> {}
 impl ConsoleOutput for DroppingOutput {}
 
 impl ConsoleOutput for WaitingOutput {
-    fn would_wait(&self) -> bool {
-        self.producer.slots() == 0 && !self.gives_up()
+    fn would_wait(&self, bytes: usize) -> bool {
+        self.producer.slots() < bytes.min(CAPACITY) && !self.gives_up()
     }
 }
 

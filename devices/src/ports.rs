@@ -13,6 +13,10 @@ pub trait PortDevice: Send {
     fn read(&mut self, offset: u16, data: &mut [u8]);
     /// Takes `data` (1, 2 or 4 bytes) written at `offset`.
     fn write(&mut self, offset: u16, data: &[u8]);
+    /// Whether writes of this many bytes in all at `offset` would wait now.
+    fn would_wait(&self, _offset: u16, _bytes: usize) -> bool {
+        false
+    }
 }
 
 /// Two devices claim the same port.
@@ -70,6 +74,13 @@ impl PortBus {
                 device.write(offset, item);
             }
         }
+    }
+
+    /// Whether [`write`](Self::write) would wait now: the caller can wait without what others need.
+    #[must_use]
+    pub fn would_wait(&self, port: u16, data: &[u8]) -> bool {
+        let owner = self.devices.iter().find(|(range, _)| range.contains(&port));
+        owner.is_some_and(|(range, device)| device.would_wait(port - range.start(), data.len()))
     }
 
     /// How many accesses no device claimed.

@@ -6,17 +6,18 @@
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
-use std::thread;
 
 use vm_superio::serial::NoEvents;
 use vm_superio::{Serial, Trigger};
 use vmm_sys_util::eventfd::EventFd;
 
-use crate::output::{ConsoleOutput, RETRY};
+use crate::output::ConsoleOutput;
 use crate::ports::PortDevice;
 
 /// Number of I/O ports of a 16550.
 pub const PORTS: u16 = 8;
+/// Offset of the register through which the guest prints.
+const DATA: u8 = 0;
 /// Typed bytes kept while the guest does not read; what comes beyond is refused.
 const PENDING_MAX: usize = 4096;
 
@@ -82,8 +83,7 @@ impl<W: ConsoleOutput> SerialPort<W> {
 
     /// The registers as at power-on, as far as a driver can tell, and nothing typed.
     pub fn reset(&self) {
-        /// Offsets of registers; `DATA` and `INTERRUPTS` while the divisor latch is closed.
-        const DATA: u8 = 0;
+        /// Offsets of registers; `INTERRUPTS` while the divisor latch is closed.
         const INTERRUPTS: u8 = 1;
         const LINE_CONTROL: u8 = 3;
         const MODEM_CONTROL: u8 = 4;
@@ -119,18 +119,14 @@ impl<W: ConsoleOutput + Send> PortDevice for SerialPort<W> {
 
     fn write(&mut self, offset: u16, data: &[u8]) {
         if let (Ok(offset), &[value]) = (u8::try_from(offset), data) {
-            let mut port = self.lock();
-            // Not under the lock: what is typed has to get through, above all to a guest that prints
-            // without end.
-            while port.registers.writer().would_wait() {
-                drop(port);
-                thread::sleep(RETRY);
-                port = self.lock();
-            }
             // An error means that the output is gone because the run is ending, or that the
             // interrupt's counter is full, in which case it is pending anyway.
-            let _ = port.registers.write(offset, value);
+            let _ = self.lock().registers.write(offset, value);
         }
+    }
+
+    fn would_wait(&self, offset: u16, bytes: usize) -> bool {
+        offset == u16::from(DATA) && self.lock().registers.writer().would_wait(bytes)
     }
 }
 

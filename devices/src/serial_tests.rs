@@ -1,7 +1,6 @@
 //! The port, as a guest and the host use it.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
 
 use super::*;
 use crate::output;
@@ -58,34 +57,30 @@ fn typing_does_not_wait_for_a_guest_that_holds_the_port() {
 }
 
 #[test]
-fn what_is_typed_gets_through_to_a_guest_that_waits_to_print() {
+fn a_full_output_is_told_before_a_write_waits_for_it() {
     let irq = EventFd::new(vmm_sys_util::eventfd::EFD_NONBLOCK).unwrap();
     let stop = Arc::new(AtomicBool::new(false));
     let (out, mut end) = output::waiting(stop.clone());
-    let port = SerialPort::new(IrqLine(irq), out);
-    let mut guest = port.clone();
-    let prints = thread::spawn({
-        let stop = stop.clone();
-        move || {
-            while !stop.load(Ordering::Relaxed) {
-                guest.write(DATA, b"y");
-            }
-        }
-    });
-    // The output is not read: from here on the guest waits.
-    while !port.lock().registers.writer().would_wait() {
-        thread::yield_now();
+    let mut port = SerialPort::new(IrqLine(irq), out);
+    let mut printed = 0;
+    while !port.would_wait(DATA, 2) {
+        port.write(DATA, b"y");
+        printed += 1;
     }
-    let begun = Instant::now();
-    while port.type_bytes(b"\x03") == 0 {
-        assert!(begun.elapsed() < Duration::from_secs(60), "nothing can be typed");
-        thread::yield_now();
-    }
+    // There is room for one byte, and for no string of them.
+    assert!(!port.would_wait(DATA, 1));
+    port.write(DATA, b"y");
+    assert!(port.would_wait(DATA, 1));
+    assert!(!port.would_wait(INTERRUPT_ENABLE, 1), "only what is printed waits");
+    let mut seen = Vec::new();
+    end.drain_into(&mut seen);
+    assert_eq!(seen, vec![b'y'; printed + 1]);
+    // What is longer than all of the room never finds more than that.
+    assert!(!port.would_wait(DATA, usize::MAX));
+    port.write(DATA, b"y");
+    assert!(port.would_wait(DATA, usize::MAX));
     stop.store(true, Ordering::Relaxed);
-    prints.join().unwrap();
-    let mut printed = Vec::new();
-    end.drain_into(&mut printed);
-    assert!(printed.iter().all(|byte| *byte == b'y'));
+    assert!(!port.would_wait(DATA, usize::MAX), "nobody reads this output any more");
 }
 
 #[test]

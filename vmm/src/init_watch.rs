@@ -89,8 +89,8 @@ impl<W: Write> InitWatch<W> {
 }
 
 impl<W: ConsoleOutput> ConsoleOutput for InitWatch<W> {
-    fn would_wait(&self) -> bool {
-        self.out.would_wait()
+    fn would_wait(&self, bytes: usize) -> bool {
+        self.out.would_wait(bytes)
     }
 }
 

@@ -7,8 +7,10 @@
 //! virtio devices; what comes here is a write to one that is read-only, and any access to what is empty.
 
 use std::sync::{Arc, Mutex};
+use std::thread;
 
 use kvm_ioctls::VcpuExit;
+use takt_devices::output::RETRY;
 use takt_devices::ports::PortBus;
 use takt_devices::power::{PowerLine, PowerRequest};
 use takt_devices::virtio::page::BYTES;
@@ -44,6 +46,11 @@ pub struct LinuxGuest {
 }
 
 impl Board {
+    /// Whether an exit would wait, because nobody takes what the guest prints.
+    fn would_wait(&self, exit: &VcpuExit<'_>) -> bool {
+        matches!(exit, VcpuExit::IoOut(port, data) if self.ports.would_wait(*port, data))
+    }
+
     /// Answers an exit; `None` if it is none for devices. Counts the accesses that nothing answers.
     fn answer(&mut self, exit: &mut VcpuExit<'_>, illegal: &mut u64) -> Option<Step> {
         let unclaimed = self.ports.unclaimed();
@@ -115,7 +122,16 @@ impl Guest for LinuxGuest {
     fn announce(&mut self, _: &Release, _: &Slot, _: &Timebase) {}
 
     fn handle(&mut self, mut exit: VcpuExit<'_>) -> Step {
-        let answered = lock(&self.board).answer(&mut exit, &mut self.illegal);
+        let mut board = lock(&self.board);
+        // Not under the lock: the other processors go on, and what is typed gets through, above all to a guest that
+        // prints without end.
+        while board.would_wait(&exit) {
+            drop(board);
+            thread::sleep(RETRY);
+            board = lock(&self.board);
+        }
+        let answered = board.answer(&mut exit, &mut self.illegal);
+        drop(board);
         answered.unwrap_or_else(|| handle_common(&exit))
     }
 
@@ -157,12 +173,18 @@ impl Guest for LinuxGuest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::sync::{Arc, mpsc};
+    use std::time::{Duration, Instant};
     use takt_devices::disk::Shape;
     use takt_devices::disk::device::DiskDevice;
     use takt_devices::disk::handover::Handover;
+    use takt_devices::output;
+    use takt_devices::ports::PortDevice;
     use takt_devices::power::AcpiPower;
+    use takt_devices::serial::{IrqLine, SerialPort};
     use takt_plan::linux_map::PCI_WINDOW;
+    use vmm_sys_util::eventfd::{EFD_NONBLOCK, EventFd};
 
     use crate::memory::{GuestMemory, Pages};
 
@@ -181,6 +203,54 @@ mod tests {
             let step = guest.handle(VcpuExit::IoOut(0x600 + offset, &[value]));
             assert_eq!(step, Step::Ended(end));
         }
+    }
+
+    #[test]
+    fn a_processor_that_waits_to_print_holds_up_no_other_and_what_is_typed_gets_through() {
+        const DATA: u16 = 0x3f8;
+        const SCRATCH: u16 = DATA + 7;
+        const PATIENCE: Duration = Duration::from_secs(60);
+
+        let stop = Arc::new(AtomicBool::new(false));
+        let (out, mut end) = output::waiting(stop.clone());
+        let irq = IrqLine(EventFd::new(EFD_NONBLOCK).unwrap());
+        let console = SerialPort::new(irq, out);
+        let mut ports = PortBus::default();
+        ports.attach(DATA..=SCRATCH, Box::new(console.clone())).unwrap();
+        let power = PowerLine::default();
+        let board = Arc::new(Mutex::new(Board { ports, power, virtio: Vec::new() }));
+        let prints = thread::spawn({
+            let (mut processor, stop) = (LinuxGuest::on(board.clone()), stop.clone());
+            move || {
+                while !stop.load(Ordering::Relaxed) {
+                    assert_eq!(processor.handle(VcpuExit::IoOut(DATA, b"y")), Step::Resume);
+                }
+            }
+        });
+        // The output is not read: from here on the processor waits.
+        while !console.would_wait(0, 1) {
+            thread::yield_now();
+        }
+        let (done, other) = mpsc::channel();
+        thread::spawn(move || {
+            let mut processor = LinuxGuest::on(board);
+            for value in 1..=100 {
+                processor.handle(VcpuExit::IoOut(SCRATCH, &[value]));
+            }
+            done.send(()).unwrap();
+        });
+        let waited = other.recv_timeout(PATIENCE);
+        let begun = Instant::now();
+        while waited.is_ok() && console.type_bytes(b"\x03") == 0 {
+            assert!(begun.elapsed() < PATIENCE, "nothing can be typed");
+            thread::yield_now();
+        }
+        stop.store(true, Ordering::Relaxed);
+        prints.join().unwrap();
+        assert_eq!(waited, Ok(()), "the other processor waits too");
+        let mut printed = Vec::new();
+        end.drain_into(&mut printed);
+        assert!(printed.iter().all(|byte| *byte == b'y'));
     }
 
     #[test]
