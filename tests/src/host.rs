@@ -102,14 +102,10 @@ impl Host {
         host.run_list(name, "run-each", &lines, &files)
     }
 
-    /// Lets a script of `tests/host` that has this name run the partition files, with a line of its list
-    /// for each.
+    /// Lets a script of `tests/host` run the partition files, with a line of its list for each. The list is called `name`,
+    /// which no other test uses.
     #[must_use]
-    pub fn run_lines(self, name: &str, lines: &[String], files: &[PathBuf]) -> Vec<Outcome> {
-        self.run_list(name, name, lines, files)
-    }
-
-    fn run_list(
+    pub fn run_list(
         self,
         name: &str,
         script: &str,

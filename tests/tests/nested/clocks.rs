@@ -94,15 +94,8 @@ impl Steered {
     }
 }
 
-#[test]
-fn windows_and_releases_are_where_they_were_under_any_steering_of_the_clock() {
-    let all = || {
-        let frames = FRAMES.into_iter();
-        frames.flat_map(|frame| STEERINGS.map(move |ticks| Steered { frame, ticks }))
-    };
-    let short = [(1_000, 6), (10_000, 5), (100_000, 2)];
-    let short = short.map(|(frame, place)| Steered { frame, ticks: STEERINGS[place] });
-    let runs: Vec<Steered> = if long() { all().collect() } else { short.into() };
+/// Runs all of these one after the other, in one machine.
+fn assert_all_keep_time(list: &str, runs: &[Steered]) {
     let files: Vec<PathBuf> = runs.iter().map(Steered::file).collect();
     let lines = runs.iter().zip(&files).map(|(run, file)| {
         let ticks: Vec<String> = run.ticks.iter().map(u32::to_string).collect();
@@ -110,7 +103,7 @@ fn windows_and_releases_are_where_they_were_under_any_steering_of_the_clock() {
     });
     let lines: Vec<String> = lines.collect();
     let host = machine().with_file(&plc_image("never-done"));
-    for (run, outcome) in runs.iter().zip(host.run_lines("clocks", &lines, &files)) {
+    for (run, outcome) in runs.iter().zip(host.run_list(list, "clocks", &lines, &files)) {
         let max = |partition, key| outcome.number(partition, &format!("{key}.max"));
         println!(
             "{} us, ticks {:?}: runaway {} ns past its end, kick {} ns; good one {} ns after its release",
@@ -122,6 +115,24 @@ fn windows_and_releases_are_where_they_were_under_any_steering_of_the_clock() {
         );
         run.assert_kept_time(&outcome);
     }
+}
+
+#[test]
+fn windows_and_releases_are_where_they_were_under_a_clock_that_changes_its_rate_by_a_tenth() {
+    assert_all_keep_time("clock", &[Steered { frame: 10_000, ticks: STEERINGS[5] }]);
+}
+
+#[ignore = "takes long: scripts/test --all"]
+#[test]
+fn windows_and_releases_are_where_they_were_under_any_steering_of_the_clock() {
+    let all = || {
+        let frames = FRAMES.into_iter();
+        frames.flat_map(|frame| STEERINGS.map(move |ticks| Steered { frame, ticks }))
+    };
+    let short = [(1_000, 6), (100_000, 2)];
+    let short = short.map(|(frame, place)| Steered { frame, ticks: STEERINGS[place] });
+    let runs: Vec<Steered> = if long() { all().collect() } else { short.into() };
+    assert_all_keep_time("clocks", &runs);
 }
 
 /// What has interrupted the processor in a run: places in the frame, in ns.
@@ -202,7 +213,8 @@ fn timers_that_takt_can_place_stay_out_of_windows_under_steering_and_the_tick_wi
     });
     let lines: Vec<String> = lines.collect();
     let host = machine().with_file(&plc_image("never-done"));
-    for ((name, rates), outcome) in runs.iter().zip(host.run_lines("traced-timers", &lines, &files))
+    for ((name, rates), outcome) in
+        runs.iter().zip(host.run_list("traced-timers", "traced-timers", &lines, &files))
     {
         assert_eq!(outcome.status, 0, "{name}: {}", outcome.output);
         let interrupts = Interrupts::of(name, &outcome, FRAME_NS);
@@ -276,7 +288,7 @@ fn a_clock_source_that_is_taken_away_in_mid_run_is_an_error_of_each_partition() 
         with_actions("clock-fault-ends-the-run", &["log", "shut-down"]),
     ];
     let lines: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
-    let outcomes = machine().run_lines("clock-source", &lines, &files);
+    let outcomes = machine().run_list("clock-source", "clock-source", &lines, &files);
     let [all, ended] = &outcomes[..] else { panic!("two runs") };
 
     // The clock source goes a second after the command, by a clock from which the loading of Takt is

@@ -89,6 +89,7 @@ fn a_linux_that_restarts_comes_back_as_often_as_it_may_and_the_plc_loses_nothing
 }
 
 /// A Linux with windows runs in the loop of a PLC, on a thread that may do less.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_linux_with_windows_restarts_as_often_as_it_may() {
     let outcome = File::new("10ms")

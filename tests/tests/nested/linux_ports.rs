@@ -77,6 +77,7 @@ fn a_plc_and_a_linux_exchange_records_and_the_shell_goes_on_where_the_program_st
 
 /// What it costs by the caches' way and by memory's. The lab has no caches: the two are as long there, and that
 /// they are is all that it can show.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_message_takes_linux_as_many_instructions_cached_as_uncached() {
     let exec = format!(

@@ -36,6 +36,7 @@ fn jobs(outcome: &Outcome, task: &str) -> u64 {
     row.split_whitespace().nth(1).and_then(|jobs| jobs.parse().ok()).unwrap_or(0)
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_program_runs_beside_a_linux_and_its_tasks_span_windows() {
     let file = plc("program-linux", &image(), "")

@@ -206,6 +206,7 @@ fn the_doors_are_shut_and_trying_them_ends_the_process_with_safe_values() {
 }
 
 /// With the wait of a processor whose Linux has ended the kernel goes on by a call of its own.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_takt_that_was_stopped_for_a_moment_goes_on() {
     let file = File::new("10ms")

@@ -120,6 +120,7 @@ fn linux_gets_all_of_the_windows_of_a_plc_that_has_ended() {
     assert!(outcome.share("linux") >= 0.95, "{}", outcome.output);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn without_a_guard_the_wake_up_is_the_jitter_and_each_disturbance_is_told_with_its_cause() {
     let folder = target("tests/jitter");
@@ -219,6 +220,7 @@ fn an_overrun_ends_at_its_windows_end_and_moves_no_release() {
     linux_has_its_minimum(&outcome);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn without_the_kick_the_reservation_still_bounds_an_overrun() {
     let outcome =
