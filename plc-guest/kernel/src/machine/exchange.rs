@@ -77,11 +77,12 @@ impl Kernel {
         let mut pass = self.exchanges.pass(id, self.window.release);
         let done = self.io.read(job, &mut pass, &self.programs, &mut self.ports);
         self.exchanges.next[id.index()] = if done { 0 } else { pass.next as u8 };
+        // All others are in their places since the job began. If the window has ended it is done too: the look for rising edges
+        // that follows must not see what was read in the place of a forced value.
+        self.put_forced(self.live.forces.inputs_of(job.program));
         if !done {
             return false;
         }
-        // All others are in their places since the job began.
-        self.put_forced(self.live.forces.inputs_of(job.program));
         if let Some(program) = &self.programs[usize::from(job.program)] {
             program.process.give(job.task);
         }
