@@ -300,6 +300,7 @@ impl Kernel {
         if let Some(program) = &self.programs[usize::from(place.program)] {
             self.scheduler.abandon(program.id, now);
         }
+        self.abandon_outputs(place.program);
         true
     }
 }
