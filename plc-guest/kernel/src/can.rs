@@ -120,14 +120,21 @@ impl<R: Registers> Can<R> {
         object.map_or(0, |object| object.controller.into())
     }
 
-    /// Takes what a controller has received, at most as many frames as the partition file allows a job.
-    pub fn receive(&mut self, number: usize, now: u64) {
-        let Some(bus) = self.buses.get_mut(number).and_then(Option::as_mut) else { return };
+    /// Takes what a controller has received, at most as many frames as the partition file allows a job. False if the time
+    /// `is_over` before that, which is looked at before each frame: what is left stays in the controller.
+    pub fn receive(&mut self, number: usize, now: u64, is_over: impl Fn() -> bool) -> bool {
+        let Some(bus) = self.buses.get_mut(number).and_then(Option::as_mut) else { return true };
         for _ in 0..bus.frames {
+            if is_over() {
+                return false;
+            }
             let frame = match bus.driver.receive() {
                 Ok(frame) => frame,
                 Err(ReceiveError::Empty) => break,
-                Err(ReceiveError::BusOff) => return bus.is_off(now, self.patience),
+                Err(ReceiveError::BusOff) => {
+                    bus.is_off(now, self.patience);
+                    return true;
+                }
             };
             let wanted = |object: &Object| {
                 is_of(object, number, INPUT) && id(object) == Some(frame.id()) && !frame.is_remote()
@@ -147,6 +154,7 @@ impl<R: Registers> Can<R> {
             (state.stamp, state.count) = (Some(now), state.count.wrapping_add(1));
         }
         self.is_on(number);
+        true
     }
 
     /// A controller answers as one on its bus. If it was off, the frame in its buffer is lost: all is sent anew.
@@ -200,11 +208,11 @@ impl<R: Registers> Can<R> {
     }
 
     /// Hands objects that wait over to a controller: as many as it takes, at most as many as the partition file allows a
-    /// job.
-    pub fn send(&mut self, number: usize, now: u64) {
+    /// job, and none when the time `is_over`. The others wait still.
+    pub fn send(&mut self, number: usize, now: u64, is_over: impl Fn() -> bool) {
         let frames = self.buses.get(number).and_then(Option::as_ref).map_or(0, |bus| bus.frames);
         for _ in 0..frames {
-            if !self.send_one(number, now) {
+            if is_over() || !self.send_one(number, now) {
                 return;
             }
         }

@@ -11,6 +11,9 @@
 //! rules make that so, and each is an error if it is broken: a task more urgent than the ceiling may
 //! not take the semaphore, a task may not take what it holds, and who holds one may not wait.
 //!
+//! Programs do not trust each other. So a ceiling is never more urgent than the program's own most urgent task, a freewheeling
+//! task without a budget may take none, and an initialisation, beside which no task of its program runs, is not raised.
+//!
 //! **Queues** hand a message to the most urgent waiting task directly, so that no third task can take it in
 //! between.
 
@@ -148,13 +151,19 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
     /// The running task takes a semaphore. It never waits.
     ///
     /// # Errors
-    /// [`Error::Ceiling`] if a rule of the protocol is broken; [`Error::BadId`].
+    /// [`Error::Ceiling`] if a rule of the protocol is broken; [`Error::NotAllowed`] for a freewheeling task without a budget;
+    /// [`Error::BadId`].
     pub fn take(&mut self, id: ObjectId) -> Result<(), Error> {
         let caller = self.caller()?;
-        let own = self.tasks[caller.index()].settings.priority;
+        let settings = self.tasks[caller.index()].settings;
+        let own = settings.urgency();
         let Object::Semaphore { ceiling, holder } = self.object(id)? else {
             return Err(Error::BadId);
         };
+        // Nothing ends its job, and it would come before the tasks of other programs until then.
+        if settings.release == Release::Freewheeling && settings.budget == Span::ZERO {
+            return Err(Error::NotAllowed);
+        }
         if holder.is_some() || own < *ceiling {
             return Err(Error::Ceiling);
         }
@@ -192,7 +201,7 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
             Object::Semaphore { ceiling, .. } => Some(*ceiling),
             _ => None,
         });
-        let effective = ceilings.fold(task.settings.priority, u8::min);
+        let effective = ceilings.fold(task.settings.urgency(), u8::min);
         self.tasks[id.index()].effective = effective;
         self.holds_nothing_more(id);
     }

@@ -97,10 +97,10 @@ fn call(s: &mut Kernel, caller: TaskId, now: Instant, random: &mut Random) -> bo
     let right = match call {
         Call::SemaphoreTake => {
             let taken = s.take(id);
-            let holds = Object::Semaphore {
-                ceiling: if object == 0 { 3 } else { 0 },
-                holder: Some(caller),
-            };
+            // The most urgent task of the program has the priority behind its number.
+            let declared = if object == 0 { 3 } else { 0 };
+            let ceiling = declared.max(program.0 + 1);
+            let holds = Object::Semaphore { ceiling, holder: Some(caller) };
             assert!(taken.is_err() || s.object_at(id) == holds);
             matches!(kind, Object::Semaphore { .. }) || taken == Err(Error::BadId)
         }

@@ -261,6 +261,7 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
     /// Starts a stopped program: its initialisation is released. A program without one runs at once.
     pub fn start(&mut self, program: ProgramId, now: Instant) {
         self.stop(program);
+        self.lower_ceilings(program);
         self.programs[program.index()].phase = Phase::Starting;
         let mut starting = false;
         for id in self.tasks_of(program) {
@@ -274,6 +275,19 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         }
         if !starting {
             self.run(program, now);
+        }
+    }
+
+    /// No semaphore raises a task above the most urgent one of its program: none of them could want it, and other programs'
+    /// tasks would wait.
+    fn lower_ceilings(&mut self, program: ProgramId) {
+        let urgencies = self.tasks_of(program).map(|id| self.tasks[id.index()].settings.urgency());
+        let most_urgent = urgencies.min().unwrap_or(u8::MAX);
+        let Range { start, end } = self.programs[program.index()].objects;
+        for object in &mut self.objects[usize::from(start)..usize::from(end)] {
+            if let Object::Semaphore { ceiling, .. } = object {
+                *ceiling = (*ceiling).max(most_urgent);
+            }
         }
     }
 
@@ -303,7 +317,7 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
             self.give_all(id);
             let task = &mut self.tasks[id.index()];
             task.state = State::Dormant;
-            task.effective = task.settings.priority;
+            task.effective = task.settings.urgency();
             task.wake = None;
             self.ready &= !task.bit();
             self.in_call &= !task.bit();

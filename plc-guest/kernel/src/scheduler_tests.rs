@@ -389,14 +389,78 @@ fn a_freewheeling_task_of_any_priority_has_what_the_others_leave() {
     s.end(Instant(10));
     assert_eq!((at(&mut s, 10), at(&mut s, 100)), (Some(0), Some(1)));
     s.end(Instant(110));
-    // Who holds a semaphore runs at its ceiling, whatever it is.
-    let mut s = started(&[settings(Release::Freewheeling, 9), cyclic(100, 0, 1)]);
+    // With a budget it may hold a semaphore, and runs at its ceiling then, whatever its priority is.
+    for priority in [0, 9] {
+        let freewheeling = settings(Release::Freewheeling, priority);
+        let limited = Settings { budget: Span(500), ..freewheeling };
+        let mut s = started(&[limited, cyclic(100, 0, 1), cyclic(100, 10, 0)]);
+        s.window(Instant(0));
+        assert_eq!(at(&mut s, 0), Some(1));
+        s.end(Instant(5));
+        assert_eq!((at(&mut s, 5), s.take(ObjectId(2))), (Some(0), Ok(())));
+        assert_eq!(at(&mut s, 10), Some(2), "it is more urgent than the ceiling");
+        s.end(Instant(20));
+        assert_eq!(at(&mut s, 100), Some(0));
+        assert_eq!((s.give(ObjectId(2)), at(&mut s, 101)), (Ok(()), Some(1)));
+    }
+}
+
+#[test]
+fn a_semaphore_lets_nothing_without_a_budget_keep_other_tasks_waiting() {
+    let freewheeling = settings(Release::Freewheeling, 1);
+    let mut s = started(&[freewheeling, cyclic(100, 0, 1)]);
     s.window(Instant(0));
     assert_eq!(at(&mut s, 0), Some(1));
     s.end(Instant(10));
-    assert_eq!((at(&mut s, 10), s.take(ObjectId(2))), (Some(0), Ok(())));
-    assert_eq!(at(&mut s, 100), Some(0));
-    assert_eq!((s.give(ObjectId(2)), at(&mut s, 101)), (Ok(()), Some(1)));
+    assert_eq!((at(&mut s, 10), s.take(ObjectId(2))), (Some(0), Err(Error::NotAllowed)));
+    assert_eq!(s.take(ObjectId(0)), Err(Error::BadId));
+    assert_eq!(at(&mut s, 100), Some(1));
+    // An initialisation may take one, and stays behind all others' tasks with it.
+    let mut s = Small::new();
+    assert_eq!(s.add_program([Object::semaphore(0)].into_iter()), Ok(PROGRAM));
+    let other = s.add_program(core::iter::empty()).unwrap();
+    for task in [settings(Release::Start, 255), cyclic(100, 0, 0)] {
+        assert!(s.add_task(task).is_ok());
+    }
+    assert!(s.add_task(Settings { program: other, ..cyclic(100, 0, 0) }).is_ok());
+    s.start(PROGRAM, Instant(0));
+    s.start(other, Instant(0));
+    assert_eq!(at(&mut s, 0), Some(2));
+    s.end(Instant(10));
+    assert_eq!((at(&mut s, 10), s.take(ObjectId(0))), (Some(0), Ok(())));
+    assert!(!s.task(TaskId(0)).is_bounded());
+    assert_eq!(at(&mut s, 100), Some(2));
+    s.end(Instant(110));
+    // What it held is free when its program's tasks begin.
+    assert_eq!(at(&mut s, 110), Some(0));
+    s.end(Instant(150));
+    assert_eq!(s.object_at(ObjectId(0)), Object::semaphore(0));
+    assert_eq!((at(&mut s, 200), s.take(ObjectId(0))), (Some(1), Ok(())));
+}
+
+#[test]
+fn no_ceiling_is_above_the_most_urgent_task_of_its_own_program() {
+    let mut s = Small::new();
+    assert_eq!(s.add_program([Object::semaphore(0)].into_iter()), Ok(PROGRAM));
+    let other = s.add_program(core::iter::empty()).unwrap();
+    // That a freewheeling task has a more urgent number means nothing.
+    for task in [cyclic(100, 0, 7), cyclic(1_000, 0, 5), settings(Release::Freewheeling, 0)] {
+        assert!(s.add_task(task).is_ok());
+    }
+    assert!(s.add_task(Settings { program: other, ..cyclic(100, 50, 4) }).is_ok());
+    assert!(s.add_task(Settings { program: other, ..cyclic(100, 60, 5) }).is_ok());
+    for _ in 0..2 {
+        s.start(PROGRAM, Instant(0));
+        s.start(other, Instant(0));
+        assert_eq!(s.object_at(ObjectId(0)), Object::semaphore(5));
+        assert_eq!(at(&mut s, 0), Some(1));
+        s.end(Instant(10));
+        assert_eq!((at(&mut s, 10), s.take(ObjectId(0))), (Some(0), Ok(())));
+        assert_eq!(at(&mut s, 50), Some(3));
+        s.end(Instant(55));
+        assert_eq!(at(&mut s, 60), Some(0), "before all of the ceiling's priority");
+        assert_eq!((s.give(ObjectId(0)), at(&mut s, 61)), (Ok(()), Some(4)));
+    }
 }
 
 #[test]

@@ -83,10 +83,21 @@ pub struct Settings {
     pub sensitivity: u16,
 }
 
+impl Settings {
+    /// Its priority among the tasks of the first [class](Class); of one of another class the least, since it comes after all of
+    /// those whatever its priority.
+    pub(crate) const fn urgency(&self) -> u8 {
+        match self.release {
+            Release::Cyclic { .. } | Release::Event { .. } => self.priority,
+            Release::Freewheeling | Release::Start => u8::MAX,
+        }
+    }
+}
+
 /// What precedes the priority in a task's rank: the analysis of the tasks reckons only with those of the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Class {
-    /// It is released at most so often, or holds a semaphore that such a task may want.
+    /// It is released at most so often; or it is freewheeling, has a budget and holds a semaphore that such a task may want.
     Bounded,
     /// It takes what the others leave.
     Freewheeling,
@@ -144,7 +155,7 @@ pub struct Task {
     pub(crate) rank: u8,
     pub(crate) watchdog: Watchdog,
     pub(crate) state: State,
-    /// Its priority, or the ceiling of a semaphore that it holds if that is more urgent.
+    /// Its [urgency](Settings::urgency), or the ceiling of a semaphore that it holds if that is more urgent.
     pub(crate) effective: u8,
     /// Semaphores that it holds, a bit for each number in its program.
     pub(crate) held: u64,
@@ -181,7 +192,7 @@ impl Task {
             rank: 0,
             watchdog: Watchdog::new(settings.budget, settings.sensitivity),
             state: State::Dormant,
-            effective: settings.priority,
+            effective: settings.urgency(),
             held: 0,
             released: Instant(0),
             executed: Span::ZERO,
@@ -272,10 +283,11 @@ impl Task {
 
     pub(crate) const fn class(&self) -> Class {
         match self.settings.release {
+            // No task that may want what it holds begins before it has ended.
+            Release::Start => Class::Initialisation,
             _ if self.held != 0 => Class::Bounded,
             Release::Cyclic { .. } | Release::Event { .. } => Class::Bounded,
             Release::Freewheeling => Class::Freewheeling,
-            Release::Start => Class::Initialisation,
         }
     }
 
@@ -340,7 +352,7 @@ impl Task {
 
     /// The current job is over. What it held has been given back.
     pub(crate) fn retire(&mut self) {
-        self.effective = self.settings.priority;
+        self.effective = self.settings.urgency();
         self.wake = None;
         self.state = match self.settings.release {
             Release::Start => State::Dormant,

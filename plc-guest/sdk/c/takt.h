@@ -190,6 +190,8 @@ struct takt_declaration {
     __attribute__((section(".data.rel.ro.takt_number")))                                          \
     static const volatile uint32_t name = 0;                                                      \
     TAKT_DECLARE_(object_##name, kind, #name, &name, "", .numbers = { a, b })
+/* The ceiling is the priority of the most urgent task that takes it. One that is more urgent than all cyclic and event tasks of the
+ * program counts as the most urgent of these. A freewheeling task can take a semaphore only if it has a budget. */
 #define TAKT_SEMAPHORE(name, ceiling) TAKT_OBJECT_(7, name, ceiling, 0)
 #define TAKT_QUEUE(name, message_bytes, depth) TAKT_OBJECT_(8, name, message_bytes, depth)
 #define TAKT_MAILBOX(name, bytes) TAKT_OBJECT_(9, name, bytes, 0)

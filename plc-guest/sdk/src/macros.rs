@@ -221,7 +221,7 @@ macro_rules! __object {
 }
 
 /// Declares a semaphore: `semaphore!(LOCK, "lock", ceiling = 1);` with the priority of the most urgent task
-/// that takes it.
+/// that takes it. A ceiling that is more urgent than all cyclic and event tasks of the program counts as the most urgent of these.
 #[macro_export]
 macro_rules! semaphore {
     ($vis:vis $ident:ident, $name:literal, ceiling = $ceiling:expr) => {

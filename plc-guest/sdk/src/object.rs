@@ -71,7 +71,7 @@ impl Semaphore {
     /// Runs `f` with the semaphore taken.
     ///
     /// # Errors
-    /// The time-out (nanoseconds) is over, or this task is more urgent than the ceiling.
+    /// The time-out (nanoseconds) is over, this task is more urgent than the ceiling, or it is freewheeling and has no budget.
     pub fn with<R>(&self, timeout: u64, f: impl FnOnce() -> R) -> Result<R, Error> {
         number(&self.0, 3, [timeout, 0, 0])?;
         let result = f();

@@ -55,6 +55,12 @@ functions! {
     ]
     /// Works without end.
     Endless = "takt_test_endless": ["2:", "jmp 2b"]
+    /// Takes object 0, a semaphore, stops the program with code 81 if it does not get it, and works without end.
+    EndlessHolder = "takt_test_endless_holder": [
+        "mov eax, 3", "xor edi, edi", "xor esi, esi", "syscall",
+        "test rax, rax", "2:", "jz 2b",
+        "mov edi, 81", "mov eax, 14", "syscall",
+    ]
     /// Keeps patterns in all registers for as many rounds as the parameter says, looks at them in each, and
     /// stops the program with code 77 when one has changed.
     Patterns = "takt_test_patterns": [

@@ -114,12 +114,12 @@ impl Carrying {
         }
         let all = u64::from(plan.pages());
         let end = all.min(self.next + LOOKS);
-        let found =
-            match program.space.take_written(self.next, if self.all { self.next + 1 } else { end })
-            {
-                None if self.all && self.next < all => Some(self.next),
-                found => found,
-            };
+        // When the last page was carried, what follows it is none of the plan.
+        let looked = if self.all { end.min(self.next + 1) } else { end };
+        let found = match program.space.take_written(self.next, looked) {
+            None if self.all && self.next < all => Some(self.next),
+            found => found,
+        };
         self.page = found.map(|number| (number, plan.page(number as u32)));
         self.next = found.map_or(end, |number| number + 1);
         if found.is_none() && end == all {

@@ -4,7 +4,8 @@
 //! each value, and a plan back. The kernel checks the plans and maps the pages in idle time, a few at a time
 //! ([`preparing`](super::preparing)), and waits for an order. Then, in idle time with no job of the program under way and time
 //! enough before the next release, it carries out the plan and changes one word of the page tables. The version is on trial for
-//! [`TRIAL_JOBS`] jobs: a fault, or a job over its budget, leads back.
+//! [`TRIAL_JOBS`] jobs: a fault, or a job over its budget, leads back. So it does when an order to go back waits for the end of a
+//! job.
 //!
 //! For a large change the values are carried to a second state beforehand ([`carrying`](super::carrying)), and only the
 //! word is left to be changed.
@@ -87,9 +88,11 @@ impl Change {
         second && !self.carrying.is_done()
     }
 
-    /// True if an error of this program leads back to its version before.
-    pub fn is_on_trial(&self, program: u8) -> bool {
+    /// True if an error of this program leads back to its version before: on trial, and when an order leads there already
+    /// that waits for the end of the program's jobs.
+    pub fn leads_back(&self, program: u8) -> bool {
         self.is(program, ChangePhase::Trial)
+            || self.is(program, ChangePhase::RollingBack) && !self.is_leaving(program)
     }
 
     /// True from the order to change this program until its trial is over: places in it can be those of another
@@ -285,10 +288,11 @@ impl Kernel {
         true
     }
 
-    /// An error of a version on trial leads back to the one before. False if the task's is on none.
+    /// An error of a version on trial, or of one that is to be left, leads back to the one before. False if the task's is
+    /// neither.
     pub fn trial_fails(&mut self, id: TaskId, reason: ChangeReason) -> bool {
         let place = self.places[id.index()];
-        if !self.change.is_on_trial(place.program) {
+        if !self.change.leads_back(place.program) {
             return false;
         }
         (self.change.record.phase, self.change.record.reason) = (ChangePhase::RollingBack, reason);
@@ -296,6 +300,7 @@ impl Kernel {
         if let Some(program) = &self.programs[usize::from(place.program)] {
             self.scheduler.abandon(program.id, now);
         }
+        self.abandon_outputs(place.program);
         true
     }
 }

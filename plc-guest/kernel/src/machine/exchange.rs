@@ -77,11 +77,12 @@ impl Kernel {
         let mut pass = self.exchanges.pass(id, self.window.release);
         let done = self.io.read(job, &mut pass, &self.programs, &mut self.ports);
         self.exchanges.next[id.index()] = if done { 0 } else { pass.next as u8 };
+        // All others are in their places since the job began. If the window has ended it is done too: the look for rising edges
+        // that follows must not see what was read in the place of a forced value.
+        self.put_forced(self.live.forces.inputs_of(job.program));
         if !done {
             return false;
         }
-        // All others are in their places since the job began.
-        self.put_forced(self.live.forces.inputs_of(job.program));
         if let Some(program) = &self.programs[usize::from(job.program)] {
             program.process.give(job.task);
         }
@@ -108,9 +109,18 @@ impl Kernel {
         done && self.scheduler.running() == Some(id)
     }
 
+    /// The jobs of a program are over before their ends: none of them has outputs left to write.
+    pub fn abandon_outputs(&mut self, program: u8) {
+        for id in self.scheduler.ids() {
+            let own = self.places[id.index()].program == program;
+            self.exchanges.writing &= !(u64::from(own) << id.0);
+        }
+    }
+
     /// Outputs of a program that has stopped take the values that the partition file wants: at once, unless the release
     /// of the window is still to come, which would be late by all of them.
     pub fn stop_outputs(&mut self, program: u8) {
+        self.abandon_outputs(program);
         self.exchanges.to_stop |= 1 << program;
         self.exchanges.waited = !self.stop_what_waits();
     }

@@ -5,7 +5,7 @@
 //! 16 accesses before it for each frame that it may take, and 15 behind it for each that it may hand over.
 //!
 //! A pass that does not fit into the rest of its window stops at the window's end, and goes on when it has the processor
-//! again: a more urgent task's release waits for one place at most.
+//! again: a more urgent task's release waits for one place at most, or for one frame of a CAN controller.
 
 use super::PROGRAMS;
 use super::memory::Area;
@@ -155,8 +155,9 @@ impl Io {
                     // Once in a job, however many of its objects are read.
                     if let Some(polled) = polled.get_mut(number)
                         && !core::mem::replace(polled, true)
+                        && !self.can.receive(number, now, || pass.is_over())
                     {
-                        self.can.receive(number, now);
+                        return false;
                     }
                     let newest = self.can.newest(first.place, now, &job.clock);
                     wanted.for_each(|m| read_newest(m, &newest, image));
@@ -194,9 +195,7 @@ impl Io {
         let wanted = |m: &Mapping| is_written_by(m, job.task);
         let done = self.write_places(job.program, pass, process, ports, wanted, &mut buses);
         for number in (0..CONTROLLERS_MAX).filter(|number| buses[*number]) {
-            if !pass.is_over() {
-                self.can.send(number, cycle::now());
-            }
+            self.can.send(number, cycle::now(), || pass.is_over());
         }
         done
     }

@@ -392,9 +392,9 @@ impl Kernel {
     /// A task has caused an exception.
     #[inline(never)]
     fn fault(&mut self, task: TaskId) {
-        let on_trial = self.change.is_on_trial(self.places[task.index()].program);
+        let leads_back = self.change.leads_back(self.places[task.index()].program);
         if let Some(fault) = context::last_fault() {
-            self.tell(task, Untold::Fault(fault, on_trial));
+            self.tell(task, Untold::Fault(fault, leads_back));
         }
         if !self.trial_fails(task, ChangeReason::Fault) {
             self.act(task, self.entry_of(task).on_fault);
@@ -512,7 +512,7 @@ impl Kernel {
             wanted => wanted,
         };
         let leaves = violation == Violation::Budget
-            && self.change.is_on_trial(self.places[id.index()].program);
+            && self.change.leads_back(self.places[id.index()].program);
         self.tell(id, Untold::Violation { what, wanted, leaves });
         if violation == Violation::Budget && self.trial_fails(id, ChangeReason::Budget) {
             return;

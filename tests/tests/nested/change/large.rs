@@ -12,7 +12,7 @@ use takt_points::Search;
 use takt_program::Image;
 use takt_st::source::Sources;
 use takt_st::{build, project, stack};
-use takt_tests::{File, Host, Value, long, parse, plc_image, save_bytes, target};
+use takt_tests::{File, Host, Outcome, Value, long, parse, plc_image, save_bytes, target};
 
 use super::hex;
 
@@ -289,7 +289,8 @@ fn a_megabyte_gets_another_layout_and_no_cycle_is_lost() {
 }
 
 /// A program whose event task waits for a variable of the state; that has a value which it never writes on a page of its own; and
-/// that writes to each page of a megabyte in each of as many jobs as it is told.
+/// that writes to each page of a megabyte in each of as many jobs as it is told. If it is told so, it divides by zero when so many
+/// of these are left.
 fn busy(version: usize) -> String {
     let fields = if version == 0 { "a : DINT; b : LINT;" } else { "b : LINT; c : LINT; a : DINT;" };
     let number = version + 1;
@@ -309,7 +310,7 @@ VAR_EXTERNAL
     go : BOOL;
 END_VAR
 VAR
-    v_jobs, v_fast, v_version : ULINT;
+    v_jobs, v_fast, v_faulty, v_version : ULINT;
     before : ARRAY[0..511] OF LREAL;
     v_operator : ULINT;
     pairs : ARRAY[0..1023] OF Pair;
@@ -323,6 +324,7 @@ v_jobs := v_jobs + 1;
 go := v_jobs MOD 2 = 0;
 IF v_fast <> 0 THEN
     v_fast := v_fast - 1;
+    IF v_faulty <> 0 AND v_fast = v_faulty THEN v_jobs := v_jobs / (v_fast - v_faulty); END_IF;
     FOR index := 0 TO 255 DO
         pages[index * 512] := ULINT_TO_LREAL(v_jobs);
     END_FOR;
@@ -345,18 +347,18 @@ END_CONFIGURATION
 /// Jobs in which it writes to all pages.
 const FAST: u64 = 300;
 
-#[test]
-fn what_the_kernel_writes_gets_there_and_a_state_that_changes_too_fast_waits() {
-    let out = target("tests/change-busy.out");
+/// Runs its first version through these steps. There are requests to write `operator`, `fast` and `faulty`.
+fn run_busy(test: &str, order: &str) -> (Told, Outcome) {
+    let out = target("tests").join(format!("{test}.out"));
     let _ = fs::remove_dir_all(&out);
     let images = [image(&busy(0)), image(&busy(1))];
-    let order = "load 1\nsay operator\nsay commit\nuntil held\nlook 1\nsay fast\nsay roll-back\n\
-                 until rolled-back\nlook 0\n";
     let names = ["main.v_jobs", "events.v_events", "main.v_operator", "main.v_version"];
-    let folder = requests("change-busy", &images, &names, order);
-    for (file, image, name, value) in
-        [("operator", &images[0], "main.v_operator", 7), ("fast", &images[1], "main.v_fast", FAST)]
-    {
+    let folder = requests(test, &images, &names, order);
+    for (file, image, name, value) in [
+        ("operator", &images[0], "main.v_operator", 7),
+        ("fast", &images[1], "main.v_fast", FAST),
+        ("faulty", &images[1], "main.v_faulty", 1),
+    ] {
         let Range { offset, bytes, .. } = place(image, name);
         let request = format!(
             "{{\"version\":2,\"request\":\"write\",\"partition\":\"plc\",\"point\":[0,1,{offset},{bytes},255],\
@@ -364,21 +366,43 @@ fn what_the_kernel_writes_gets_there_and_a_state_that_changes_too_fast_waits() {
         );
         fs::write(folder.join(file), request).unwrap();
     }
-    let (first, kernel, table) = plc("change-busy", &images[0]);
+    let (first, kernel, table) = plc(test, &images[0]);
     let file = File::new("1ms")
         .plc_with("plc", &table)
         .schedule("normal")
         .window("plc", 0, 300)
-        .save("change-busy");
+        .save(test);
     let host = Host::new().with("--memory", "512").with("--program", env!("CARGO_BIN_EXE_talk"));
     let needed = [&file, &folder, &first, &kernel];
     let host = needed.into_iter().fold(host, |host, path| host.with_file(path));
     let arguments = [file.to_str().unwrap(), folder.to_str().unwrap(), "20s"];
-    let outcome = host.given_up_after("600").run_as("change-busy", "change-large", &arguments);
+    let outcome = host.given_up_after("600").run_as(test, "change-large", &arguments);
     let answer = fs::read_to_string(out.join("answer")).unwrap_or_default();
     assert_eq!(outcome.status, 0, "{}\n{answer}", outcome.output);
+    (Told::read(&out), outcome)
+}
 
-    let told = Told::read(&out);
+#[test]
+fn a_fault_while_an_ordered_way_back_waits_leads_back_at_once() {
+    let order = "load 1\nsay commit\nuntil held\nlook 1\nsay faulty\nsay fast\nsay roll-back\n\
+                 until rolled-back\nlook 0\n";
+    let (told, outcome) = run_busy("change-busy-fault", order);
+    let looks = told.looks();
+    let [(_, _, there), (back, _, again)] = &looks[..] else { panic!("{looks:?}") };
+    assert_eq!(back["reason"], "a fault of the new version", "{back:#}");
+    let ([.., 2], [jobs, .., 1]) = (&there[..], &again[..]) else { panic!("{looks:?}") };
+    assert!(
+        *jobs >= there[0] + FAST - 1,
+        "it had all values of the job before the fault: {looks:?}"
+    );
+    assert!(!outcome.output.contains("the program stops"), "{}", outcome.output);
+}
+
+#[test]
+fn what_the_kernel_writes_gets_there_and_a_state_that_changes_too_fast_waits() {
+    let order = "load 1\nsay operator\nsay commit\nuntil held\nlook 1\nsay fast\nsay roll-back\n\
+                 until rolled-back\nlook 0\n";
+    let (told, _) = run_busy("change-busy", order);
     let looks = told.looks();
     let [(held, cycle, there), (back, later, again)] = &looks[..] else { panic!("{looks:?}") };
     for (values, version) in [(there, 2), (again, 1)] {
