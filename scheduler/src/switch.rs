@@ -144,15 +144,17 @@ impl ScheduleState {
     /// Makes a request take effect two frames on. `clock` tells the time since the epoch; see the module. Any
     /// number of threads may call this; it is wait-free. True for the one that made it so.
     pub fn adopt(&self, clock: impl Fn() -> Nanos) -> bool {
-        let Some(wanted) = self.wanted.load(Ordering::SeqCst).checked_sub(1) else { return false };
+        // In this order: a request that came before the word has changed is not taken for one that came after.
         let word = self.word.load(Ordering::SeqCst);
-        let old = Switch::unpack(word);
+        let Some(wanted) = self.wanted.load(Ordering::SeqCst).checked_sub(1) else { return false };
+        let (old, wanted) = (Switch::unpack(word), ScheduleId(wanted));
         let now = clock();
-        if self.frame_at(now) < old.frame {
+        // No request is for the schedule that holds already: another has adopted this one, and has yet to clear it.
+        if old.after == wanted || self.frame_at(now) < old.frame {
             return false;
         }
         let frame = self.frame_at(now.plus(LEAD)) + 2;
-        let new = Switch { before: old.after, after: ScheduleId(wanted), frame };
+        let new = Switch { before: old.after, after: wanted, frame };
         // A thread that loses finds the switch of another, which had the same reason.
         let won = self
             .word
@@ -250,6 +252,21 @@ mod tests {
         board.adopt(|| ms(21));
         let switch = Switch { before: id(1), after: id(2), frame: 4 };
         assert_eq!(board.switch(), switch);
+    }
+
+    /// The thread that has adopted it was stopped before it has cleared the request, for longer than the switch took.
+    #[test]
+    fn no_request_is_adopted_twice() {
+        let board = ScheduleState::new(FRAME, 2);
+        board.request(id(1), ms(33)).unwrap();
+        assert!(board.adopt(|| ms(34)));
+        let switch = board.switch();
+        board.wanted.store(2, Ordering::SeqCst);
+        assert!(!board.adopt(|| ms(1_000)));
+        assert_eq!(board.switch(), switch);
+        board.wanted.store(0, Ordering::SeqCst);
+        board.request(id(0), ms(1_000)).unwrap();
+        assert!(board.adopt(|| ms(1_000)), "the next one is not lost");
     }
 
     #[test]

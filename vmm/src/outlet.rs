@@ -311,11 +311,25 @@ impl Sink for StandardOutput {
 }
 
 fn wait_for_room(file: &File) -> io::Result<()> {
+    has_room(file, -1).map(drop)
+}
+
+/// Whether something can be written, after at most so many milliseconds.
+fn has_room(file: &impl AsRawFd, at_most: libc::c_int) -> io::Result<bool> {
     let mut entry = libc::pollfd { fd: file.as_raw_fd(), events: libc::POLLOUT, revents: 0 };
     // SAFETY: one live entry.
-    match unsafe { libc::poll(&raw mut entry, 1, -1) } {
-        0.. => Ok(()),
+    match unsafe { libc::poll(&raw mut entry, 1, at_most) } {
+        0.. => Ok(entry.revents & libc::POLLOUT != 0),
         _ => Err(io::Error::last_os_error()),
+    }
+}
+
+/// Writes a line of Takt's own past all outlets, once the run is over. It is left out if its reader does not take it at
+/// once: what is still to be given back does not wait for that.
+pub fn last_line(output: &mut (impl Write + AsRawFd), text: &str) {
+    if has_room(output, 0).is_ok_and(|room| room) {
+        // The reader may have gone.
+        let _ = writeln!(output, "[takt] {text}");
     }
 }
 

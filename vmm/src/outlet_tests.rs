@@ -142,3 +142,23 @@ fn a_file_ends_at_its_first_error() {
     assert_eq!(outlet.push(0, b"two"), Err(Full));
     assert_eq!((outlet.unwritten(), outlet.pieces(), outlet.waiting()), (3, 0, 0));
 }
+
+#[test]
+fn a_last_line_waits_for_no_reader() {
+    let (mut reader, writer) = io::pipe().unwrap();
+    let mut output = File::from(OwnedFd::from(writer));
+    last_line(&mut output, "CPU 1 is back");
+    let mut line = [0; 21];
+    reader.read_exact(&mut line).unwrap();
+    assert_eq!(&line, b"[takt] CPU 1 is back\n");
+    // SAFETY: changes the size of the pipe's buffer.
+    let size = unsafe { libc::fcntl(output.as_raw_fd(), libc::F_SETPIPE_SZ, 4096) };
+    assert_eq!(size, 4096);
+    output.write_all(&[b'x'; 4096]).unwrap();
+    // This would not come to an end if it waited.
+    last_line(&mut output, "CPU 2 is back");
+    drop(output);
+    let mut rest = Vec::new();
+    reader.read_to_end(&mut rest).unwrap();
+    assert_eq!(rest, [b'x'; 4096]);
+}

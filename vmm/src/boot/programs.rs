@@ -3,6 +3,7 @@
 //! Their images were read and checked with the partition file, and their places fixed. Here they are only
 //! copied, at the first start and at every later one: a guest may have written anything over them.
 
+use std::mem;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use takt_abi::program::ProgramTable;
@@ -44,6 +45,8 @@ struct Starts {
     loaded: Changed,
     /// What each program retains, once that is known.
     kept: Vec<Option<Kept>>,
+    /// The guest has been loaded for a cold start, and has yet to be seen.
+    cold: bool,
 }
 
 impl Programs {
@@ -54,7 +57,7 @@ impl Programs {
         let table = program_table(&programs, partition.memory_bytes())?;
         let none = vec![None; programs.len()];
         let kept = vec![None; programs.len()];
-        let starts = Starts { count: 0, next: none.clone(), loaded: none, kept };
+        let starts = Starts { next: none.clone(), loaded: none, kept, ..Starts::default() };
         Some(Self { programs, table, starts: Arc::new(Mutex::new(starts)) })
     }
 
@@ -100,16 +103,25 @@ impl Programs {
     }
 
     /// From now on a program that starts anew has these values. Waits for nothing: while the guest is being loaded they are
-    /// dropped, and newer ones come when it runs.
+    /// dropped, and newer ones come when it runs. So are those from before a cold start whose guest has yet to be seen.
     pub fn keep(&self, place: usize, kept: Kept) {
         let mut starts = match self.starts.try_lock() {
             Ok(starts) => starts,
             Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
             Err(TryLockError::WouldBlock) => return,
         };
-        if let Some(slot) = starts.kept.get_mut(place) {
+        if !starts.cold
+            && let Some(slot) = starts.kept.get_mut(place)
+        {
             *slot = Some(kept);
         }
+    }
+
+    /// The guest has been seen after a start: from now on there are values of its own. True if there was a cold start since
+    /// the last time.
+    #[must_use]
+    pub fn was_seen(&self) -> bool {
+        mem::take(&mut self.starts().cold)
     }
 
     /// Copies the images into memory that is zero, and what the programs retain over such a start. Returns what the guest is
@@ -124,6 +136,11 @@ impl Programs {
     ) -> Result<ProgramTable, ProgramError> {
         let mut starts = self.starts();
         starts.loaded = starts.next.clone();
+        if mode == StartMode::Cold {
+            // A warm start may follow before there are newer ones.
+            starts.cold = true;
+            starts.kept.iter_mut().flatten().for_each(|kept| kept.retain = false);
+        }
         let mut table = self.table;
         let entries = table.programs.iter_mut().zip(&self.programs).zip(&starts.loaded);
         for (((entry, program), changed), kept) in entries.zip(&starts.kept) {
@@ -154,8 +171,10 @@ mod tests {
     use crate::boot::plc::{PlcImage, Source};
     use crate::config;
     use crate::memory::Pages;
-    use takt_program::build::{Builder, Task};
-    use takt_program::{CodeOffset, Nanoseconds};
+    use takt_abi::program::restored;
+    use takt_program::build::{Builder, Task, Variable};
+    use takt_program::{Area, CodeOffset, Elementary, Flags, Nanoseconds};
+    use takt_retain::Layout;
 
     const FILE: &str = "version = 1\n[system]\nname = \"s\"\nmajor_frame = \"1ms\"\n\
         [[partition]]\nname = \"plc\"\nkind = \"plc\"\ncpu = 0\nmemory = \"8MiB\"\n\
@@ -168,6 +187,11 @@ mod tests {
         fs::create_dir_all(&folder).unwrap();
         let mut image = Builder::new("a");
         image.code = vec![0xc3];
+        image.state_bytes = 16;
+        let ty = image.elementary(Elementary::Ulint);
+        for (name, at, flag) in [("a", 0, Flags::RETAIN), ("b", 8, Flags::PERSISTENT)] {
+            image.variable(Variable::new(name, ty, Area::State, at).with(flag));
+        }
         let mut task = Task::cyclic("main", Nanoseconds(1_000_000), CodeOffset(0));
         task.budget = Some(Nanoseconds(10_000));
         image.task(task);
@@ -219,6 +243,38 @@ mod tests {
         let bytes = partition.programs()[0].bytes().len() as u64;
         assert_eq!(programs.load(&memory, StartMode::Cold).unwrap().programs[0].image_bytes, bytes);
         assert_eq!(programs.loaded(0), None);
+    }
+
+    #[test]
+    fn a_warm_start_brings_back_nothing_from_before_a_cold_one() {
+        let partition = partition("cold");
+        let programs = Programs::of(&partition).unwrap();
+        let memory =
+            GuestMemory::for_plc_with_programs(partition.memory_bytes(), Pages::Small, &[])
+                .unwrap();
+        let layout = Arc::new(Layout::of(&partition.programs()[0].image().unwrap()));
+        let keep = || {
+            let kept = Kept { layout: layout.clone(), block: vec![1; 16], retain: true };
+            programs.keep(0, kept);
+        };
+        let begins = |mode| {
+            let entry = programs.load(&memory, mode).unwrap().programs[0];
+            let mut block = [0; 16];
+            memory.regions().read_slice(&mut block, GuestAddress(entry.retained)).unwrap();
+            (entry.restored, block.map(|byte| byte == 1))
+        };
+        let persistent: [bool; 16] = std::array::from_fn(|at| at >= 8);
+        keep();
+        assert_eq!(begins(StartMode::Warm), (restored::ALL, [true; 16]));
+        assert!(!programs.was_seen());
+        assert_eq!(begins(StartMode::Cold), (restored::PERSISTENT, persistent));
+        assert_eq!(begins(StartMode::Warm), (restored::PERSISTENT, persistent));
+        // Values that were on their way when the guest ended.
+        keep();
+        assert_eq!(begins(StartMode::Warm), (restored::PERSISTENT, persistent));
+        assert!(programs.was_seen() && !programs.was_seen());
+        keep();
+        assert_eq!(begins(StartMode::Warm), (restored::ALL, [true; 16]));
     }
 
     #[test]

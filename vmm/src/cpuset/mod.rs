@@ -53,6 +53,7 @@ use takt_host::mounts;
 pub use takt_host::mounts::HierarchyError;
 
 use crate::kernel_tree::LockedTree;
+use crate::outlet::last_line;
 
 /// CPUs could not be given scheduling domains of their own.
 #[derive(Debug, Error)]
@@ -207,15 +208,19 @@ impl Drop for Domains {
         match setup.undo() {
             Ok(cpus) => {
                 for Cpu(cpu) in cpus {
-                    tell(&format!("CPU {cpu} is back in the host's scheduling domain"));
+                    tell_last(&format!("CPU {cpu} is back in the host's scheduling domain"));
                 }
             }
             // The run is over and its report is good: this is told, and its status stays.
-            Err(error) => tell(&format!(
+            Err(error) => tell_last(&format!(
                 "the host's scheduling domains are not as they were: {error}; the next run with this file, or a restart, removes what is left"
             )),
         }
     }
+}
+
+fn tell_last(text: &str) {
+    last_line(&mut io::stdout(), text);
 }
 
 /// A line to the user, who may have gone.

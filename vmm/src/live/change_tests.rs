@@ -578,6 +578,7 @@ fn a_guest_that_starts_anew_gets_no_version_and_is_known_by_what_it_was_loaded_w
 
     let _new = plant.case.guest();
     plant.tick();
+    assert!(!plant.banks.programs.was_seen(), "what it retains is kept from now on");
     assert_eq!(plant.phase(), ("1.0.0".into(), "none".into(), None));
     plant.load(&image(2, 2, 10_000)).unwrap();
     assert_eq!(read(&plant), image(0, 1, 10_000), "the next one is in the other bank");

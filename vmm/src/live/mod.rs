@@ -372,6 +372,9 @@ impl Running {
             self.figures.forget();
             self.watching.send_again();
             self.changes.guest_has_started(banks);
+            if banks.is_some_and(|banks| banks.programs.was_seen()) {
+                self.retaining.started_cold();
+            }
             let ended = self.writes.forget();
             turn.events.extend(ended.map(|text| (id, EventKind::Released, text)));
         }

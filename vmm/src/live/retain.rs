@@ -125,6 +125,17 @@ impl Retaining {
         }
     }
 
+    /// The guest has had a cold start: until there are new values they are those that it began with, also in the file.
+    pub fn started_cold(&mut self) {
+        for keeper in &mut self.programs {
+            let Some((_, block)) = &mut keeper.newest else { continue };
+            if let Some(cold) = keeper.layout.cold(block) {
+                *block = cold;
+            }
+            keeper.file.iter_mut().for_each(|file| file.due = Nanos::ZERO);
+        }
+    }
+
     /// Has the values copied that are not, where places in the program can be relied on.
     pub fn watch(
         &mut self,

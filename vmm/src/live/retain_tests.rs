@@ -173,6 +173,29 @@ fn values_are_written_when_they_change_and_not_too_often() {
     assert!(news[0].contains("no moment between two cycles"), "{news:?}");
 }
 
+#[test]
+fn after_a_cold_start_nothing_from_before_it_is_written() {
+    let file = plant("cold");
+    let mut files = Files::open(&file).unwrap();
+    let mut retaining = retaining(&file, &files);
+    let mut saver = files.start(&spawn).unwrap().unwrap();
+    let mut news = watch(&mut retaining, &file);
+    retaining.take(sampled(1, 0, &[1; 8]), None);
+    retaining.save(Some(&mut saver), 0, at(0), &mut news);
+    while saver.outcome().is_none() {
+        std::thread::yield_now();
+    }
+    retaining.programs[0].file.as_mut().unwrap().since = None;
+    retaining.take(sampled(2, 0, &[2; 8]), None);
+    retaining.started_cold();
+    // Not only when the second is over.
+    retaining.save(Some(&mut saver), 0, at(20), &mut news);
+    saver.finish(Duration::from_secs(60)).unwrap();
+    let files = Files::open(&file).unwrap();
+    let beginning = files.beginning(&file.partitions()[0], 0).unwrap();
+    assert_eq!(beginning.kept.as_ref().unwrap().block, [0; 8]);
+}
+
 /// A PLC that an operator has stopped, or that has no windows in the schedule, and one with rare windows.
 #[test]
 fn time_without_windows_is_none_without_values() {

@@ -22,6 +22,7 @@ use thiserror::Error;
 
 use crate::config::Partition;
 use crate::kernel_tree::LockedTree;
+use crate::outlet::last_line;
 pub use kernel::Entry;
 use setup::Setup;
 
@@ -132,13 +133,14 @@ impl Groups {
 impl Drop for Groups {
     fn drop(&mut self) {
         let Some(setup) = &mut self.setup else { return };
-        match setup.undo() {
-            Ok(()) => tell("cache and memory bandwidth are the host's again"),
+        let text = match setup.undo() {
+            Ok(()) => "cache and memory bandwidth are the host's again".to_owned(),
             // The run is over and its report is good: this is told, and its status stays.
-            Err(error) => tell(&format!(
+            Err(error) => format!(
                 "cache and memory bandwidth are not as they were: {error}; the next run of takt removes what is left"
-            )),
-        }
+            ),
+        };
+        last_line(&mut io::stdout(), &text);
     }
 }
 

@@ -48,9 +48,10 @@ impl Loader for PlcLoader {
         thread: &mut Giver<Revival<PlcGuest>>,
     ) -> Result<(), LoadError> {
         if let Some(space) = &self.space {
-            space.stop()?;
-            // A reset has set them to what they are after power-on.
+            let stopped = space.stop();
+            // A reset has set them to what they are after power-on, also where that of another function fails.
             self.safe_values.write_registers();
+            stopped?;
         }
         if let Some(programs) = &self.programs {
             programs.begin_start();
@@ -111,34 +112,43 @@ mod tests {
         file
     }
 
-    /// What is in the first register of a card after its partition was loaded anew.
-    fn register_after_a_start(confined: bool) -> u32 {
+    /// What is in the first register of a card after its partition was loaded anew, or was to be. It has this
+    /// configuration space, if it is confined.
+    fn register_after_a_start(configuration: Option<File>) -> (bool, u32) {
         let mut card = file();
         let memory = Arc::new(Mapping::new(&card, 0, 4096).unwrap());
         let target = Target::Register(memory, 0);
         let safe_values = SafeValues::new(vec![Write { target, width: Width::Four, value: 7 }]);
-        let configuration = file();
-        configuration.write_all_at(&[0; 64], 0).unwrap();
-        let space = || Space::of_device(Device::of_file(configuration, 0, false), file());
+        let space =
+            |configuration| Space::of_device(Device::of_file(configuration, 0, false), file());
         let mut loader = PlcLoader {
             memory: GuestMemory::for_plc(RAM, Pages::Small, &[]).unwrap(),
             image: PlcImage::read(Source::Demo, RAM).unwrap(),
             programs: None,
             channels: Vec::new(),
-            space: confined.then(space).map(Arc::new),
+            space: configuration.map(space).map(Arc::new),
             safe_values,
             processor: FirstState::none(),
         };
         let start = Start { mode: StartMode::Cold, reason: StartReason::Operator };
-        loader.load(start, &mut handoff(1).0).unwrap();
+        let loaded = loader.load(start, &mut handoff(1).0).is_ok();
         let mut bytes = [0; 4];
         card.read_exact(&mut bytes).unwrap();
-        u32::from_le_bytes(bytes)
+        (loaded, u32::from_le_bytes(bytes))
     }
 
     #[test]
     fn safe_values_are_written_again_after_a_reset() {
-        assert_eq!(register_after_a_start(true), 7);
-        assert_eq!(register_after_a_start(false), 0, "nothing has been reset");
+        let configuration = file();
+        configuration.write_all_at(&[0; 64], 0).unwrap();
+        assert_eq!(register_after_a_start(Some(configuration)), (true, 7));
+        assert_eq!(register_after_a_start(None), (true, 0), "nothing has been reset");
+    }
+
+    #[test]
+    fn safe_values_are_written_again_though_a_function_cannot_be_stopped() {
+        let gone = file();
+        gone.set_len(0).unwrap();
+        assert_eq!(register_after_a_start(Some(gone)), (false, 7));
     }
 }

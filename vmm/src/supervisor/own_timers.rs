@@ -1,8 +1,9 @@
 //! Takt's own timers, set to where they interrupt no window.
 //!
 //! The supervisor is an ordinary thread, but the timer that wakes it is an interrupt of the CPU
-//! that it runs on. So each instant is moved to a gap between the windows of that CPU. A timer is on
-//! CLOCK_MONOTONIC and the windows are on the TSC: therefore none is set for longer than two ticks of the
+//! that it runs on. So each instant is moved to a gap between the windows of that CPU, if there is one soon: the
+//! host's watchdog, the silence of guests and the end of the run wait for no long window. A timer is on
+//! CLOCK_MONOTONIC and the windows are on the TSC: therefore none is asked for longer than two ticks of the
 //! supervisor's ahead, from a fresh look at both clocks, and at the rate that the clock has had in the last tick.
 //! Only a rate that changes in that time leads one astray: by 20 us where it changes by 500 ppm.
 
@@ -20,6 +21,8 @@ use vmm_sys_util::timerfd::TimerFd;
 const TICK: Nanos = Nanos::from_millis(20);
 /// How far from any window a timer is set, where there is room.
 const ROOM: Nanos = Nanos::from_micros(50);
+/// How much later than asked for a timer may be set. A window that is longer than this is interrupted.
+const LATEST: Nanos = TICK.plus(TICK);
 
 /// When the supervisor is to be woken by itself; all times since the epoch.
 pub(super) struct OwnTimers {
@@ -84,7 +87,8 @@ impl OwnTimers {
     }
 
     fn place(&self, at: Nanos, switch: Switch) -> Nanos {
-        self.quiet.as_ref().and_then(|quiet| quiet.roomy(at, ROOM, switch)).unwrap_or(at)
+        let place = self.quiet.as_ref().and_then(|quiet| quiet.roomy(at, ROOM, switch));
+        place.filter(|place| place.less(at) <= LATEST).unwrap_or(at)
     }
 
     fn set(&self, timer: &TimerFd, at: Nanos) -> io::Result<()> {
@@ -132,15 +136,10 @@ mod tests {
         Nanos::from_millis(n)
     }
 
-    fn quiet() -> Option<QuietTimes> {
+    fn quiet(duration: Nanos, period: Nanos) -> Option<QuietTimes> {
         let plc = Placement { cpu: Cpu(0), role: Role::Windowed { guard: Nanos::from_micros(20) } };
-        let window = Window {
-            partition: PartitionId(0),
-            offset: Nanos::ZERO,
-            duration: Nanos::from_micros(300),
-            period: ms(1),
-        };
-        Schedules::new(ms(1), &[plc], &[&[window]]).unwrap().quiet_on(Cpu(0), None)
+        let window = Window { partition: PartitionId(0), offset: Nanos::ZERO, duration, period };
+        Schedules::new(period, &[plc], &[&[window]]).unwrap().quiet_on(Cpu(0), None)
     }
 
     #[test]
@@ -155,10 +154,29 @@ mod tests {
     fn no_timer_is_set_into_a_window() {
         let frequency = TscFrequency::from_khz(1_000_000).unwrap();
         let base = Timebase { epoch: Tsc::now(), frequency };
-        let timers = OwnTimers::new(quiet(), base, Nanos::ZERO, None);
+        let quiet = quiet(Nanos::from_micros(300), ms(1));
+        let timers = OwnTimers::new(quiet, base, Nanos::ZERO, None);
         assert_eq!(timers.place(ms(20), STAY), Nanos(20_355_000));
         let beside = OwnTimers::new(None, base, Nanos::ZERO, None);
         assert_eq!(beside.place(ms(20), STAY), ms(20));
+    }
+
+    #[test]
+    fn a_long_window_holds_up_no_tick() {
+        let frequency = TscFrequency::from_khz(1_000_000).unwrap();
+        let base = Timebase { epoch: Tsc::now(), frequency };
+        let timers = OwnTimers::new(quiet(ms(3_000), ms(4_000)), base, Nanos::ZERO, None);
+        let mut last = Nanos::ZERO;
+        let mut due = Nanos::ZERO;
+        while last < ms(12_000) {
+            due = next(due, last);
+            let tick = timers.place(due, STAY);
+            assert!(tick >= due && tick <= due.plus(ms(40)), "{due}: {tick}");
+            assert!(tick.less(last) <= ms(60), "{last}: {tick}");
+            last = tick;
+        }
+        assert_eq!(timers.place(ms(2_900), STAY), ms(2_900));
+        assert_eq!(timers.place(ms(2_980), STAY), Nanos(3_000_055_000), "its end is near");
     }
 
     #[test]

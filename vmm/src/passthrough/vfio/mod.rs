@@ -114,13 +114,13 @@ impl Space {
     /// Ends all transfers, and resets what can be reset. To be done while the guest stands.
     ///
     /// # Errors
-    /// See [`DeviceError`].
+    /// See [`DeviceError`]. The first one; the other functions are stopped all the same.
     pub fn stop(&self) -> Result<(), DeviceError> {
-        for (name, device) in &self.devices {
+        let stopped = self.devices.iter().map(|(name, device)| {
             device.let_master(false).map_err(cannot("end the transfers of", name))?;
-            device.reset().map_err(cannot("reset", name))?;
-        }
-        Ok(())
+            device.reset().map_err(cannot("reset", name))
+        });
+        stopped.fold(Ok(()), Result::and)
     }
 
     /// Lets all functions master the bus again.
@@ -149,7 +149,29 @@ fn cannot(what: &'static str, name: &str) -> impl Fn(io::Error) -> DeviceError {
 
 #[cfg(test)]
 mod tests {
+    use std::os::fd::FromRawFd;
+
+    use super::super::command;
     use super::*;
+
+    fn file() -> File {
+        // SAFETY: the name is a literal; the descriptor is new.
+        unsafe { File::from_raw_fd(libc::memfd_create(c"c".as_ptr(), libc::MFD_CLOEXEC)) }
+    }
+
+    #[test]
+    fn a_function_that_cannot_be_stopped_keeps_no_other_from_being_stopped() {
+        let good = file();
+        command::write(&good, 0, command::MASTER).unwrap();
+        let seen = good.try_clone().unwrap();
+        let device = |file| Arc::new(Device::of_file(file, 0, false));
+        let devices = [("a", file()), ("b", file()), ("c", good)];
+        let devices = devices.map(|(name, file)| (name.to_owned(), device(file))).into();
+        let space = Space { devices, groups: Vec::new(), container: file() };
+        let error = space.stop().unwrap_err();
+        assert!(matches!(&error, DeviceError::Host { device, .. } if device == "a"), "{error}");
+        assert_eq!(command::read(&seen, 0).unwrap() & command::MASTER, 0);
+    }
 
     impl Space {
         /// Of this device, without a group; a file is in the place of its container.
