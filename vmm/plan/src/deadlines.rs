@@ -11,7 +11,7 @@ use takt_scheduler::analysis::{
     Analysis, Load, Method, Miss, Rule, Supply, SupplyError, Task, TaskSet, Verdict, analyse,
     analyse_with,
 };
-use takt_scheduler::guard::AUTO_LEAST;
+use takt_scheduler::guard::{AUTO_LEAST, ENTRY};
 use takt_scheduler::schedules::{ScheduleId, Schedules};
 use takt_scheduler::table::{PartitionId, Role};
 use takt_scheduler::time::Nanos;
@@ -39,7 +39,8 @@ pub struct Met {
     pub responses: Box<[Nanos]>,
     /// How much of what the windows give is asked for.
     pub load: Load,
-    /// What each window is taken to lose to a wake-up that no guard absorbs.
+    /// What each window is taken to lose to a wake-up that no guard absorbs, or to the kick of the
+    /// partition before it.
     pub wake_up: Nanos,
     /// The interrupts that each window is taken to lose time to.
     pub interrupts: Allowance,
@@ -64,6 +65,11 @@ pub fn check(
         Role::Windowed { .. } if owner.partition.auto_guard => WAKE_UP_ALLOWANCE.less(AUTO_LEAST),
         Role::Windowed { guard } => WAKE_UP_ALLOWANCE.less(guard),
         Role::Background => WAKE_UP_ALLOWANCE,
+    };
+    // The thread wakes up meanwhile, but gets the CPU only when the one that is kicked sleeps.
+    let wake_up = match schedules.kick_into(partition) {
+        Nanos::ZERO => wake_up,
+        kick => wake_up.max(kick.plus(ENTRY)),
     };
     let kinds: Vec<_> = draft.partitions.iter().map(|p| p.partition.kind()).collect();
     let interrupts = interrupts::allowance(
