@@ -95,9 +95,7 @@ pub fn check(
         match Supply::of(table, partition, wake_up, interrupts.time()) {
             Ok(supply) => met.push(case.judge(&supply)?),
             Err(SupplyError::NoWindows { .. }) => {}
-            Err(SupplyError::NothingLeft { overhead, .. }) => {
-                return Err(case.nothing_left(overhead));
-            }
+            Err(SupplyError::NothingLeft { .. }) => return Err(case.nothing_left()),
         }
     }
     Ok(met)
@@ -175,16 +173,26 @@ impl Case<'_> {
         }
     }
 
-    fn nothing_left(&self, overhead: Nanos) -> Diagnostic {
+    fn nothing_left(&self) -> Diagnostic {
         let owner = &self.draft.partitions[self.partition.0];
         let name = quote(&owner.partition.name);
+        let interrupts = self.interrupts.time();
+        let overhead = self.wake_up.plus(interrupts);
+        let takers =
+            if self.wake_up > Nanos::ZERO { "a wake-up and interrupts" } else { "interrupts" };
         let found = format!(
-            "in the schedule {} no window of {name} is longer than the {overhead} that a wake-up \
-             and interrupts may take of it: its tasks get nothing",
+            "in the schedule {} no window of {name} is longer than the {overhead} that {takers} \
+             may take of it: its tasks get nothing",
             quote(self.draft.schedules[self.schedule.0].name.get_ref())
         );
-        let allowed =
-            format!("longer windows, or a `release_guard` of {WAKE_UP_ALLOWANCE} for {name}");
+        let longest = self.draft.longest(self.schedule, self.partition);
+        let guard_helps = self.wake_up > Nanos::ZERO
+            && longest.is_some_and(|window| window.duration.get_ref().0 > interrupts);
+        let allowed = if guard_helps {
+            format!("longer windows, or a `release_guard` of {WAKE_UP_ALLOWANCE} for {name}")
+        } else {
+            "longer windows".to_owned()
+        };
         Diagnostic::new(self.window(), found, allowed).and(owner.name.clone(), "it has tasks")
     }
 
