@@ -163,6 +163,20 @@ fn no_cpu_that_the_file_names_is_to_be_switched_off() {
 }
 
 #[test]
+fn a_kernel_that_is_locked_down_is_no_matter_of_privileges() {
+    let host = Recorded::named("workstation").without("sys/kernel/debug/sched/features");
+    let of =
+        |mode: &str| finding(&host.clone().with("sys/kernel/security/lockdown", mode), "budget");
+    for mode in ["none [integrity] confidentiality", "none integrity [confidentiality]"] {
+        let budget = of(mode);
+        assert_eq!(budget.severity, Unseen);
+        let remedy = budget.remedy.unwrap();
+        assert!(budget.found.contains("locked down") && remedy.contains("Secure Boot"), "{remedy}");
+    }
+    assert!(of("[none] integrity confidentiality").remedy.unwrap().contains("debugfs"));
+}
+
+#[test]
 fn a_kernel_that_stops_guests_for_split_locks_is_found() {
     let host = Recorded::named("workstation");
     let of = |host: &Recorded| finding(host, "split-locks");
