@@ -367,7 +367,7 @@ mod tests {
         assert_eq!(into(&[&[own, window(1, 0, 300)]]), us(30));
         assert_eq!(into(&[&[own, window(1, 0, 289)]]), us(19));
         assert_eq!(into(&[&[own, window(1, 0, 270)]]), us(0));
-        // Behind one of its own nobody is kicked.
+        // Its own windows end without a kick of another partition.
         assert_eq!(into(&[&[own, window(0, 400, 100), window(1, 600, 100)]]), us(0));
         // Around the end of the frame, and at a switch.
         assert_eq!(into(&[&[window(0, 0, 100), window(1, 500, 495)]]), us(25));
