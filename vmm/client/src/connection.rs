@@ -33,7 +33,7 @@ impl Connection {
     /// The same with other patience for the connection itself.
     fn open_within(socket: &Path, patience: Duration) -> Result<Connection, ClientError> {
         let stream = connect(socket, patience).map_err(|source| match source.kind() {
-            // A Takt that hangs accepts nobody, and its listener's queue is full.
+            // A Takt that hangs accepts no connection, and the queue of its listener is full.
             ErrorKind::WouldBlock => ClientError::Lost(io::Error::new(
                 ErrorKind::TimedOut,
                 "it has accepted no connection in time",
