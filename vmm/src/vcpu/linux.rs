@@ -46,7 +46,7 @@ pub struct LinuxGuest {
 }
 
 impl Board {
-    /// Whether an exit would wait, because nobody takes what the guest prints.
+    /// Whether an exit would wait, because no reader takes what the guest prints.
     fn would_wait(&self, exit: &VcpuExit<'_>) -> bool {
         matches!(exit, VcpuExit::IoOut(port, data) if self.ports.would_wait(*port, data))
     }
