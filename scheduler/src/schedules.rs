@@ -153,6 +153,21 @@ impl Schedules {
         gaps.chain(self.gaps_at_switches(cpu)).filter(own).map(room).min()
     }
 
+    /// How far into a window of a partition the kick of another partition can reach, under any schedule
+    /// and at any switch: nowhere if the partition has a guard, whose gaps have room for a kick.
+    #[must_use]
+    pub fn kick_into(&self, partition: PartitionId) -> Nanos {
+        let Some(cpu) = self.placements().get(partition.0).map(|p| p.cpu) else {
+            return Nanos::ZERO;
+        };
+        let behind_another = |(window, before, _): &(&Window, &Window, Nanos)| {
+            window.partition == partition && before.partition != partition
+        };
+        let gaps = self.tables.iter().flat_map(|table| gaps_in(table, cpu));
+        let gaps = gaps.chain(self.gaps_at_switches(cpu)).filter(behind_another);
+        gaps.map(|(_, _, gap)| KICK_TIME.less(gap)).max().unwrap_or(Nanos::ZERO)
+    }
+
     /// The first window of each schedule, the last one of each, and the time between them.
     fn gaps_at_switches(&self, cpu: Cpu) -> impl Iterator<Item = (&Window, &Window, Nanos)> {
         let firsts = self.tables.iter().filter_map(move |table| table.windows_on(cpu).next());
@@ -338,6 +353,25 @@ mod tests {
         let background = Placement { cpu: Cpu(0), role: Role::Background };
         let none = Schedules::new(us(1000), &[background], &[&[]]).unwrap();
         assert_eq!(none.room_for_guard(PartitionId(0)), None);
+    }
+
+    #[test]
+    fn a_kick_reaches_into_a_window_where_the_gap_before_it_is_short() {
+        let role = Role::Windowed { guard: us(0) };
+        let placements = [Placement { role, ..plc() }; 2];
+        let into = |schedules: &[&[Window]]| {
+            let schedules = Schedules::new(us(1000), &placements, schedules).unwrap();
+            schedules.kick_into(PartitionId(0))
+        };
+        let own = window(0, 300, 100);
+        assert_eq!(into(&[&[own, window(1, 0, 300)]]), us(30));
+        assert_eq!(into(&[&[own, window(1, 0, 289)]]), us(19));
+        assert_eq!(into(&[&[own, window(1, 0, 270)]]), us(0));
+        // Its own windows end without a kick of another partition.
+        assert_eq!(into(&[&[own, window(0, 400, 100), window(1, 600, 100)]]), us(0));
+        // Around the end of the frame, and at a switch.
+        assert_eq!(into(&[&[window(0, 0, 100), window(1, 500, 495)]]), us(25));
+        assert_eq!(into(&[&[window(0, 5, 100)], &[window(1, 500, 500)]]), us(25));
     }
 
     #[test]

@@ -8,14 +8,14 @@ use takt_tests::trusted_lines::by_folder;
 /// A change that needs fewer lowers it.
 const MOST: [(&str, usize); 13] = [
     ("vmm/src", 18_327),
-    ("vmm/plan/src", 8_513),
+    ("vmm/plan/src", 8_542),
     ("vmm/host/src", 640),
     ("vmm/record/src", 304),
     ("vmm/retain/src", 530),
     ("vmm/figures/src", 1_811),
     ("vmm/protocol/src", 730),
-    ("scheduler/src", 2_140),
-    ("devices/src", 1_817),
+    ("scheduler/src", 2_149),
+    ("devices/src", 1_821),
     ("devices/channel/src", 1_200),
     ("devices/abi/src", 1_115),
     ("plc-guest/program/src", 2_640),

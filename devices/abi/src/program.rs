@@ -14,6 +14,8 @@ use crate::{MAGIC, VERSION, memory};
 pub const PROGRAMS_MAX: usize = 16;
 /// Most tasks of all programs of a partition, with one more for each program that has an initialisation.
 pub const TASKS_MAX: usize = 64;
+/// Most event tasks among them.
+pub const EVENTS_MAX: usize = 32;
 /// Most kernel objects of all programs of a partition.
 pub const OBJECTS_MAX: usize = 255;
 /// Longest name of a program, in bytes.

@@ -6,6 +6,7 @@ use crate::error::{ImageError, Where};
 use crate::image::Image;
 use crate::layout::task;
 use crate::parse::is_code;
+use crate::port::Direction;
 use crate::section::SectionKind;
 use crate::types::TypeKind;
 use crate::units::{CodeOffset, Nanoseconds, TaskId};
@@ -176,8 +177,10 @@ fn check_source(image: &Image<'_>, whence: Where, record: Record<'_>) -> Result<
     let name = image.strings().name(whence, text)?;
     match code {
         kind::CHANNEL => {
-            let port = image.ports().any(|port| port.name == name);
-            whence.rule(port, "source", "the program has no port of this name")
+            let port = image.ports().find(|port| port.name == name);
+            whence.rule(port.is_some(), "source", "the program has no port of this name")?;
+            let reads = port.is_some_and(|port| port.direction == Direction::In);
+            whence.rule(reads, "source", "no message comes to a port that the program writes")
         }
         kind::DOORBELL | kind::INTERRUPT => Ok(()),
         kind::RISE => {

@@ -3,10 +3,10 @@
 mod common;
 
 use common::{MS, full, minimal};
-use takt_program::build::{Builder, Event, Kind, Object, Task, Type, Variable, When};
+use takt_program::build::{Builder, Event, Kind, Object, Port, Task, Type, Variable, When};
 use takt_program::{
-    Area, CodeOffset, Defect, Elementary, EventSource, Flags, Image, Nanoseconds, ObjectKind,
-    SectionKind, TaskId, TaskKind, TrapKind, TypeId, TypeKind, address, signature,
+    Area, CodeOffset, Defect, Direction, Elementary, EventSource, Flags, Image, Nanoseconds,
+    ObjectKind, SectionKind, TaskId, TaskKind, TrapKind, TypeId, TypeKind, address, signature,
 };
 
 #[test]
@@ -175,6 +175,13 @@ fn what_breaks_a_rule_is_refused_by_name() {
         ("task 4, source: the program has no port", |b| {
             task(b, |t| {
                 let source = Event::Channel("nowhere".into());
+                t.when = When::Event { source, minimum: Nanoseconds(MS) };
+            });
+        }),
+        ("task 4, source: no message comes to a port", |b| {
+            b.port(Port { name: "done".into(), direction: Direction::Out, message_bytes: 8 });
+            task(b, |t| {
+                let source = Event::Channel("done".into());
                 t.when = When::Event { source, minimum: Nanoseconds(MS) };
             });
         }),

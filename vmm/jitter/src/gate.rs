@@ -101,6 +101,21 @@ impl Limits {
         }
         breaches
     }
+
+    /// That a run was ended before it had lasted as long as was asked for, as by Ctrl-C: what would have come then is
+    /// not measured. Takt itself ends none earlier, by the same clock; and one whose partitions have all ended goes by
+    /// what is said of them.
+    pub fn cut_short(
+        &self,
+        partitions: &[Partition],
+        duration: Nanos,
+        asked: Option<Nanos>,
+    ) -> Option<Breach> {
+        let asked = asked.filter(|asked| !self.none() && duration < *asked)?;
+        partitions.iter().find(|partition| partition.end == STOPPED)?;
+        let text = format!("the run ended after {:.3} s of {asked}", duration.0 as f64 / 1e9);
+        Some(Breach { kind: Kind::Limit, partition: String::new(), text })
+    }
 }
 
 #[cfg(test)]
@@ -209,6 +224,23 @@ mod tests {
         }
         let none = Limits::default();
         assert!(none.breaches(&partitions(1, 0, 0), Some(&missing)).is_empty());
+    }
+
+    #[test]
+    fn a_run_that_was_cut_short_keeps_no_limit() {
+        let (partitions, day) = (partitions(1, 0, 0), Some(Nanos::from_millis(86_400_000)));
+        let text = |limits: Limits, ms, asked| {
+            let breach = limits.cut_short(&partitions, Nanos::from_millis(ms), asked)?;
+            Some((breach.partition, breach.text))
+        };
+        let told = (String::new(), "the run ended after 3.000 s of 86400s".to_owned());
+        assert_eq!(text(STRICT, 3_000, day), Some(told));
+        assert_eq!(text(STRICT, 86_400_000, day), None);
+        assert_eq!(text(STRICT, 3_000, None), None);
+        assert_eq!(text(Limits::default(), 3_000, day), None);
+        let mut ended = partitions.clone();
+        ended[0].end = "ended itself with code 0".into();
+        assert_eq!(STRICT.cut_short(&ended, Nanos::from_millis(3_000), day), None);
     }
 
     #[test]

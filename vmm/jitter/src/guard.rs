@@ -4,6 +4,7 @@
 //! microsecond of it is taken from the background. How late wake-ups are is a property of the host
 //! and of its load, and can only be measured.
 
+use takt_scheduler::table::GUARD_MAX;
 use takt_scheduler::time::Nanos;
 
 use takt_figures::report::{Partition, Releases};
@@ -27,6 +28,10 @@ pub fn proposal(partition: &Partition) -> Option<String> {
     let releases = partition.releases.as_ref()?;
     let count = releases.releases;
     Some(match (guard(releases), releases.wake_up_latency_ns) {
+        (Some(guard), Some(wake_up)) if count >= ENOUGH && guard > GUARD_MAX => format!(
+            "no release_guard is long enough for the latest of {count} wake-ups, which was {:.1} us late: {GUARD_MAX} is the longest",
+            wake_up.max as f64 / 1e3,
+        ),
         (Some(guard), Some(wake_up)) if count >= ENOUGH => format!(
             "release_guard = \"{guard}\" (latest of {count} wake-ups: {:.1} us; measure under the load and for as long as it matters)",
             wake_up.max as f64 / 1e3,
@@ -57,6 +62,20 @@ mod tests {
         assert_eq!(guard(&Releases::default()), None);
         let immense = Some(Summary { min: 0, p50: 0, p99: 0, p999: 0, max: u64::MAX });
         assert!(guard(&Releases { wake_up_latency_ns: immense, ..releases(1) }).is_some());
+    }
+
+    #[test]
+    fn no_guard_is_proposed_that_a_file_cannot_have() {
+        let proposal = |wake_up| {
+            let wake_up = Some(Summary { min: 0, p50: 0, p99: 0, p999: 0, max: wake_up });
+            let releases = Releases { wake_up_latency_ns: wake_up, ..releases(ENOUGH) };
+            let plc = Partition { releases: Some(releases), ..Partition::default() };
+            super::proposal(&plc).unwrap()
+        };
+        assert!(proposal(497_100).starts_with("release_guard = \"1ms\""));
+        let none = proposal(497_101);
+        assert!(none.starts_with("no release_guard is long enough"), "{none}");
+        assert!(none.contains("497.1 us late: 1ms is the longest"), "{none}");
     }
 
     #[test]

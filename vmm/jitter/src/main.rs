@@ -46,8 +46,8 @@ mod status {
 
 const AFTER_HELP: &str = "\
 Exit status: 0 good; 2 bad partition file or usage; 3 the host cannot; 4 a partition failed;
-5 a limit (--max-...) is exceeded, or one is given and the load is not proved, or a partition was
-not there all the time.
+5 a limit (--max-...) is exceeded, or one is given and the load is not proved, a partition was not
+there all the time, or the run was ended before the time of --for.
 Ctrl-C ends the measurement; what was measured until then is shown.";
 
 /// Measures how punctual the releases of a partition file are under a load.
@@ -167,23 +167,24 @@ fn run(file: &Path, run: &Run) -> Result<u8, JitterError> {
         return Ok(measured.status);
     }
     let command = command::line(std::env::args_os());
-    let gate = show(&run.rest, &report, &samples, command)?;
+    let gate = show(&run.rest, &report, &samples, command, run.duration)?;
     Ok(if measured.status == 0 { gate } else { measured.status })
 }
 
 fn render(render: &Render) -> Result<u8, JitterError> {
-    show(&render.rest, &render.report, &render.samples, render.command.clone())
+    show(&render.rest, &render.report, &render.samples, render.command.clone(), None)
 }
 
-/// Shows a measurement, and tells the exit status that follows from its limits.
+/// Shows a measurement, and tells the exit status that follows from its limits. `asked` is how long it was to last.
 fn show(
     common: &Common,
     report: &Path,
     samples: &Path,
     command: String,
+    asked: Option<Nanos>,
 ) -> Result<u8, JitterError> {
     let (raw, figures) = figures::read(report, samples)?;
-    let measurement = Measurement::new(figures, command, common.load, common.limits());
+    let measurement = Measurement::new(figures, command, common.load, common.limits(), asked);
     let text = terminal::text(&measurement);
     // An error is ignored: without a reader, the status and the files still tell.
     let _ = std::io::stdout().write_all(text.as_bytes());

@@ -1,6 +1,7 @@
 //! What there is to tell when a run is over, in the terminal and in the folder.
 
 use takt_figures::load::Course;
+use takt_scheduler::time::Nanos;
 
 use crate::figures::Figures;
 use crate::gate::{Breach, Limits};
@@ -24,10 +25,19 @@ pub struct Measurement {
 }
 
 impl Measurement {
-    /// A measurement of these figures, with what follows from the limits.
-    pub fn new(figures: Figures, command: String, load: Load, limits: Limits) -> Self {
+    /// A measurement of these figures, with what follows from the limits. `asked` is how long it was to last, if that
+    /// is known.
+    pub fn new(
+        figures: Figures,
+        command: String,
+        load: Load,
+        limits: Limits,
+        asked: Option<Nanos>,
+    ) -> Self {
         let proof = Proof::of(load, &figures);
-        let breaches = limits.breaches(&figures.partitions, proof.as_ref());
+        let mut breaches = limits.breaches(&figures.partitions, proof.as_ref());
+        let duration = Nanos(figures.duration_ns);
+        breaches.extend(limits.cut_short(&figures.partitions, duration, asked));
         Self { figures, command, load, proof, limits, breaches }
     }
 

@@ -288,16 +288,23 @@ fn row(page: &mut String, release: u64, at: &str, value: &str, words: &str) {
 /// The partitions without releases, which have the rest of the time.
 fn background(page: &mut String, measurement: &Measurement) {
     for partition in &measurement.figures.partitions {
-        let Some(donation) = &partition.donation else { continue };
-        let received = donation.received_ns as f64 / donation.offered_ns.max(1) as f64 * 100.0;
+        if partition.releases.is_some() {
+            continue;
+        }
+        let _ = writeln!(page, "<h2>{}</h2>", Html(&partition.name));
+        // A Linux that has a CPU for itself is given nothing.
+        let given = partition.donation.as_ref().map_or(String::new(), |donation| {
+            let received = donation.received_ns as f64 / donation.offered_ns.max(1) as f64 * 100.0;
+            format!(
+                ", {:.1} % in any case. Windows left {} s, of which {received:.1} % were used",
+                donation.minimum_share * 100.0,
+                seconds(donation.offered_ns),
+            )
+        });
         let _ = writeln!(
             page,
-            "<h2>{}</h2>\n<p>{:.1} % of the CPU, {:.1} % in any case. Windows left {} s, of which \
-             {received:.1} % were used. {}.</p>",
-            Html(&partition.name),
+            "<p>{:.1} % of the CPU{given}. {}.</p>",
             partition.cpu_share * 100.0,
-            donation.minimum_share * 100.0,
-            seconds(donation.offered_ns),
             Html(&partition.end),
         );
         if let Some(Some(stuck)) = partition.stuck {

@@ -108,6 +108,22 @@ fn what_is_left_beside_the_page_can_be_rendered_again() {
 }
 
 #[test]
+fn a_kernel_that_is_stuck_is_on_the_page_though_nothing_was_given_to_it() {
+    let out = scratch("stuck");
+    let mut report = json(&recorded("report.json"));
+    let linux = report["partitions"][1].as_object_mut().unwrap();
+    linux.remove("donation").unwrap();
+    linux["stuck"] = serde_json::json!({"how": "spinning", "since_ns": 1_500_000_000});
+    let file = out.join("given.json");
+    fs::write(&file, report.to_string()).unwrap();
+    let output = render(&file, &recorded("samples.json"), &out, &[]);
+    assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
+    let page = page(&out);
+    assert_self_contained(&page);
+    assert!(page.contains("<h2>linux</h2>") && page.contains("Its kernel "), "{page}");
+}
+
+#[test]
 fn no_text_of_a_report_is_taken_for_html_or_for_the_terminals_orders() {
     const HOSTILE: &str = "\"'><script>alert(1)</script><img src=x onerror=y>&\u{1b}[2J";
     fn poison(value: &mut Value) {

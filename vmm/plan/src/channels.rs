@@ -253,8 +253,8 @@ fn misplaced(raw: &raw::Channel, key: &str, span: Span, owner: &str, own: &str) 
     let [name, kind] = [&raw.name, &raw.kind].map(|text| quote(text.get_ref()));
     let found = format!("`{key}` belongs to kind \"{owner}\"; channel {name} is of kind {kind}");
     let allowed = format!(
-        "for a {kind} channel: name, kind, message_bytes, source, destinations, {own}, and \
-         host_socket or host_file"
+        "for a {kind} channel: name, kind, message_bytes, source, destinations, doorbell, {own}, \
+         and host_socket or host_file"
     );
     Diagnostic::new(span, found, allowed).and(raw.kind.span(), "its kind")
 }

@@ -11,7 +11,7 @@ use takt_scheduler::analysis::{
     Analysis, Load, Method, Miss, Rule, Supply, SupplyError, Task, TaskSet, Verdict, analyse,
     analyse_with,
 };
-use takt_scheduler::guard::AUTO_LEAST;
+use takt_scheduler::guard::{AUTO_LEAST, ENTRY};
 use takt_scheduler::schedules::{ScheduleId, Schedules};
 use takt_scheduler::table::{PartitionId, Role};
 use takt_scheduler::time::Nanos;
@@ -39,7 +39,8 @@ pub struct Met {
     pub responses: Box<[Nanos]>,
     /// How much of what the windows give is asked for.
     pub load: Load,
-    /// What each window is taken to lose to a wake-up that no guard absorbs.
+    /// What each window is taken to lose to a wake-up that no guard absorbs, or to the kick of the
+    /// partition before it.
     pub wake_up: Nanos,
     /// The interrupts that each window is taken to lose time to.
     pub interrupts: Allowance,
@@ -65,6 +66,11 @@ pub fn check(
         Role::Windowed { guard } => WAKE_UP_ALLOWANCE.less(guard),
         Role::Background => WAKE_UP_ALLOWANCE,
     };
+    // The thread wakes up meanwhile, but gets the CPU only when the one that is kicked sleeps.
+    let wake_up = match schedules.kick_into(partition) {
+        Nanos::ZERO => wake_up,
+        kick => wake_up.max(kick.plus(ENTRY)),
+    };
     let kinds: Vec<_> = draft.partitions.iter().map(|p| p.partition.kind()).collect();
     let interrupts = interrupts::allowance(
         schedules,
@@ -89,9 +95,7 @@ pub fn check(
         match Supply::of(table, partition, wake_up, interrupts.time()) {
             Ok(supply) => met.push(case.judge(&supply)?),
             Err(SupplyError::NoWindows { .. }) => {}
-            Err(SupplyError::NothingLeft { overhead, .. }) => {
-                return Err(case.nothing_left(overhead));
-            }
+            Err(SupplyError::NothingLeft { .. }) => return Err(case.nothing_left()),
         }
     }
     Ok(met)
@@ -169,16 +173,26 @@ impl Case<'_> {
         }
     }
 
-    fn nothing_left(&self, overhead: Nanos) -> Diagnostic {
+    fn nothing_left(&self) -> Diagnostic {
         let owner = &self.draft.partitions[self.partition.0];
         let name = quote(&owner.partition.name);
+        let interrupts = self.interrupts.time();
+        let overhead = self.wake_up.plus(interrupts);
+        let takers =
+            if self.wake_up > Nanos::ZERO { "a wake-up and interrupts" } else { "interrupts" };
         let found = format!(
-            "in the schedule {} no window of {name} is longer than the {overhead} that a wake-up \
-             and interrupts may take of it: its tasks get nothing",
+            "in the schedule {} no window of {name} is longer than the {overhead} that {takers} \
+             may take of it: its tasks get nothing",
             quote(self.draft.schedules[self.schedule.0].name.get_ref())
         );
-        let allowed =
-            format!("longer windows, or a `release_guard` of {WAKE_UP_ALLOWANCE} for {name}");
+        let longest = self.draft.longest(self.schedule, self.partition);
+        let guard_helps = self.wake_up > Nanos::ZERO
+            && longest.is_some_and(|window| window.duration.get_ref().0 > interrupts);
+        let allowed = if guard_helps {
+            format!("longer windows, or a `release_guard` of {WAKE_UP_ALLOWANCE} for {name}")
+        } else {
+            "longer windows".to_owned()
+        };
         Diagnostic::new(self.window(), found, allowed).and(owner.name.clone(), "it has tasks")
     }
 

@@ -10,7 +10,7 @@
 //! window would need a timer that the guest does not have, since it looks at the clock between two jobs and at a
 //! window's start; so a file with such a task is refused.
 
-use takt_abi::program::{OBJECTS_MAX, TASKS_MAX};
+use takt_abi::program::{EVENTS_MAX, OBJECTS_MAX, TASKS_MAX};
 use takt_program::TaskKind;
 use takt_scheduler::analysis::{Rule, Start, Task, TaskSet, TaskSetError};
 use takt_scheduler::table::{PartitionId, Table};
@@ -123,13 +123,16 @@ fn tasks_of(at: usize, checked: &CheckedProgram) -> Vec<ProgramTask> {
 
 /// A guest has room for so many tasks and objects.
 fn check_numbers(programs: &[CheckedProgram]) -> Result<(), Diagnostic> {
-    let (mut tasks, mut objects) = (0, 0);
+    let (mut tasks, mut events, mut objects) = (0, 0, 0);
     for checked in programs {
         let Some(image) = checked.program.image() else { continue };
         tasks += image.tasks().len() + usize::from(image.init().is_some());
+        let event = |task: &takt_program::Task<'_>| matches!(task.kind, TaskKind::Event { .. });
+        events += image.tasks().filter(event).count();
         objects += image.objects().len();
         let too_many = [
             (tasks, TASKS_MAX, "tasks, initialisations included"),
+            (events, EVENTS_MAX, "event tasks"),
             (objects, OBJECTS_MAX, "objects"),
         ];
         for (count, most, what) in too_many {

@@ -7,7 +7,7 @@
 
 use takt_scheduler::guard::{AUTO_LEAST, AUTO_MOST};
 use takt_scheduler::reservation::{CEILING_PERMILLE, CpuReservations, KICK_MARGIN};
-use takt_scheduler::schedules::{ScheduleId, Schedules};
+use takt_scheduler::schedules::{SCHEDULES_MAX, ScheduleId, Schedules, SchedulesError};
 use takt_scheduler::table::{Cpu, FRAME_MAX, FRAME_MIN, PartitionId, Placement, Role, Window};
 use toml::Spanned;
 
@@ -61,6 +61,11 @@ impl<'a> Draft<'a> {
         let mut draft = Draft { header, frame, partitions, schedules: Vec::new() };
         for schedule in schedules {
             let next = draft.lines(schedule)?;
+            if draft.schedules.len() == SCHEDULES_MAX {
+                // Before names are compared: those of thousands would take long.
+                draft.schedules.push(next);
+                return Err(draft.explain(SchedulesError::Count { count: schedules.len() }));
+            }
             let same = |other: &&Lines<'_>| other.name.get_ref() == next.name.get_ref();
             if let Some(other) = draft.schedules.iter().find(same) {
                 let found = format!("a second schedule is named {}", quote(next.name.get_ref()));

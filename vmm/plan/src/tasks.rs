@@ -50,6 +50,10 @@ pub fn check(
     tables: &[Spanned<Keys<raw::Task>>],
     frame: &Spanned<Duration>,
 ) -> Result<CheckedTasks, Diagnostic> {
+    if tables.len() > TASKS_MAX {
+        // Before names are compared: those of thousands would take long.
+        return Err(explain(TaskSetError::TooMany { count: tables.len() }, tables, &[]));
+    }
     let mut tasks: Vec<NamedTask> = Vec::with_capacity(tables.len());
     for table in tables {
         let Keys(raw) = table.get_ref();

@@ -116,6 +116,20 @@ fn the_budget_that_is_proposed_for_a_late_task_is_the_largest_that_is_in_time() 
     assert!(with("377us").unwrap().contains("misses its deadline"));
 }
 
+#[test]
+fn the_number_of_schedules_and_of_tasks_is_looked_at_before_their_names() {
+    for (file, last, first, expected) in [
+        ("schedule/seventeen-schedules.toml", "\"s16\"", "\"s0\"", "there are 17 schedules"),
+        ("tasks/sixty-five-tasks.toml", "\"t64\"", "\"t0\"", "this is task 65 of 65"),
+    ] {
+        let text = fs::read_to_string(Path::new(FOLDER).join(file)).unwrap();
+        let path = scratch("names").join("case.toml");
+        fs::write(&path, text.replace(last, first)).unwrap();
+        let error = config::load(&path, None).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
 /// An empty folder of this test's own: tests run side by side, each in a thread of its name.
 fn scratch(name: &str) -> PathBuf {
     let test = std::thread::current().name().unwrap_or("main").to_owned();

@@ -39,7 +39,7 @@ typedef enum takt_port_code {
 typedef struct takt_ports takt_ports;
 typedef struct takt_port takt_port;
 
-#define TAKT_PORT_NAME_BYTES 32
+#define TAKT_PORT_NAME_BYTES 33
 #define TAKT_PORT_SOURCE 1
 #define TAKT_PORT_DESTINATION 2
 #define TAKT_PORT_SAMPLING 1

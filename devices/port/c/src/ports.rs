@@ -12,8 +12,8 @@ use crate::code::{Code, Failure, finish};
 #[derive(Debug)]
 pub struct PortsHandle(pub(crate) Arc<Ports>);
 
-/// Bytes of a name, with the zero at its end.
-const NAME_BYTES: usize = 32;
+/// Bytes of a name, with the zero at its end: the partition file has names of up to 32 characters.
+const NAME_BYTES: usize = 33;
 
 /// What the partition file says of a port.
 #[derive(Clone, Copy, Debug)]

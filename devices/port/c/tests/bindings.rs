@@ -33,20 +33,24 @@ fn run(command: &mut Command) {
     assert!(output.status.success(), "{command:?}: {}\n{told}", output.status);
 }
 
-#[test]
-fn a_program_in_c_uses_all_of_it_and_is_refused_what_is_wrong() {
-    let folder = Loopback::new();
+/// Runs a program in C that is linked with the library, on such a folder.
+fn c(program: &str, folder: &Loopback) {
+    let source = here(program);
     let program = folder.path().join("program");
     let mut compile = Command::new("cc");
     compile.args(["-std=c11", "-Wall", "-Wextra", "-Werror", "-O1", "-I"]).arg(here("include"));
-    compile.arg(here("tests/loopback.c")).arg(library()).arg("-o").arg(&program);
+    compile.arg(source).arg(library()).arg("-o").arg(&program);
     run(compile.args(["-lpthread", "-ldl", "-lm", "-lgcc_s"]));
     run(Command::new(&program).arg(folder.path()));
 }
 
+#[test]
+fn a_program_in_c_uses_all_of_it_and_is_refused_what_is_wrong() {
+    c("tests/loopback.c", &Loopback::new());
+}
+
 /// Runs a program in Python with the package, on a folder whose ports have no owner yet.
-fn python(program: &str) {
-    let folder = Loopback::new();
+fn python(program: &str, folder: &Loopback) {
     let shared = folder.path().join("libtakt_port.so");
     let mut link = Command::new("cc");
     link.args(["-shared", "-Wl,--whole-archive"]).arg(library()).arg("-Wl,--no-whole-archive");
@@ -58,10 +62,17 @@ fn python(program: &str) {
 
 #[test]
 fn the_python_package_uses_all_of_it_and_is_refused_what_is_wrong() {
-    python("tests/loopback.py");
+    python("tests/loopback.py", &Loopback::new());
 }
 
 #[test]
 fn the_page_of_the_level_shows_nothing_old_as_good_and_no_browser_holds_up_another() {
-    python("tests/level_page.py");
+    python("tests/level_page.py", &Loopback::new());
+}
+
+#[test]
+fn a_port_with_the_longest_name_is_like_any_other() {
+    let folder = Loopback::with_source(&"a".repeat(32));
+    c("tests/long_name.c", &folder);
+    python("tests/long_name.py", &folder);
 }

@@ -59,7 +59,7 @@ Received = collections.namedtuple("Received", "bytes stamp overflowed")
 
 class _Description(ctypes.Structure):
     _fields_ = [
-        ("name", ctypes.c_char * 32),
+        ("name", ctypes.c_char * 33),
         ("direction", ctypes.c_uint32),
         ("kind", ctypes.c_uint32),
         ("maximum", ctypes.c_size_t),
@@ -189,6 +189,8 @@ class _Port:
         self._lock, self._closed = threading.RLock(), False
         # The thread that is in a call. In a forked process it may be one that is not there, and then nothing frees the lock.
         self._caller, self._process = None, os.getpid()
+        # For a port that the library knows and does not describe: nothing can be read into it, which is INVALID_PARAM.
+        self._buffer = ctypes.create_string_buffer(0)
         for port in ports:
             if port.name == name and (port.source, port.sampling) != (self._source, self._sampling):
                 kind = "sampling" if port.sampling else "queuing"

@@ -59,12 +59,17 @@ impl Loopback {
     /// Channels from `out` to `in` (sampling), `send` to `receive` (a queue that refuses), and
     /// `log` to `trail` (one that overwrites).
     pub fn new() -> Loopback {
+        Loopback::with_source("out")
+    }
+
+    /// The same with another name for `out`.
+    pub fn with_source(source: &str) -> Loopback {
         static NUMBER: AtomicU32 = AtomicU32::new(0);
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let name = format!("takt-loopback-{}-{number}", std::process::id());
         let folder = std::env::temp_dir().join(name);
         fs::create_dir_all(&folder).unwrap();
-        fs::write(folder.join("resource1"), image()).unwrap();
+        fs::write(folder.join("resource1"), image(source)).unwrap();
         symlink("resource1", folder.join("resource2")).unwrap();
         Loopback { folder }
     }
@@ -86,13 +91,13 @@ impl Drop for Loopback {
     }
 }
 
-fn image() -> Vec<u8> {
+fn image(source: &str) -> Vec<u8> {
     let mut image = Image(vec![0; PAGE]);
     image.put(offset_of!(PortTable, magic), &takt_abi::MAGIC.to_le_bytes());
     image.put(offset_of!(PortTable, version), &takt_abi::VERSION.to_le_bytes());
     image.put(offset_of!(PortTable, tsc_khz), &1_000_000_u64.to_le_bytes());
     let channels = [
-        (Geometry::sampling(MAXIMUM).unwrap(), "out", "in", [1, 1, 0]),
+        (Geometry::sampling(MAXIMUM).unwrap(), source, "in", [1, 1, 0]),
         (
             Geometry::queuing(MAXIMUM, DEPTH, Policy::Refuse).unwrap(),
             "send",

@@ -18,7 +18,7 @@ use takt_kernel::time::Instant;
 use takt_plc_guest::interrupt;
 
 /// Most event tasks of a partition.
-pub const EVENTS: usize = 32;
+pub const EVENTS: usize = takt_abi::program::EVENTS_MAX;
 
 /// What a task waits for.
 #[derive(Clone, Copy, Debug)]

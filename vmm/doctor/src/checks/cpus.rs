@@ -41,20 +41,35 @@ pub fn siblings(host: &Host, demand: &Demand) -> Finding {
             continue;
         }
         shared.push(format!("CPU {} shares its core with CPU {}", cpu.0, written(&others)));
-        // One that itself has windows cannot be switched off alone.
-        match others.iter().any(|other| demand.has_windows_on(*other)) {
-            true => remedies.push("echo off > /sys/devices/system/cpu/smt/control".to_owned()),
-            false => remedies.extend(
-                others
-                    .iter()
-                    .map(|Cpu(cpu)| format!("echo 0 > /sys/devices/system/cpu/cpu{cpu}/online")),
-            ),
+        let named = |cpu: &Cpu| demand.has_windows_on(*cpu) || demand.others.contains(cpu);
+        let (mut named, free): (Vec<Cpu>, Vec<Cpu>) = others.into_iter().partition(named);
+        for Cpu(sibling) in free {
+            // On many machines CPU 0 has none: it cannot be switched off.
+            let file = format!("sys/devices/system/cpu/cpu{sibling}/online");
+            remedies.push(match host.text(&file) {
+                Some(_) => format!("echo 0 > /{file}"),
+                None => format!(
+                    "CPU {sibling} cannot be switched off: in the partition file, give the partitions of CPU {} another one",
+                    cpu.0
+                ),
+            });
+        }
+        if !named.is_empty() {
+            named.push(cpu);
+            named.sort();
+            let remedy = format!(
+                "in the partition file, give the partitions of CPU {} CPUs of different cores",
+                written(&named)
+            );
+            // Once for those of one core.
+            if !remedies.contains(&remedy) {
+                remedies.push(remedy);
+            }
         }
     }
     if shared.is_empty() {
         return Finding::good(CHECK, "no core is shared");
     }
-    remedies.dedup();
     Finding::warning(
         CHECK,
         shared.join(", "),

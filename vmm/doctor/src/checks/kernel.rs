@@ -64,17 +64,27 @@ pub fn budget(host: &Host) -> Finding {
     const CHECK: &str = "budget";
     const FILE: &str = "sys/kernel/debug/sched/features";
     let cost = "if a kick failed, a PLC that overruns its window would be stopped by the host's tick only, up to some milliseconds late";
-    match host.text(FILE) {
-        None => Finding::unseen(
+    let locked = host.chosen("sys/kernel/security/lockdown");
+    let locked = locked.filter(|mode| ["integrity", "confidentiality"].contains(&mode.as_str()));
+    match (host.text(FILE), locked) {
+        (None, Some(mode)) => Finding::unseen(
+            CHECK,
+            format!("the kernel is locked down ({mode}), so not even root can read /{FILE}"),
+            cost,
+            "switch Secure Boot off in the firmware; or accept it, since it matters only if a kick fails",
+        ),
+        (None, None) => Finding::unseen(
             CHECK,
             format!("/{FILE} cannot be read"),
             cost,
             "mount -t debugfs none /sys/kernel/debug, and ask again as root",
         ),
-        Some(features) if features.split_whitespace().any(|feature| feature == "HRTICK_DL") => {
+        (Some(features), _)
+            if features.split_whitespace().any(|feature| feature == "HRTICK_DL") =>
+        {
             Finding::good(CHECK, "ends on time (HRTICK_DL)")
         }
-        Some(_) => Finding::warning(
+        (Some(_), _) => Finding::warning(
             CHECK,
             "SCHED_DEADLINE looks at budgets at the host's tick only",
             cost,

@@ -3,6 +3,7 @@
 use takt_scheduler::table::Cpu;
 
 use super::*;
+use crate::demand::WindowedCpu;
 use crate::finding::Severity::{self, Cannot, Good, Unseen, Warning};
 use crate::recorded::Recorded;
 
@@ -136,6 +137,43 @@ fn a_workstation_that_was_mended_is_good() {
         .with("proc/sys/kernel/watchdog_cpumask", "0-2,4-6")
         .with("sys/kernel/mm/transparent_hugepage/enabled", "always [madvise] never");
     assert_eq!(bad(&host), []);
+}
+
+#[test]
+fn no_cpu_that_the_file_names_is_to_be_switched_off() {
+    let remedy = |host: &Recorded, change: fn(&mut Demand)| {
+        let tree = host.unpack();
+        let mut demand = Demand::usual(&tree.host);
+        change(&mut demand);
+        cpus::siblings(&tree.host, &demand).remedy.unwrap()
+    };
+    let host = Recorded::named("workstation");
+    let offline = "echo 0 > /sys/devices/system/cpu/cpu3/online";
+    assert_eq!(remedy(&host, |_| {}), offline);
+    let apart = "in the partition file, give the partitions of CPU 3,7 CPUs of different cores";
+    assert_eq!(remedy(&host, |demand| demand.others.push(Cpu(3))), apart);
+    let both = |demand: &mut Demand| {
+        let on_three = WindowedCpu { cpu: Cpu(3), ..demand.windowed[0].clone() };
+        demand.windowed.insert(0, on_three);
+    };
+    assert_eq!(remedy(&host, both), apart);
+    let fixed = host.without("sys/devices/system/cpu/cpu3/online");
+    let told = remedy(&fixed, |_| {});
+    assert!(told.contains("CPU 3 cannot be switched off") && !told.contains("echo"), "{told}");
+}
+
+#[test]
+fn a_kernel_that_is_locked_down_is_no_matter_of_privileges() {
+    let host = Recorded::named("workstation").without("sys/kernel/debug/sched/features");
+    let of =
+        |mode: &str| finding(&host.clone().with("sys/kernel/security/lockdown", mode), "budget");
+    for mode in ["none [integrity] confidentiality", "none integrity [confidentiality]"] {
+        let budget = of(mode);
+        assert_eq!(budget.severity, Unseen);
+        let remedy = budget.remedy.unwrap();
+        assert!(budget.found.contains("locked down") && remedy.contains("Secure Boot"), "{remedy}");
+    }
+    assert!(of("[none] integrity confidentiality").remedy.unwrap().contains("debugfs"));
 }
 
 #[test]

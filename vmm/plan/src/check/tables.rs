@@ -7,7 +7,10 @@ use takt_scheduler::table::{Cpu, PartitionId, Role, Table};
 use takt_scheduler::time::Nanos;
 
 use super::{line, programs};
-use crate::{Allowance, Bytes, INTERRUPT, Kind, Met, NamedTask, Partition, PartitionFile, percent};
+use crate::{
+    Allowance, Bytes, INTERRUPT, Kind, Met, NamedTask, Partition, PartitionFile, WAKE_UP_ALLOWANCE,
+    percent,
+};
 
 /// What each partition has under one schedule, whatever the others do.
 pub fn shares(out: &mut String, file: &PartitionFile, table: &Table) {
@@ -77,12 +80,16 @@ fn kept(met: &Met) -> impl Iterator<Item = (Nanos, String)> {
     let interrupts = |count: u64, what: &str| {
         (Nanos(count * INTERRUPT.0), format!("{what} ({count} x {INTERRUPT})"))
     };
+    let wake_up = match met.wake_up > WAKE_UP_ALLOWANCE {
+        true => "the kick of the partition before, and the way into the guest",
+        false => "a wake-up that the guard has no room for",
+    };
     let terms = [
         interrupts(tick, "the host's tick"),
         interrupts(linux, "timers of a Linux that Takt cannot place"),
         interrupts(bandwidth, "the kernel's timers for the bandwidth of threads"),
         interrupts(devices, "interrupts that release tasks, and letting them in"),
-        (met.wake_up, "a wake-up that the guard has no room for".to_owned()),
+        (met.wake_up, wake_up.to_owned()),
     ];
     terms.into_iter().filter(|(time, _)| *time > Nanos::ZERO)
 }

@@ -168,4 +168,16 @@ fn periods_budgets_and_numbers_have_bounds() {
         many = many.program(&format!("p{n}.plc"), "");
     }
     many.refused(&["case.toml:24:9:", "have 80 tasks", "at most 64 tasks"]);
+    let events = |each: &[u8]| {
+        let mut many = case("many-events");
+        for (n, count) in each.iter().enumerate() {
+            let tasks = (0..*count).map(|t| event(&format!("t{t}"), 10 * MS, US, t)).collect();
+            many = many.file(&format!("p{n}.plc"), &program(&format!("p{n}"), tasks));
+            many = many.program(&format!("p{n}.plc"), "");
+        }
+        many
+    };
+    let most = "at most 32 event tasks, in a partition";
+    events(&[11, 11, 11]).refused(&["case.toml:18:9:", "have 33 event tasks", most]);
+    events(&[11, 11, 10]).good();
 }
