@@ -225,7 +225,7 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
     #[inline(never)]
     fn give_held(&mut self, id: TaskId) {
         let held = core::mem::take(&mut self.tasks[id.index()].held);
-        self.holds_nothing_more(id);
+        self.settle(id);
         let range = self.places(id);
         let own = self.objects[range].iter_mut().enumerate();
         for (_, object) in own.filter(|(n, _)| held >> n & 1 != 0) {

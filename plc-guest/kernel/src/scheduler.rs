@@ -317,7 +317,6 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
             self.give_all(id);
             let task = &mut self.tasks[id.index()];
             task.state = State::Dormant;
-            task.effective = task.settings.urgency();
             task.wake = None;
             self.ready &= !task.bit();
             self.in_call &= !task.bit();

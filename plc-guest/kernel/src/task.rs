@@ -352,7 +352,6 @@ impl Task {
 
     /// The current job is over. What it held has been given back.
     pub(crate) fn retire(&mut self) {
-        self.effective = self.settings.urgency();
         self.wake = None;
         self.state = match self.settings.release {
             Release::Start => State::Dormant,
