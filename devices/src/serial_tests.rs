@@ -80,7 +80,7 @@ fn a_full_output_is_told_before_a_write_waits_for_it() {
     port.write(DATA, b"y");
     assert!(port.would_wait(DATA, usize::MAX));
     stop.store(true, Ordering::Relaxed);
-    assert!(!port.would_wait(DATA, usize::MAX), "nobody reads this output any more");
+    assert!(!port.would_wait(DATA, usize::MAX), "the run ends, and no reader is left");
 }
 
 #[test]

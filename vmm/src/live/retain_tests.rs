@@ -132,6 +132,17 @@ fn what_found_no_room_is_asked_for_again_and_told_once() {
     assert_eq!(news.len(), 1, "{news:?}");
 }
 
+/// Waits until the saver has written what it was handed, and tells the generation.
+fn outcome(retaining: &mut Retaining, saver: &mut Saver, news: &mut Vec<String>) -> u64 {
+    loop {
+        if let Some((number, result)) = saver.outcome() {
+            retaining.outcome(number, &result, news);
+            return result.unwrap();
+        }
+        std::thread::yield_now();
+    }
+}
+
 #[test]
 fn values_are_written_when_they_change_and_not_too_often() {
     let file = plant("written");
@@ -139,13 +150,6 @@ fn values_are_written_when_they_change_and_not_too_often() {
     let mut retaining = retaining(&file, &files);
     let mut saver = files.start(&spawn).unwrap().unwrap();
     let mut news = watch(&mut retaining, &file);
-    let outcome = |retaining: &mut Retaining, saver: &mut Saver, news: &mut Vec<String>| loop {
-        if let Some((number, result)) = saver.outcome() {
-            retaining.outcome(number, &result, news);
-            return result.unwrap();
-        }
-        std::thread::yield_now();
-    };
     retaining.take(sampled(1, 0, &[1; 8]), None);
     retaining.save(Some(&mut saver), 0, at(0), &mut news);
     assert_eq!(outcome(&mut retaining, &mut saver, &mut news), 1);
@@ -182,10 +186,7 @@ fn after_a_cold_start_nothing_from_before_it_is_written() {
     let mut news = watch(&mut retaining, &file);
     retaining.take(sampled(1, 0, &[1; 8]), None);
     retaining.save(Some(&mut saver), 0, at(0), &mut news);
-    while saver.outcome().is_none() {
-        std::thread::yield_now();
-    }
-    retaining.programs[0].file.as_mut().unwrap().since = None;
+    outcome(&mut retaining, &mut saver, &mut news);
     retaining.take(sampled(2, 0, &[2; 8]), None);
     retaining.started_cold();
     // Not only when the second is over.
