@@ -124,6 +124,7 @@ fn restarts_cost_a_neighbour_nothing_and_takt_does_not_grow() {
 }
 
 /// What is prepared behind a Linux, such as another one with much memory, takes nothing of the time that its watchdog gives it.
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_watchdog_counts_from_the_first_instruction_of_its_linux() {
     let linux = |name: &str, more: &str| {

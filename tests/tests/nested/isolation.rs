@@ -104,6 +104,7 @@ fn a_linux_that_spins_in_kernel_mode_does_not_cost_the_plc_a_release() {
     assert!(share > 0.9, "Linux did not spin: its share is {share}\n{}", outcome.output);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_plc_that_spoils_its_processor_finds_it_as_new_when_it_starts_again() {
     let outcome = File::new("4ms")

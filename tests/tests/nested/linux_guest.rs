@@ -36,6 +36,7 @@ fn lost_by_the_kernel(outcome: &Outcome) -> i128 {
     lost.unwrap_or_else(|| panic!("no such message\n{}", outcome.output))
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_linux_has_seeded_random_numbers_and_can_set_its_clock_by_the_hosts() {
     let program = env!("CARGO_BIN_EXE_stamp");

@@ -126,6 +126,7 @@ fn a_linux_that_starts_again_finds_its_ports_in_order() {
     assert_eq!(plc_counts(&outcome, "hostile"), 0, "{}", outcome.output);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_linux_that_writes_to_all_of_its_device_harms_no_other() {
     let (seeds, steps) = if long() { ("1 2 3 4 5 6 7 8", 100_000) } else { ("1 2", 5_000) };

@@ -111,6 +111,7 @@ pub fn numbers<const N: usize>(outcome: &Outcome, partition: &str, words: [&str;
     })
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn interrupts_reach_their_plc_also_after_a_restart_and_no_neighbour() {
     let outcome = File::new("1ms")

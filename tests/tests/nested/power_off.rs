@@ -55,6 +55,7 @@ fn disk() -> PathBuf {
     disk.canonicalize().unwrap()
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_linux_with_a_disk_has_left_its_file_system_clean_after_sigterm() {
     let disk = disk();

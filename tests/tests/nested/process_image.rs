@@ -42,6 +42,7 @@ fn assert_good(outcome: &Outcome) {
     assert_eq!(outcome.number("plc", "illegal_accesses"), 0, "{}", outcome.output);
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn an_input_comes_from_a_linux_and_an_output_goes_there() {
     let program = Program::new("copy")

@@ -123,6 +123,7 @@ fn aimed_at(aim: Aim) -> Outcome {
     outcome
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_kernel_that_aims_deadlines_at_releases_moves_none() {
     let outcome = aimed_at(Aim::Deadline);

@@ -242,6 +242,7 @@ CONFIGURATION Plant
 END_CONFIGURATION
 ";
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn variables_of_programs_and_blocks_in_structured_text_outlive_starts_as_their_sources_say() {
     let image = save_bytes("retain-st.plc", &st::image("p", "main.st", STARTS));

@@ -152,6 +152,7 @@ fn without_a_guard_the_wake_up_is_the_jitter_and_each_disturbance_is_told_with_i
     is_drawn(&folder, of("releases"));
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_release_that_the_host_sleeps_through_is_lost_and_told() {
     let file = File::new("1ms").plc("plc", None, "release_guard = \"20us\"").linux(BUSY);
@@ -262,6 +263,7 @@ fn sixteen_plcs_and_linux_share_a_cpu() {
     outcome.assert_shows("Linux version ");
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_switch_of_schedules_takes_effect_at_a_frames_end_with_each_change_action() {
     let starts = || Some(plc_image("starts"));

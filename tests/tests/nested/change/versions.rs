@@ -253,6 +253,7 @@ impl Model {
     }
 }
 
+#[ignore = "takes long: scripts/test --all"]
 #[test]
 fn ten_versions_follow_each_other_and_each_value_is_that_of_the_model() {
     let (times, longest) = if long() { (1_000, "1000s") } else { (12, "20s") };
