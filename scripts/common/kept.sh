@@ -36,12 +36,19 @@ keep_result() {
     fi
 }
 
-# keep_records: appends what channels have recorded to their files, as takt does where it runs here.
+# keep_records: appends what channels have recorded to their files, as takt does where it runs here. A run that ended well
+# has a file for each of them, which may be empty. It is not good without: the status becomes 3.
 keep_records() {
     local record
     for record in "${records[@]}"; do
-        if result "${record%% *}.records" >"$work/kept" 2>/dev/null && [[ -s $work/kept ]]; then
-            (umask 077 && cat "$work/kept" >>"${record#* }")
+        if ! result "${record%% *}.records" >"$work/kept" 2>/dev/null; then
+            ((status)) || {
+                echo "${0##*/}: takt ended well, and the records of ${record%% *} cannot be read from what the machine left" >&2
+                status=3
+            }
+        elif [[ -s $work/kept ]] && ! (umask 077 && cat "$work/kept" >>"${record#* }"); then
+            echo "${0##*/}: the records of ${record%% *} cannot be written to ${record#* }" >&2
+            status=3
         fi
     done
 }

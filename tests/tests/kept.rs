@@ -20,6 +20,34 @@ fn draw(status: u8, readable: &[&str]) -> (String, String) {
     (ended.trim().to_owned(), said)
 }
 
+/// Keeps the records of a channel `level`, of which this can be read. Gives the status, what is said, and what is kept.
+fn keep_records(status: u8, records: Option<&str>) -> (String, String, String) {
+    let source = concat!(env!("CARGO_MANIFEST_DIR"), "/../scripts/common/kept.sh");
+    let result = records.map_or("false".to_owned(), |records| format!("printf '%s' '{records}'"));
+    let script = format!(
+        "set -euo pipefail; source {source}; work=$(mktemp -d); trap 'rm -rf \"$work\"' EXIT
+         result() {{ [[ $1 == level.records ]] && {result}; }}
+         records=(\"level $work/to\"); status={status}
+         echo before >$work/to; keep_records; echo $status; cat $work/to"
+    );
+    let output = Command::new("bash").args(["-c", &script]).output().unwrap();
+    let [said, shown] =
+        [output.stderr, output.stdout].map(|bytes| String::from_utf8(bytes).unwrap());
+    let (status, kept) = shown.split_once('\n').unwrap();
+    (status.to_owned(), said, kept.to_owned())
+}
+
+#[test]
+fn records_are_appended_and_a_good_run_that_has_lost_them_is_not_good() {
+    for (records, kept) in [("new", "before\nnew"), ("", "before\n")] {
+        assert_eq!(keep_records(0, Some(records)), ("0".into(), String::new(), kept.into()));
+    }
+    let (status, said, kept) = keep_records(0, None);
+    assert_eq!((&*status, &*kept), ("3", "before\n"), "{said}");
+    assert!(said.contains("the records of level cannot be read"), "{said}");
+    assert_eq!(keep_records(4, None), ("4".into(), String::new(), "before\n".into()));
+}
+
 #[test]
 fn a_good_run_whose_figures_cannot_be_read_is_not_good() {
     for (readable, missing) in
