@@ -317,7 +317,15 @@ restore_terminal() {
 read_status() {
     local log
     status=$(result status 2>/dev/null) || status=
-    [[ ! $status =~ ^[0-9]+$ ]] || return 0
+    if [[ $status =~ ^[0-9]+$ ]]; then
+        # What the emulator makes of a machine that has switched itself off is its own matter. 124 is the time-out, and
+        # from 125 on something has broken.
+        if (($1 >= 124)); then
+            echo "${0##*/}: takt ended with $status, and its machine did not switch itself off (status $1)" >&2
+            status=3
+        fi
+        return 0
+    fi
     status=3
     mkdir -p "$built/failed"
     log=$(mktemp "$built/failed/console.XXXXXX")
