@@ -28,6 +28,8 @@ browser_name() {
 unpack_browser() {
     local names
     mapfile -t names < <(browser_packages | cut -d _ -f 1)
+    # What an interrupted one has left.
+    rm -rf "$1.new"
     unpack_packages "$1.new" "${names[@]}" || return 1
     # What a run carries into its machine is memory there.
     rm -rf "$1.new"/usr/share/{doc,man,locale,lintian,bug,X11} \

@@ -116,12 +116,13 @@ make_debian() {
     as_root mke2fs -q -F -t ext4 -T default -b 4096 -L debian -d "$work/root" "$work/disk.img" ||
         fail "Debian does not fit into $debian_size; --size says how large the disk is"
     copy_debian_kernel "$work"
+    # Broken off from here on, it is made anew the next time: without these nothing there is taken for whole.
+    rm -f "$debian_folder/inputs"
     mv "$work"/{vmlinuz,initrd.img} "$debian_folder/"
-    # The disk comes last: where it is, all is.
     mv "$work/disk.img" "$disk.new"
-    echo "$inputs" >"$debian_folder/inputs"
     touch "$debian_folder/made" --reference "$disk.new"
     mv "$disk.new" "$disk"
+    echo "$inputs" >"$debian_folder/inputs"
 }
 
 # make_visitors: what tests of whole machines do to a Debian: a client for ssh with its libraries and its key, a
