@@ -221,6 +221,11 @@ fn a_takt_that_was_stopped_for_a_moment_goes_on() {
         .run("stop-and-go", &[&file.to_string_lossy(), "linux: partition-ended", "6"]);
     let console = fs::read_to_string(target("tests/stop-and-go.out/console")).unwrap_or_default();
     assert_eq!(outcome.status, 0, "{}\n{console}", outcome.output);
+    // It lost what it was stopped for, a look of the script's, and no more.
+    let [releases, lost] = ["releases", "lost"].map(|key| outcome.number("plc", key));
+    let cycles = outcome.cycles(10_000);
+    println!("{releases} releases, {lost} lost, of {cycles} cycles");
+    assert!(lost <= 20 && releases + lost + 10 >= cycles, "{releases} {lost}\n{console}");
 }
 
 #[ignore = "only in the long form: scripts/test --long"]

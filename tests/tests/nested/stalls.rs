@@ -124,6 +124,8 @@ fn with_slow_disk(test: &str, initrd: &Path, exec: &str, cues: &[&str]) -> Outco
     let console = left(test, "console");
     assert_eq!(outcome.status, 0, "{}\n{console}", outcome.output);
     let outcome = Outcome { output: console, ..outcome };
+    // As the health table has it for the end of this Linux.
+    assert_eq!(left(test, "exit"), "4\n", "{}", outcome.output);
     assert_nothing_late(&outcome, "plc", outcome.cycles(10_000) - 10);
     outcome
 }
