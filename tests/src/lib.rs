@@ -140,6 +140,15 @@ impl Outcome {
         duration_ns / 1_000 / period_us
     }
 
+    /// Fails unless a Linux of [`File::compiling_linux`] has compiled until the end.
+    pub fn assert_compiled(&self) {
+        assert!(!self.output.contains("takt-load: compile failed"), "{}", self.output);
+        // 171 objects beside a small PLC, in the minute of the long form.
+        let at_least = if long() { 40 } else { 1 };
+        let objects = self.compiled();
+        assert!(objects >= at_least, "Linux has compiled {objects} objects\n{}", self.output);
+    }
+
     /// Objects that a Linux of [`File::compiling_linux`] has compiled.
     #[must_use]
     pub fn compiled(&self) -> u64 {

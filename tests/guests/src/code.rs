@@ -430,12 +430,11 @@ functions! {
     ]
     /// Leaves the time at its end.
     Stamp = "takt_test_stamp": ["rdtsc", "mov [0x50003020], eax"]
-    /// Keeps the shortest time since the one that `Stamp` or `StampAndSet` has left, and stops the program with it as code in
+    /// Keeps the longest time since the one that `Stamp` or `StampAndSet` has left, and stops the program with it as code in
     /// the job with the number of the parameter.
     SinceStamp = "takt_test_since_stamp": [
         "rdtsc", "sub eax, [0x50003020]",
-        "cmp qword ptr [rbx + 8], 1", "je 2f", "cmp rax, [rbx + 16]", "jae 3f",
-        "2:", "mov [rbx + 16], rax", "3:",
+        "cmp rax, [rbx + 16]", "jbe 3f", "mov [rbx + 16], rax", "3:",
         "mov rax, [rbx]", "cmp [rbx + 8], rax", "jb 4f",
         "mov rdi, [rbx + 16]", "mov eax, 14", "syscall", "4:",
     ]
@@ -448,8 +447,7 @@ functions! {
         "mov eax, 10", "xor edi, edi", "mov esi, 1", "xor edx, edx", "mov r10d, 900000", "syscall",
         "cmp rax, 1", "jne 5f",
         "rdtsc", "sub eax, [0x50003020]",
-        "cmp qword ptr [rbx + 8], 1", "je 2f", "cmp rax, [rbx + 16]", "jae 3f",
-        "2:", "mov [rbx + 16], rax", "3:",
+        "cmp rax, [rbx + 16]", "jbe 3f", "mov [rbx + 16], rax", "3:",
         "mov eax, 11", "xor edi, edi", "mov esi, 1", "syscall",
         "mov rax, [rbx]", "cmp [rbx + 8], rax", "jb 4f",
         "mov rdi, [rbx + 16]", "mov eax, 14", "syscall",
@@ -502,12 +500,13 @@ functions! {
         "2:", "mov edi, 84", "mov eax, 14", "syscall",
         "3:",
     ]
-    /// Says "fell" when the first word of its inputs is zero and has not been before.
-    Fall = "takt_test_fall": [
+    /// Says "rose" when the first word of its inputs is not zero any more, and "fell" when it is zero again.
+    RiseAndFall = "takt_test_rise_and_fall": [
         "mov rdx, [rbx + 16]", "mov rax, [0x68000000]", "mov [rbx + 16], rax",
-        "test rax, rax", "jnz 3f", "test rdx, rdx", "jz 3f",
-        "mov eax, 2", "mov rdi, rbx", "add rdi, 56", "mov dword ptr [rdi], 0x6c6c6566",
-        "mov esi, 4", "syscall",
+        "test rax, rax", "setnz al", "test rdx, rdx", "setnz dl", "cmp al, dl", "je 3f",
+        "mov rdi, rbx", "add rdi, 56", "mov dword ptr [rdi], 0x6c6c6566",
+        "test al, al", "jz 2f", "mov dword ptr [rdi], 0x65736f72", "2:",
+        "mov eax, 2", "mov esi, 4", "syscall",
         "3:",
     ]
     /// Writes 7 to the first two words of its outputs, and causes a fault in the job with the number of the parameter.

@@ -127,7 +127,8 @@ fn objects_of_a_program_that_has_failed_are_zero_or_held() {
         .output("held", Lword, 0, 0)
         .output("zeroed", Lword, 8, 0);
     let watch = || {
-        let program = Program::new("watch").task(cyclic("main", us(1_000), 1, Entry::Fall), 0);
+        let program =
+            Program::new("watch").task(cyclic("main", us(1_000), 1, Entry::RiseAndFall), 0);
         program.input("value", Lword, 0)
     };
     let near = io("failing", "held", 0x201, "byte = 0\non_stop = \"hold\"")
@@ -148,6 +149,7 @@ fn objects_of_a_program_that_has_failed_are_zero_or_held() {
     assert_good(&outcome, &["near", "far"]);
     outcome.assert_shows("program failing, task main: invalid opcode");
     assert_eq!(outcome.output.matches("zeroed.main: fell").count(), 1, "{}", outcome.output);
+    outcome.assert_shows("held.main: rose");
     assert!(!outcome.output.contains("held.main: fell"), "{}", outcome.output);
     // 99 complete jobs; what is sent when it changes left once for them, and once for the stop.
     assert_eq!(figures(&outcome, "near", "bus", ["sent"]), [99 + 2], "{}", outcome.output);

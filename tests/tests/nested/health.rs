@@ -227,6 +227,11 @@ fn a_watchdog_does_not_run_while_the_schedule_has_no_window_for_its_linux() {
     outcome.assert_shows("schedule \"alone\" holds since ");
     assert!(!outcome.output.contains("it does not leave its processor"), "{}", outcome.output);
     assert_eq!(outcome.number("linux", "restarts"), 0, "{}", outcome.output);
+    // It had no window for longer than the watchdog waits.
+    let report = &outcome.report;
+    let [end, switched] = [&report["duration_ns"], &report["schedule"]["last_switch_ns"]]
+        .map(|instant| instant.as_u64().unwrap_or_default());
+    assert!(switched > 0 && end - switched > 5_000_000_000, "{switched} of {end}");
     outcome.assert_kept_its_time("plc", outcome.cycles(10_000) - 10);
 }
 

@@ -16,7 +16,7 @@ fn linux_compiles_while_the_plc_keeps_its_time() {
         .lasting(duration)
         .run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
-    assert!(outcome.compiled() > 0, "Linux did not compile\n{}", outcome.output);
+    outcome.assert_compiled();
     outcome.assert_kept_its_time("plc", releases);
     outcome.assert_punctual("plc");
 }

@@ -135,7 +135,8 @@ fn outputs_of_a_program_that_has_failed_are_zero_or_held() {
         .output("held", Lword, 0, 0)
         .output("zeroed", Lword, 8, 0);
     let watch = || {
-        let program = Program::new("watch").task(cyclic("main", us(1_000), 1, Entry::Fall), 0);
+        let program =
+            Program::new("watch").task(cyclic("main", us(1_000), 1, Entry::RiseAndFall), 0);
         program.input("value", Lword, 0)
     };
     let channel = |name: &str| {
@@ -168,6 +169,7 @@ fn outputs_of_a_program_that_has_failed_are_zero_or_held() {
     assert_good(&outcome);
     outcome.assert_shows("program failing, task main: invalid opcode");
     assert_eq!(outcome.output.matches("zeroed.main: fell").count(), 1, "{}", outcome.output);
+    outcome.assert_shows("held.main: rose");
     assert!(!outcome.output.contains("held.main: fell"), "{}", outcome.output);
 }
 
@@ -254,7 +256,7 @@ fn outputs_that_are_stopped_at_a_release_do_not_make_it_late() {
     let task = cyclic("main", us(1_000_000), 5, Entry::Endless);
     let task = Task { deadline: Some(us(400_500)), ..task };
     let (many, more) = with_port_outputs(task, 0, 40);
-    let outcome = beside_an_urgent_task("io-stop", many, "on_deadline = \"stop\"\n", &more);
+    let outcome = beside_an_urgent_task("io-late-stop", many, "on_deadline = \"stop\"\n", &more);
     let told = "program many, task main: was not complete at its deadline: the program stops";
     outcome.assert_shows(told);
 }

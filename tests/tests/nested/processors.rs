@@ -94,6 +94,9 @@ fn what_any_processor_does_to_the_machine_ends_all_and_all_start_again() {
         assert_eq!(outcome.status, 0, "{}", outcome.output);
         outcome.assert_shows(&format!("[takt] linux: {error}: "));
         assert!(outcome.number("linux", "restarts") >= 1, "{}", outcome.partition("linux"));
+        // It has all of its processors in its second life too.
+        let lives = outcome.output.matches("it has 2").count();
+        assert!(lives >= 2, "{name}: {lives}\n{}", outcome.output);
         assert_unmoved(&outcome);
     }
 }
@@ -128,6 +131,7 @@ fn each_processor_is_on_the_cpu_that_the_file_names() {
     let outcome = run.typing(&dialogue).run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_shows("it has 2");
+    outcome.assert_shows("on 1: 42");
     let linux = outcome.partition("linux");
     assert_eq!(linux["end"], "stopped by takt", "{linux}");
     // The PLC's window leaves 650 us of a millisecond on CPU 0; the other CPU is Linux's own.

@@ -61,7 +61,7 @@ fn a_plant_of_three_tasks_has_the_releases_of_a_program_in_rust_beside_a_compili
         .lasting(duration)
         .run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
-    assert!(outcome.compiled() > 0, "Linux did not compile\n{}", outcome.output);
+    outcome.assert_compiled();
     for program in ["plant", "press"] {
         for (task, jobs) in [("fast", jobs), ("middle", jobs / 10), ("slow", jobs / 100)] {
             Row::of(&outcome, &format!("{program}.{task}")).assert_in_time(jobs - 1);
