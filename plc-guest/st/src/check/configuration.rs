@@ -384,6 +384,7 @@ impl<'a> Checker<'a> {
                 continue;
             };
             let (Storage::Field(field), Some(ty)) = (variable.storage, variable.ty) else {
+                self.refuse_gap(argument.span);
                 continue;
             };
             let place = Place::global(instance.global, instance.ty).field(field, ty);
