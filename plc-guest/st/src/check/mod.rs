@@ -29,6 +29,7 @@ mod recursion;
 mod reference;
 mod standard;
 mod statement;
+mod task;
 mod test;
 mod type_spec;
 mod types;
