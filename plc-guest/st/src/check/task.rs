@@ -23,14 +23,21 @@ impl<'a> Checker<'a> {
         let mut properties = Properties::default();
         let mut complete = true;
         let mut priority_given = false;
-        for (name, value) in &task.properties {
+        for (at, (name, value)) in task.properties.iter().enumerate() {
             let done = match &*name.key {
+                key if task.properties[..at].iter().any(|(other, _)| &*other.key == key) => {
+                    let found = format!("a second {key} of the task `{}`", task.name.text);
+                    self.error(Code::InvalidTask, name.span, found);
+                    None
+                }
                 "INTERVAL" => self.duration(value).map(|interval| {
                     properties.interval = Some((interval, value.span));
                 }),
                 "OFFSET" => self.duration(value).map(|offset| properties.offset = offset),
-                "BUDGET" => self.duration(value).map(|budget| properties.budget = budget),
-                "DEADLINE" => self.duration(value).map(|deadline| properties.deadline = deadline),
+                "BUDGET" => self.limit(name, value).map(|budget| properties.budget = budget),
+                "DEADLINE" => {
+                    self.limit(name, value).map(|deadline| properties.deadline = deadline)
+                }
                 "SINGLE" | "CHANNEL" if properties.single.is_some() => {
                     let found = format!("a second event of the task `{}`", task.name.text);
                     let one = Diagnostic::new(Code::InvalidTask, name.span, found);
@@ -79,6 +86,13 @@ impl<'a> Checker<'a> {
         }
         let kind = match (properties.single.clone(), properties.interval) {
             (Some(source), Some((minimum_ns, _))) if minimum_ns > 0 => {
+                let offset = task.properties.iter().find(|(name, _)| &*name.key == "OFFSET");
+                if let Some((offset, _)) = offset {
+                    let found = format!("an OFFSET of the event task `{}`", task.name.text);
+                    let one = Diagnostic::new(Code::InvalidTask, offset.span, found);
+                    self.tell(one.allowed("OFFSET of a task with a period"));
+                    return None;
+                }
                 TaskKind::Event { source, minimum_ns }
             }
             // Without it nothing could be said of how much time the other tasks have.
@@ -107,6 +121,18 @@ impl<'a> Checker<'a> {
             (None, None) => return None,
         };
         complete.then_some((kind, properties))
+    }
+
+    /// A duration that is not 0 either, which means in an image that there is no such limit.
+    fn limit(&mut self, name: &ast::Name, value: &'a Expression) -> Option<u64> {
+        let duration = self.duration(value)?;
+        if duration == 0 {
+            let found = format!("a {} of 0", name.key);
+            let one = Diagnostic::new(Code::InvalidTask, value.span, found);
+            self.tell(one.hint(format!("leave it out: so the task has no {}", name.key)));
+            return None;
+        }
+        Some(duration)
     }
 
     /// A duration that is not negative, in nanoseconds.
