@@ -1,6 +1,6 @@
 //! CONFIGURATION: which instances of programs its tasks run. What the tasks are is in `task`.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use super::body::Body;
 use super::declare::retention;
@@ -217,6 +217,7 @@ impl<'a> Checker<'a> {
     /// What is assigned before and behind the body of a program's instance.
     fn connections(&mut self, instance: &Instance<'a>) -> (Vec<Statement>, Vec<Statement>) {
         let (mut before, mut behind) = (Vec::new(), Vec::new());
+        let mut connected = HashSet::new();
         for argument in &instance.ast.arguments {
             let (Some((formal, binding)), Some(value)) = (&argument.name, &argument.value) else {
                 let one = Diagnostic::new(
@@ -245,6 +246,12 @@ impl<'a> Checker<'a> {
                 self.refuse_gap(argument.span);
                 continue;
             };
+            // An output may go to several variables.
+            if *binding == Binding::Input && !connected.insert(field) {
+                let found = format!("two connections of the input `{}`", formal.text);
+                self.error(Code::WrongArguments, argument.span, found);
+                continue;
+            }
             let place = Place::global(instance.global, instance.ty).field(field, ty);
             let mut body = Body::of_constants(self);
             if *binding == Binding::Input {
