@@ -87,3 +87,22 @@ fn every_case_is_told_as_its_file_says() {
     }
     assert!(bless || wrong.is_empty(), "{wrong}");
 }
+
+#[test]
+fn no_name_of_the_compilers_own_is_proposed() {
+    let source =
+        "FUNCTION_BLOCK Edge VAR_INPUT go : BOOL R_EDGE; END_VAR VAR_OUTPUT q : BOOL; END_VAR
+q := go;
+END_FUNCTION_BLOCK
+TEST 'member' VAR edge : Edge; END_VAR
+edge(go := TRUE);
+ASSERT(edge.go_last);
+END_TEST
+";
+    let mut sources = Sources::new();
+    sources.add("case.st", source.as_bytes()).expect("it is a source");
+    let checked = project::check_tests("case", &mut sources).expect("there is a thread");
+    let told = checked.diagnostics.iter().find(|one| one.found == "Edge has no `go_last`");
+    let told = told.expect("it is refused");
+    assert_eq!((told.allowed.as_deref(), &told.hint), (Some("go, q"), &None));
+}

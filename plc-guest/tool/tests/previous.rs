@@ -147,3 +147,33 @@ fn the_same_source_gives_the_same_layout_and_a_file_that_is_no_image_is_refused(
     let words = ["build", "a.o", "-o", "a.plc", "--previous", "old.plc"];
     folder.takt_plc(&words).expect(2, "for Structured Text");
 }
+
+#[test]
+fn the_memory_of_an_edge_stays_beside_a_variable_of_nearly_its_name() {
+    let source = |fresh: &str| {
+        format!(
+            "FUNCTION_BLOCK Counter\nVAR_INPUT ready : BOOL; more : DINT; start : BOOL R_EDGE; END_VAR\n\
+             VAR start_last : BOOL; {fresh} END_VAR\nVAR_OUTPUT n : DINT; END_VAR\n\
+             IF ready AND start AND NOT start_last THEN n := n + more; END_IF;\nstart_last := ready;\n\
+             END_FUNCTION_BLOCK\n\
+             PROGRAM Main\nVAR count : Counter; lamp AT %QX0.0 : BOOL; END_VAR\n\
+             count(ready := TRUE, more := 1, start := lamp);\nlamp := count.n > 0;\nEND_PROGRAM\n\
+             CONFIGURATION c\nTASK t (INTERVAL := T#1ms, PRIORITY := 1);\n\
+             PROGRAM one WITH t : Main;\nEND_CONFIGURATION\n"
+        )
+    };
+    let folder = Folder::new();
+    folder.write("old.st", &source(""));
+    folder.takt_plc(&["build", "old.st", "-o", "old.plc"]).expect(0, "old.plc");
+    for (name, fresh) in [("same", ""), ("more", "fresh : LREAL;")] {
+        let (from, to) = (format!("{name}.st"), format!("{name}.plc"));
+        folder.write(&from, &source(fresh));
+        let words = ["build", &from, "-o", &to, "--previous", "old.plc"];
+        folder.takt_plc(&words).expect(0, &to);
+        let told = folder.takt_plc(&["diff", "old.plc", &to]).expect(0, "").text;
+        let touched = |line: &&str| line.contains("one.count.");
+        let touched: Vec<&str> = told.lines().filter(touched).collect();
+        assert!(touched.iter().all(|line| line.contains("new ")), "{told}");
+        assert_eq!(touched.len(), usize::from(!fresh.is_empty()), "{told}");
+    }
+}

@@ -1,23 +1,21 @@
-//! CONFIGURATION: tasks, and which instances of programs they run.
+//! CONFIGURATION: which instances of programs its tasks run. What the tasks are is in `task`.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use super::body::Body;
 use super::declare::retention;
 use super::expression::Operand;
 use super::placement::Placements;
+use super::task::Properties;
 use super::types::Resolved;
 use super::unit::Storage;
 use super::{Checker, Entry};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
-    Constant, Elementary, Event, ExprKind, GlobalId, Place, Routine, Statement, StatementKind,
-    Task, TaskKind, TypeId,
+    ExprKind, GlobalId, Place, Routine, Statement, StatementKind, Task, TaskKind, TypeId,
 };
 use crate::source::Span;
-use crate::syntax::ast::{
-    self, Binding, Expression, ExpressionKind, ProgramInstance, Resource, SectionKind, UnitKind,
-};
+use crate::syntax::ast::{self, Binding, ProgramInstance, Resource, SectionKind, UnitKind};
 
 /// The tasks of an image.
 pub(super) const TASKS: usize = 16;
@@ -28,17 +26,6 @@ struct Instance<'a> {
     unit: usize,
     global: GlobalId,
     ty: TypeId,
-}
-
-/// What the properties of a task say.
-#[derive(Default)]
-struct Properties {
-    interval: Option<(u64, Span)>,
-    single: Option<Event>,
-    priority: u8,
-    offset: u64,
-    budget: u64,
-    deadline: u64,
 }
 
 impl<'a> Checker<'a> {
@@ -181,135 +168,6 @@ impl<'a> Checker<'a> {
         Some(Instance { ast: program, unit, global, ty })
     }
 
-    fn task_kind(&mut self, task: &'a ast::Task) -> Option<(TaskKind, Properties)> {
-        let mut properties = Properties::default();
-        let mut complete = true;
-        let mut priority_given = false;
-        for (name, value) in &task.properties {
-            let done = match &*name.key {
-                "INTERVAL" => self.duration(value).map(|interval| {
-                    properties.interval = Some((interval, value.span));
-                }),
-                "OFFSET" => self.duration(value).map(|offset| properties.offset = offset),
-                "BUDGET" => self.duration(value).map(|budget| properties.budget = budget),
-                "DEADLINE" => self.duration(value).map(|deadline| properties.deadline = deadline),
-                "SINGLE" | "CHANNEL" if properties.single.is_some() => {
-                    let found = format!("a second event of the task `{}`", task.name.text);
-                    let one = Diagnostic::new(Code::InvalidTask, name.span, found);
-                    self.tell(one.allowed("either SINGLE or CHANNEL, once"));
-                    None
-                }
-                "SINGLE" => {
-                    self.event(value).map(|source| properties.single = Some(Event::Rise(source)))
-                }
-                "CHANNEL" => {
-                    let port = self.port_of_task(value);
-                    port.map(|port| properties.single = Some(Event::Channel(port)))
-                }
-                "PRIORITY" => {
-                    priority_given = true;
-                    let number = Body::of_constants(self).constant_integer(value);
-                    number.and_then(|number| match u8::try_from(number) {
-                        Ok(number) => {
-                            properties.priority = number;
-                            Some(())
-                        }
-                        Err(_) => {
-                            let found = format!("the priority {number}");
-                            let one = Diagnostic::new(Code::InvalidTask, value.span, found);
-                            self.tell(one.allowed("0 (the most urgent) to 255"));
-                            None
-                        }
-                    })
-                }
-                _ => {
-                    let found = format!("a task has no `{}`", name.text);
-                    let one = Diagnostic::new(Code::InvalidTask, name.span, found);
-                    self.tell(one.allowed(
-                        "INTERVAL, SINGLE, PRIORITY; of Takt's own CHANNEL, OFFSET, BUDGET, DEADLINE",
-                    ));
-                    None
-                }
-            };
-            complete &= done.is_some();
-        }
-        if !priority_given {
-            let found = format!("the task `{}` without PRIORITY", task.name.text);
-            let one = Diagnostic::new(Code::InvalidTask, task.name.span, found);
-            self.tell(one.allowed("`PRIORITY := n`, 0 is the most urgent"));
-            return None;
-        }
-        let kind = match (properties.single.clone(), properties.interval) {
-            (Some(source), Some((minimum_ns, _))) if minimum_ns > 0 => {
-                TaskKind::Event { source, minimum_ns }
-            }
-            // Without it nothing could be said of how much time the other tasks have.
-            (Some(_), interval) => {
-                let span = interval.map_or(task.name.span, |(_, span)| span);
-                let found = format!("no least time between two releases of `{}`", task.name.text);
-                let one = Diagnostic::new(Code::InvalidTask, span, found);
-                let allowed = "with SINGLE or CHANNEL also INTERVAL, such as `INTERVAL := T#10ms`";
-                self.tell(one.allowed(allowed));
-                return None;
-            }
-            (None, Some((0, span))) => {
-                let one = Diagnostic::new(Code::InvalidTask, span, "an interval of 0");
-                self.tell(one.hint("a program without a task runs whenever nothing else does"));
-                return None;
-            }
-            (None, Some((period_ns, _))) => {
-                TaskKind::Cyclic { period_ns, offset_ns: properties.offset }
-            }
-            (None, None) if complete => {
-                let found = format!("the task `{}` is never released", task.name.text);
-                let one = Diagnostic::new(Code::InvalidTask, task.name.span, found);
-                self.tell(one.allowed("INTERVAL (its period), SINGLE or CHANNEL (its event)"));
-                return None;
-            }
-            (None, None) => return None,
-        };
-        complete.then_some((kind, properties))
-    }
-
-    /// A duration that is not negative, in nanoseconds.
-    fn duration(&mut self, value: &'a Expression) -> Option<u64> {
-        let time = self.elementary(Elementary::Time);
-        let constant = Body::of_constants(self).constant(value, time)?;
-        match constant {
-            Constant::Integer(number) if number >= 0 => u64::try_from(number).ok(),
-            _ => {
-                self.error(Code::InvalidTask, value.span, "a negative duration");
-                None
-            }
-        }
-    }
-
-    /// The name of the BOOL whose rising edge releases a task.
-    fn event(&mut self, value: &'a Expression) -> Option<String> {
-        let allowed = "the name of a global BOOL or a bit address such as `%IX0.0`";
-        let bool_type = self.elementary(Elementary::Bool);
-        let global = match &value.kind {
-            ExpressionKind::Address(address) => self.direct(address),
-            ExpressionKind::Name(name) => match self.names.get(&name.key) {
-                Some(Entry::Global(index)) => {
-                    let entry = &mut self.globals[*index];
-                    entry.read = true;
-                    entry.id.zip(entry.ty)
-                }
-                _ => None,
-            },
-            _ => None,
-        };
-        match global {
-            Some((id, ty)) if ty == bool_type => Some(self.program.global(id).name.clone()),
-            _ => {
-                let found = format!("`{}` as an event", self.sources.text(value.span));
-                self.tell(Diagnostic::new(Code::InvalidTask, value.span, found).allowed(allowed));
-                None
-            }
-        }
-    }
-
     fn task(
         &mut self,
         name: &str,
@@ -359,6 +217,7 @@ impl<'a> Checker<'a> {
     /// What is assigned before and behind the body of a program's instance.
     fn connections(&mut self, instance: &Instance<'a>) -> (Vec<Statement>, Vec<Statement>) {
         let (mut before, mut behind) = (Vec::new(), Vec::new());
+        let mut connected = HashSet::new();
         for argument in &instance.ast.arguments {
             let (Some((formal, binding)), Some(value)) = (&argument.name, &argument.value) else {
                 let one = Diagnostic::new(
@@ -384,8 +243,15 @@ impl<'a> Checker<'a> {
                 continue;
             };
             let (Storage::Field(field), Some(ty)) = (variable.storage, variable.ty) else {
+                self.refuse_gap(argument.span);
                 continue;
             };
+            // An output may go to several variables.
+            if *binding == Binding::Input && !connected.insert(field) {
+                let found = format!("two connections of the input `{}`", formal.text);
+                self.error(Code::WrongArguments, argument.span, found);
+                continue;
+            }
             let place = Place::global(instance.global, instance.ty).field(field, ty);
             let mut body = Body::of_constants(self);
             if *binding == Binding::Input {

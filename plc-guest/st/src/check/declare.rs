@@ -237,7 +237,8 @@ impl<'a> Body<'_, 'a> {
         }
         let field = self.checker.field(structure, name, Resolved { ty, initial }, part, retention);
         if variables.edge.is_some() && field.is_some() {
-            let last = Name::new(&format!("{}'last", name.text), name.span);
+            // A name of images that no source can write: an older version has this variable by the same name.
+            let last = Name::new(&format!("{}-last", name.text), name.span);
             // As R_TRIG and F_TRIG have it: the first call sees an edge if the input is as behind one.
             let falling = matches!(variables.edge, Some((ast::Edge::Falling, _)));
             let initial = Constant::Integer(falling.into());

@@ -24,6 +24,11 @@ impl Body<'_, '_> {
                 _ => None,
             },
             Conversion::Value => match (value, is_real(target)) {
+                (Constant::Integer(number), _)
+                    if (from, target) == (Elementary::Wchar, Elementary::Char) =>
+                {
+                    Some(Constant::Integer(u8::try_from(*number).unwrap_or(b'?').into()))
+                }
                 (Constant::Integer(number), true) => Some(real_of(target, *number)),
                 (Constant::Real(number), true) => Some(real(target, *number)),
                 (Constant::Integer(number), false) => Some(Constant::Integer(target.wrap(*number))),

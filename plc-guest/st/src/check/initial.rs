@@ -257,17 +257,18 @@ impl<'a> Body<'_, 'a> {
         let found = format!("{} has no `{}`", self.type_name(ty), name.text);
         let mut one = Diagnostic::new(Code::UnknownName, name.span, found);
         if let Some(structure) = self.checker.program.types.structure(ty) {
-            // What only the body of a block uses is no help.
+            // What only the body of a block uses is no help, nor is a name of the compiler's own.
             let reached = |field: &&Field| {
-                structure.kind == StructureKind::Struct
+                let open = structure.kind == StructureKind::Struct
                     || matches!(field.section, Section::Input | Section::Output)
-                    || self.in_test()
+                    || self.in_test();
+                open && !field.name.contains('-')
             };
             let fields = structure.fields.iter().filter(reached).map(|field| &*field.name);
             if let Some(similar) = super::names::similar(&name.key, fields.clone()) {
                 one = one.hint(format!("did you mean `{similar}`?"));
             }
-            let shown: Vec<&str> = fields.filter(|name| !name.contains('\'')).take(12).collect();
+            let shown: Vec<&str> = fields.take(12).collect();
             one = one.allowed(match shown.is_empty() {
                 true => "nothing: it has no member that can be reached".to_owned(),
                 false => shown.join(", "),

@@ -5,7 +5,8 @@
 //! order of declarations and files does not count. What a declaration needs of another is resolved on
 //! demand. Within a unit a variable is declared before it is used.
 //!
-//! An error leaves a hole (`None`) that later steps pass on without a further message.
+//! An error leaves a hole (`None`) that later steps pass on without a further message. A statement with a hole that no
+//! error explains is refused as a mistake of the compiler's own.
 
 mod apart;
 mod body;
@@ -28,6 +29,7 @@ mod recursion;
 mod reference;
 mod standard;
 mod statement;
+mod task;
 mod test;
 mod type_spec;
 mod types;
@@ -194,6 +196,14 @@ impl<'a> Checker<'a> {
 
     fn error(&mut self, code: Code, span: Span, found: impl Into<String>) {
         self.tell(Diagnostic::new(code, span, found));
+    }
+
+    /// A hole that no error explains would be missing in the program.
+    fn refuse_gap(&mut self, span: Span) {
+        if !self.diagnostics.has_errors() {
+            let found = "a part of the program that the compiler left out without a reason";
+            self.error(Code::Internal, span, found);
+        }
     }
 
     fn elementary(&mut self, elementary: Elementary) -> TypeId {

@@ -21,36 +21,36 @@ impl<'a> Body<'_, 'a> {
     pub(super) fn block(&mut self, statements: &'a [Statement]) -> Block {
         let mut block = Vec::new();
         for statement in statements {
-            self.one(statement, &mut block);
+            match self.one(statement) {
+                Some(made) => block.extend(made),
+                None => self.checker.refuse_gap(statement.span),
+            }
         }
         block
     }
 
-    fn one(&mut self, statement: &'a Statement, block: &mut Block) {
+    fn one(&mut self, statement: &'a Statement) -> Option<Block> {
         let span = statement.span;
         let kind = match &statement.kind {
-            StatementKind::Assign { target, value, attempt } => {
-                if *attempt {
-                    self.attempt(span);
-                    self.all_apart([target, value]);
-                } else if let Some(assigned) = self.assign(target, value) {
-                    block.extend(assigned);
-                }
-                return;
+            StatementKind::Assign { target, value, attempt: true } => {
+                self.attempt(span);
+                self.all_apart([target, value]);
+                None
             }
-            StatementKind::Call(call) => {
-                block.extend(self.call_statement(call).into_iter().flatten());
-                return;
+            StatementKind::Assign { target, value, attempt: false } => {
+                return self.assign(target, value);
             }
+            StatementKind::Call(call) => return self.call_statement(call),
             StatementKind::If { branches, otherwise } => {
                 let mut arms = Vec::new();
                 for (condition, body) in branches {
                     let condition = self.condition(condition);
                     let body = self.block(body);
-                    arms.extend(condition.map(|condition| (condition, body)));
+                    arms.push(condition.map(|condition| (condition, body)));
                 }
                 let otherwise = otherwise.as_ref().map(|body| self.block(body));
-                Some(Hir::If(arms, otherwise.unwrap_or_default()))
+                let arms: Option<Vec<_>> = arms.into_iter().collect();
+                arms.map(|arms| Hir::If(arms, otherwise.unwrap_or_default()))
             }
             StatementKind::Case { selector, branches, otherwise } => {
                 self.case(selector, branches, otherwise.as_deref())
@@ -75,7 +75,7 @@ impl<'a> Body<'_, 'a> {
             StatementKind::Return => Some(Hir::Return),
             StatementKind::Error => None,
         };
-        block.extend(kind.map(|kind| self.statement(kind, span)));
+        Some(vec![self.statement(kind?, span)])
     }
 
     fn attempt(&mut self, span: Span) {

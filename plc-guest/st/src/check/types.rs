@@ -236,6 +236,11 @@ pub(super) fn is_bit_string(elementary: Elementary) -> bool {
     matches!(elementary, Bool | Byte | Word | Dword | Lword)
 }
 
+/// ANY_BIT without BOOL: what has bits to shift.
+pub(super) fn is_shiftable(elementary: Elementary) -> bool {
+    is_bit_string(elementary) && elementary != Elementary::Bool
+}
+
 /// ANY_CHAR
 pub(super) fn is_character(elementary: Elementary) -> bool {
     matches!(elementary, Elementary::Char | Elementary::Wchar)

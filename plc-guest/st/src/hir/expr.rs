@@ -96,7 +96,7 @@ pub enum Comparison {
 pub enum Conversion {
     /// By value. Integer to integer keeps the low bits; integer to BOOL is `<> 0`; integer to real and LREAL to REAL
     /// round to the nearest, ties to even; real to integer rounds likewise, saturates, and makes 0 of NaN; real to BOOL
-    /// is `<> 0`.
+    /// is `<> 0`; WCHAR to CHAR is a question mark for a character that CHAR does not have.
     Value,
     /// Real to integer towards zero, saturating, 0 for NaN.
     Truncate,

@@ -21,6 +21,13 @@ impl Lower<'_> {
                 (float, to_float) if float == to_float => value,
                 _ => self.builder.ins().bitcast(register(to), MemFlagsData::new(), value),
             },
+            Conversion::Value if (from, to) == (Elementary::Wchar, Elementary::Char) => {
+                let foreign =
+                    self.builder.ins().icmp_imm_s(IntCC::UnsignedGreaterThan, value, 0xFF);
+                let mark = self.builder.ins().iconst(types::I16, i64::from(b'?'));
+                let value = self.builder.ins().select(foreign, mark, value);
+                self.builder.ins().ireduce(types::I8, value)
+            }
             Conversion::Value | Conversion::Truncate => match (from.class(), to.class()) {
                 (Class::Float, Class::Float) => match (from, to) {
                     (Elementary::Real, Elementary::Lreal) => {

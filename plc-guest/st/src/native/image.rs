@@ -126,11 +126,9 @@ fn unused(program: &Program) -> Vec<(u32, u32)> {
     unused
 }
 
-/// A name as images have them. Only names that the compiler made have other characters: that of an
-/// address loses its percent sign, and in those of hidden variables other characters become `_`.
+/// A name as images have them: that of an address loses its percent sign.
 fn name(name: &str) -> String {
-    let allowed = |c: char| if c.is_ascii_alphanumeric() || "_.-[],".contains(c) { c } else { '_' };
-    name.trim_start_matches('%').chars().map(allowed).collect()
+    name.trim_start_matches('%').to_owned()
 }
 
 fn place(program: &Program, location: Location) -> Option<Place> {

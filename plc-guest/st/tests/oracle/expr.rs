@@ -195,6 +195,10 @@ impl Machine<'_> {
                 }
                 (value, Elementary::Real) => Value::Real(f64::from(value.integer() as f32)),
                 (value, Elementary::Lreal) => Value::Real(value.integer() as f64),
+                (value, Elementary::Char) if from == Elementary::Wchar => {
+                    let known = u8::try_from(value.integer()).unwrap_or(b'?');
+                    Value::Integer(i128::from(known))
+                }
                 (value, to) => Value::Integer(to.wrap(value.integer())),
             },
         })

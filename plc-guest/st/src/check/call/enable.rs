@@ -6,7 +6,7 @@ use super::super::expression::Operand;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Elementary, ExprKind, Statement, StatementKind};
 use crate::source::Span;
-use crate::syntax::ast::{Argument, Expression, Name};
+use crate::syntax::ast::{Argument, Expression, Name, UnitKind};
 
 /// EN and ENO of a call.
 #[derive(Clone, Copy, Default)]
@@ -41,13 +41,18 @@ impl<'a> Body<'_, 'a> {
             return None;
         };
         let unit = units[0];
+        if self.checker.units[unit].ast.kind != UnitKind::Function {
+            self.not_callable(name, &Entry::Units(units));
+            self.arguments_apart(arguments);
+            return None;
+        }
         let mut enable = Enable::default();
         self.around = Some(Around::default());
         let list = self.function_arguments(unit, name, arguments, span, Some(&mut enable));
         let Around { before: mut run, behind } = self.around.take().unwrap_or_default();
         let place = self.write_place(target);
         let (list, place) = (list?, place?);
-        let (_, ty) = self.checker.units[unit].result?;
+        let ty = self.result_type(unit, name, span)?;
         let routine = self.checker.units[unit].routine?;
         let call = Operand::typed(self.expr(ty, ExprKind::Call(routine, list), span));
         let value = self.converted(call, place.ty, span)?;

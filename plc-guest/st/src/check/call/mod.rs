@@ -65,14 +65,19 @@ impl<'a> Body<'_, 'a> {
                 self.overloaded(&units, name, arguments, span)?
             }
         };
-        let result = self.checker.units[unit].result;
-        let Some((_, ty)) = result else {
+        let ty = self.result_type(unit, name, span)?;
+        let routine = self.checker.units[unit].routine?;
+        Some(Operand::typed(self.expr(ty, ExprKind::Call(routine, list), span)))
+    }
+
+    /// The type of a function's result.
+    fn result_type(&mut self, unit: usize, name: &Name, span: Span) -> Option<TypeId> {
+        let Some((_, ty)) = self.checker.units[unit].result else {
             let found = format!("`{}` has no result", name.text);
             self.tell(Diagnostic::new(Code::WrongKind, span, found).hint("call it as a statement"));
             return None;
         };
-        let routine = self.checker.units[unit].routine?;
-        Some(Operand::typed(self.expr(ty, ExprKind::Call(routine, list), span)))
+        Some(ty)
     }
 
     fn instance_as_value(&mut self, callee: &Expression) {

@@ -20,7 +20,9 @@ impl<'a> Body<'_, 'a> {
         let ty = operand.expr.ty;
         let elementary = self.plain(ty);
         let fits = elementary.is_some_and(|elementary| match operator {
-            UnaryOperator::Not => is_bit_string(elementary) || operand.untyped,
+            UnaryOperator::Not => {
+                is_bit_string(elementary) || operand.untyped && !is_real(elementary)
+            }
             UnaryOperator::Plus => is_integer(elementary) || is_real(elementary),
             UnaryOperator::Negate => {
                 is_real(elementary)
@@ -63,7 +65,7 @@ impl<'a> Body<'_, 'a> {
                 }
                 Some(Operand::typed(self.integer(ty, -value, span)))
             }
-            (Some(Constant::Real(value)), _) => {
+            (Some(Constant::Real(value)), hir::UnaryOperator::Negate) => {
                 let kind = ExprKind::Constant(Constant::Real(-value));
                 Some(Operand { expr: self.expr(ty, kind, span), ..operand })
             }

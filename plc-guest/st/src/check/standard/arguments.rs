@@ -2,7 +2,7 @@
 
 use super::super::body::Body;
 use super::super::expression::Operand;
-use super::super::types::{is_bit_string, is_integer, is_real};
+use super::super::types::{is_integer, is_real, is_shiftable};
 use super::Given;
 use super::table::{Function, Group, Make, Parameter};
 use crate::diagnostic::{Code, Diagnostic};
@@ -92,7 +92,7 @@ impl<'a> Body<'_, 'a> {
                             .is_some_and(|elementary| operand.untyped && is_integer(elementary)),
                     "REAL or LREAL",
                 ),
-                Group::Bits => (is(is_bit_string) || operand.untyped, "a bit string"),
+                Group::Bits => (is(is_shiftable) || operand.untyped, "BYTE, WORD, DWORD or LWORD"),
                 Group::String => {
                     let character =
                         matches!(elementary, Some(Elementary::Char | Elementary::Wchar))

@@ -3,7 +3,7 @@
 use super::super::body::Body;
 use super::super::expression::Operand;
 use super::super::operator::Written;
-use super::super::types::{is_bit_string, is_integer, is_real};
+use super::super::types::{is_integer, is_real, is_shiftable};
 use super::Given;
 use super::repeated::has_call;
 use super::table::{Function, Make};
@@ -77,7 +77,7 @@ impl<'a> Body<'_, 'a> {
                 let (count, place) = given.pop()?;
                 let (value, at) = given.pop()?;
                 let needed = hint.filter(|ty| {
-                    self.plain(*ty).is_some_and(is_bit_string) && self.takes(&value, *ty)
+                    self.plain(*ty).is_some_and(is_shiftable) && self.takes(&value, *ty)
                 });
                 let value = match needed {
                     Some(ty) if value.untyped => self.converted(value, ty, at)?,

@@ -39,7 +39,7 @@ pub(super) enum Group {
     Number,
     /// ANY_REAL
     Real,
-    /// ANY_BIT
+    /// ANY_BIT without BOOL
     Bits,
     /// ANY_STRING
     String,
