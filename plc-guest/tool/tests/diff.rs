@@ -209,3 +209,53 @@ fn a_program_with_initial_values_and_zeros_is_changed_while_it_runs() {
         folder.takt_plc(&["diff", "old.plc", "new.plc"]).expect(1, says);
     }
 }
+
+#[test]
+fn a_static_that_no_two_variables_enclose_is_seen_however_small_it_is() {
+    let folder = Folder::new();
+    let c = |name: &str, variables: &str, body: &str| {
+        let source = format!(
+            "#include \"takt.h\"\nTAKT_PROGRAM(\"p\", 1, 0, 0, 0);\n{variables}\n\
+             static void run(const takt_job *job) {{ (void)job; {body} }}\n\
+             TAKT_CYCLIC(run, .period = TAKT_MS(1));"
+        );
+        // In this order, and the array where clang has it too.
+        let flags = ["-fno-toplevel-reorder", "-malign-data=abi"];
+        folder.c_program_with(name, &source, &flags).expect(0, "");
+    };
+    let two = "float two = 2; TAKT_POINT(REAL, two, 0);";
+    let row = "int16_t row[40]; TAKT_POINT(INT, row, 0);";
+    c("named", &format!("{two} {row}"), "row[1]++;");
+    folder.takt_plc(&["diff", "named.plc", "named.plc"]).expect(0, "0 bytes in 0 steps");
+    for (name, variables, body, says) in [
+        (
+            "alone",
+            format!("{two} static volatile float sum;"),
+            "sum += two;",
+            "4 bytes of state at offset 64 that no variable names",
+        ),
+        (
+            "first",
+            format!("{two} volatile float sum; {row}"),
+            "sum += two; row[1]++;",
+            "16 bytes of state at offset 64",
+        ),
+        (
+            "last",
+            format!("{row} static volatile char n;"),
+            "n++; row[1]++;",
+            "1 bytes of state at offset 80",
+        ),
+        (
+            "before",
+            "static volatile float sum = 1; int16_t row[40] = { 1 }; TAKT_POINT(INT, row, 0);"
+                .into(),
+            "sum += row[1];",
+            "16 bytes of state at offset 0",
+        ),
+    ] {
+        c(name, &variables, body);
+        let image = format!("{name}.plc");
+        folder.takt_plc(&["diff", &image, &image]).expect(1, says);
+    }
+}
