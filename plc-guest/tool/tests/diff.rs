@@ -97,6 +97,37 @@ fn a_change_of_more_than_fits_between_two_cycles_names_the_key_that_it_takes() {
 }
 
 #[test]
+fn what_a_roll_back_does_not_bring_back_is_told() {
+    let folder = Folder::new();
+    let program = |name: &str, names: &str, more: &str| {
+        let types = format!(
+            "TYPE Phase : ({names}); END_TYPE\n\
+             TYPE Batch : STRUCT phase : Phase; count : INT; END_STRUCT; END_TYPE\n"
+        );
+        let variables = format!("  batch : Batch; n : {more}; other : DINT; r : REF_TO DINT;");
+        let body = "batch.phase := Phase#Fill; batch.count := batch.count + 1; n := n + 1; \
+             r := REF(other); q := batch.count; other := r^;";
+        program_with(&folder, name, &types, &variables, body);
+    };
+    program("old", "Fill, Heat", "INT");
+    program("new", "Fill, Heat, Drain", "DINT");
+    let ended = folder.takt_plc(&["diff", "old.plc", "new.plc"]).expect(0, "commit ");
+    for line in [
+        "roll-back    main.batch.phase                 Phase: gets its value of the commit again",
+        "roll-back    main.n                           INT: gets its value of the commit again",
+        "reference    one to what is dropped, converted or starts anew becomes NULL, and stays NULL after a roll-back",
+    ] {
+        assert!(ended.text.contains(line), "{line}\n{}", ended.text);
+    }
+    assert!(!ended.text.contains("roll-back    main.batch.count"), "{}", ended.text);
+    let json = folder.takt_plc(&["diff", "old.plc", "new.plc", "--json"]).expect(0, "");
+    let value: serde_json::Value = serde_json::from_str(&json.text).unwrap();
+    assert_eq!(value["left_behind"][0]["name"], "main.batch.phase", "{value:#}");
+    let ended = folder.takt_plc(&["diff", "old.plc", "old.plc"]).expect(0, "0 bytes in 0 steps");
+    assert!(!ended.text.contains("again") && !ended.text.contains("NULL"), "{}", ended.text);
+}
+
+#[test]
 fn what_the_partition_file_does_not_allow_is_told_for_the_version_that_runs() {
     let folder = Folder::new();
     let program = |name: &str, fields: &str, meters: u32| {
