@@ -557,18 +557,25 @@ static inline double takt_pid_direct(struct takt_pid *b, double set, double meas
     return b->tuning.proportional * (set - measured) - b->tuning.derivative * b->slope;
 }
 
+/* A step that changes nothing. Its time is in no slope: from the last measured value to the next one more passes
+ * than elapsed_ns will say then. */
+static inline double takt_pid_miss(struct takt_pid *b) {
+    b->started = false;
+    return b->output;
+}
+
 static inline double takt_pid_keep(struct takt_pid *b, double output) {
     if (takt_is_finite(output))
         b->output = output;
     return b->output;
 }
 
-/* Automatic control. */
+/* Automatic control. After an argument that is not finite the next call takes no new slope. */
 static inline double takt_pid_update(struct takt_pid *b, double set, double measured, uint64_t elapsed_ns) {
     const double seconds = takt_seconds(elapsed_ns), low = b->tuning.low, high = b->tuning.high;
     double direct, change, integral, output;
     if (!takt_is_finite(set) || !takt_is_finite(measured))
-        return b->output;
+        return takt_pid_miss(b);
     direct = takt_pid_direct(b, set, measured, seconds);
     change = b->tuning.integral * (set - measured) * seconds;
     /* An integral that came from manual control may be out of range: it may return, not go further. */
@@ -585,7 +592,7 @@ static inline double takt_pid_track(struct takt_pid *b, double manual, double se
                                     uint64_t elapsed_ns) {
     double direct, output;
     if (!takt_is_finite(manual) || !takt_is_finite(set) || !takt_is_finite(measured))
-        return b->output;
+        return takt_pid_miss(b);
     direct = takt_pid_direct(b, set, measured, takt_seconds(elapsed_ns));
     output = takt_limit(b->tuning.low, manual, b->tuning.high);
     if (takt_is_finite(output - direct))
@@ -611,11 +618,12 @@ struct takt_alarm {
     uint64_t waited;              /* state */
     enum takt_alarm_state state;
     bool raw;
+    bool held; /* whether the last number fulfilled the condition */
     bool last_acknowledge;
 };
 
 static inline bool takt_alarm_holds(const struct takt_alarm *b, double value) {
-    const double back = b->raw ? b->dead_band : 0.0;
+    const double back = b->held ? b->dead_band : 0.0;
     const double distance = value < b->limit ? b->limit - value : value - b->limit;
     switch (b->condition) {
     case TAKT_ABOVE:
@@ -629,10 +637,11 @@ static inline bool takt_alarm_holds(const struct takt_alarm *b, double value) {
     }
 }
 
-/* NaN fulfils every condition. acknowledge counts when it rises. */
+/* NaN fulfils every condition, and leaves the dead band as it was. acknowledge counts when it rises. */
 static inline enum takt_alarm_state takt_alarm_update(struct takt_alarm *b, double value, bool acknowledge,
                                                       uint64_t elapsed_ns) {
-    const bool raw = value != value || takt_alarm_holds(b, value);
+    const bool is_nan = value != value;
+    const bool raw = is_nan || takt_alarm_holds(b, value);
     const bool seen = acknowledge && !b->last_acknowledge;
     bool active = b->state == TAKT_UNACKNOWLEDGED || b->state == TAKT_ACKNOWLEDGED;
     b->waited = raw == b->raw ? takt_time_sum(b->waited, elapsed_ns) : 0;
@@ -649,6 +658,7 @@ static inline enum takt_alarm_state takt_alarm_update(struct takt_alarm *b, doub
         b->state = TAKT_NORMAL;
     }
     b->raw = raw;
+    b->held = is_nan ? b->held : raw;
     b->last_acknowledge = acknowledge;
     return b->state;
 }

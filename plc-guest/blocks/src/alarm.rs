@@ -62,6 +62,8 @@ pub struct Alarm {
     waited: u64,
     state: AlarmState,
     raw: bool,
+    /// Whether the last number fulfilled the condition.
+    held: bool,
     last_acknowledge: bool,
 }
 
@@ -78,6 +80,7 @@ impl Alarm {
             waited: 0,
             state: AlarmState::Normal,
             raw: false,
+            held: false,
             last_acknowledge: false,
         }
     }
@@ -98,9 +101,13 @@ impl Alarm {
 
     /// Looks at a value. `acknowledge` counts when it rises, so a button that sticks hides no alarm.
     ///
-    /// A value that is NaN fulfils every condition: a measurement that fails is a reason for an alarm.
+    /// A value that is NaN fulfils every condition: a measurement that fails is a reason for an alarm. It leaves the
+    /// dead band as it was, or one failure would hold the condition for all values in the band.
     pub fn update(&mut self, value: f64, acknowledge: bool, elapsed: Duration) -> AlarmState {
-        let raw = value.is_nan() || self.holds(value);
+        if !value.is_nan() {
+            self.held = self.holds(value);
+        }
+        let raw = value.is_nan() || self.held;
         let active = matches!(self.state, AlarmState::Unacknowledged | AlarmState::Acknowledged);
         // The delay runs from the call that saw the change, as with a timer.
         let waited =
@@ -128,7 +135,7 @@ impl Alarm {
     }
 
     fn holds(&self, value: f64) -> bool {
-        let back = if self.raw { self.dead_band } else { 0.0 };
+        let back = if self.held { self.dead_band } else { 0.0 };
         let distance = (value - self.limit).abs();
         match self.condition {
             Condition::Above => value > self.limit - back,

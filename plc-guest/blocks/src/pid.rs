@@ -5,7 +5,8 @@
 //! - Integral and derivative use the time that really passed. A lost cycle changes the result by what
 //!   the plant did meanwhile, and not by an assumption.
 //! - The derivative is taken of the measured value: a step of the set value must not kick the actuator.
-//!   A first-order filter limits its gain at high frequencies.
+//!   A first-order filter limits its gain at high frequencies. After a value that is not finite there is no
+//!   difference to take for one call.
 //! - Anti-windup by conditional integration: the integral does not move further out while the output is
 //!   at its limit, and does not leave the output's range. It would have to be unwound again, which
 //!   shows as an overshoot.
@@ -77,10 +78,10 @@ impl Pid {
     }
 
     /// One step under automatic control; returns the new output. If `set` or `measured` is not finite
-    /// nothing changes.
+    /// nothing changes, and the next step takes no new slope.
     pub fn update(&mut self, set: f64, measured: f64, elapsed: Duration) -> f64 {
         if !set.is_finite() || !measured.is_finite() {
-            return self.output;
+            return self.miss();
         }
         let seconds = elapsed.as_secs_f64();
         let direct = self.direct(set, measured, seconds);
@@ -98,10 +99,11 @@ impl Pid {
     }
 
     /// One step under manual control: the output is `manual`, limited. The integral follows, so that
-    /// the next [`Self::update`] begins there. If an argument is not finite nothing changes.
+    /// the next [`Self::update`] begins there. If an argument is not finite nothing changes, and the
+    /// next step takes no new slope.
     pub fn track(&mut self, manual: f64, set: f64, measured: f64, elapsed: Duration) -> f64 {
         if !manual.is_finite() || !set.is_finite() || !measured.is_finite() {
-            return self.output;
+            return self.miss();
         }
         let direct = self.direct(set, measured, elapsed.as_secs_f64());
         let output = limit(self.tuning.low, manual, self.tuning.high);
@@ -122,6 +124,13 @@ impl Pid {
     #[must_use]
     pub const fn integral(&self) -> f64 {
         self.integral
+    }
+
+    /// A step that changes nothing. Its time is in no slope: from the last measured value to the next one
+    /// more passes than `elapsed` will say then.
+    const fn miss(&mut self) -> f64 {
+        self.started = false;
+        self.output
     }
 
     /// Proportional and derivative part.

@@ -12,6 +12,8 @@ use crate::job;
 /// FILTER.with(|filter| filter.step(x));
 /// ```
 ///
+/// No point has it, so a program with one is not changed while it runs.
+///
 /// A job that ends in the middle, because its budget or its deadline is over and the program's rows say `skip`, leaves
 /// the value as it is then, and the next job of the task goes on with it.
 pub struct Local<T> {

@@ -102,7 +102,8 @@ pub struct OutputBit(usize, u8);
 
 /// A variable of the program that is seen from outside.
 ///
-/// Tasks may share it: a value of up to 8 bytes is read and written whole.
+/// Tasks may share it if it has 1, 2, 4 or 8 bytes: such a value is read and written whole. One of another size takes
+/// several accesses, and a task that comes in between sees a part of each.
 #[repr(transparent)]
 pub struct Point<T>(UnsafeCell<T>);
 
@@ -244,8 +245,8 @@ impl<T: Value> Point<T> {
 
     /// Sets it.
     pub fn set(&self, value: T) {
-        // SAFETY: as for `get`. A task that interrupts this sees the old value or the new one if it has up
-        // to 8 bytes.
+        // SAFETY: as for `get`. A task that interrupts this sees the old value or the new one if it has 1, 2, 4 or
+        // 8 bytes.
         unsafe { write_volatile(self.0.get(), value) }
     }
 }

@@ -97,6 +97,37 @@ fn a_change_of_more_than_fits_between_two_cycles_names_the_key_that_it_takes() {
 }
 
 #[test]
+fn what_a_roll_back_does_not_bring_back_is_told() {
+    let folder = Folder::new();
+    let program = |name: &str, names: &str, more: &str| {
+        let types = format!(
+            "TYPE Phase : ({names}); END_TYPE\n\
+             TYPE Batch : STRUCT phase : Phase; count : INT; END_STRUCT; END_TYPE\n"
+        );
+        let variables = format!("  batch : Batch; n : {more}; other : DINT; r : REF_TO DINT;");
+        let body = "batch.phase := Phase#Fill; batch.count := batch.count + 1; n := n + 1; \
+             r := REF(other); q := batch.count; other := r^;";
+        program_with(&folder, name, &types, &variables, body);
+    };
+    program("old", "Fill, Heat", "INT");
+    program("new", "Fill, Heat, Drain", "DINT");
+    let ended = folder.takt_plc(&["diff", "old.plc", "new.plc"]).expect(0, "commit ");
+    for line in [
+        "roll-back    main.batch.phase                 Phase: gets its value of the commit again",
+        "roll-back    main.n                           INT: gets its value of the commit again",
+        "reference    one to what is dropped, converted or starts anew becomes NULL, and stays NULL after a roll-back",
+    ] {
+        assert!(ended.text.contains(line), "{line}\n{}", ended.text);
+    }
+    assert!(!ended.text.contains("roll-back    main.batch.count"), "{}", ended.text);
+    let json = folder.takt_plc(&["diff", "old.plc", "new.plc", "--json"]).expect(0, "");
+    let value: serde_json::Value = serde_json::from_str(&json.text).unwrap();
+    assert_eq!(value["left_behind"][0]["name"], "main.batch.phase", "{value:#}");
+    let ended = folder.takt_plc(&["diff", "old.plc", "old.plc"]).expect(0, "0 bytes in 0 steps");
+    assert!(!ended.text.contains("again") && !ended.text.contains("NULL"), "{}", ended.text);
+}
+
+#[test]
 fn what_the_partition_file_does_not_allow_is_told_for_the_version_that_runs() {
     let folder = Folder::new();
     let program = |name: &str, fields: &str, meters: u32| {
@@ -207,5 +238,55 @@ fn a_program_with_initial_values_and_zeros_is_changed_while_it_runs() {
     ] {
         program("new", hidden, body);
         folder.takt_plc(&["diff", "old.plc", "new.plc"]).expect(1, says);
+    }
+}
+
+#[test]
+fn a_static_that_no_two_variables_enclose_is_seen_however_small_it_is() {
+    let folder = Folder::new();
+    let c = |name: &str, variables: &str, body: &str| {
+        let source = format!(
+            "#include \"takt.h\"\nTAKT_PROGRAM(\"p\", 1, 0, 0, 0);\n{variables}\n\
+             static void run(const takt_job *job) {{ (void)job; {body} }}\n\
+             TAKT_CYCLIC(run, .period = TAKT_MS(1));"
+        );
+        // In this order, and the array where clang has it too.
+        let flags = ["-fno-toplevel-reorder", "-malign-data=abi"];
+        folder.c_program_with(name, &source, &flags).expect(0, "");
+    };
+    let two = "float two = 2; TAKT_POINT(REAL, two, 0);";
+    let row = "int16_t row[40]; TAKT_POINT(INT, row, 0);";
+    c("named", &format!("{two} {row}"), "row[1]++;");
+    folder.takt_plc(&["diff", "named.plc", "named.plc"]).expect(0, "0 bytes in 0 steps");
+    for (name, variables, body, says) in [
+        (
+            "alone",
+            format!("{two} static volatile float sum;"),
+            "sum += two;",
+            "4 bytes of state at offset 64 that no variable names",
+        ),
+        (
+            "first",
+            format!("{two} volatile float sum; {row}"),
+            "sum += two; row[1]++;",
+            "16 bytes of state at offset 64",
+        ),
+        (
+            "last",
+            format!("{row} static volatile char n;"),
+            "n++; row[1]++;",
+            "1 bytes of state at offset 80",
+        ),
+        (
+            "before",
+            "static volatile float sum = 1; int16_t row[40] = { 1 }; TAKT_POINT(INT, row, 0);"
+                .into(),
+            "sum += row[1];",
+            "16 bytes of state at offset 0",
+        ),
+    ] {
+        c(name, &variables, body);
+        let image = format!("{name}.plc");
+        folder.takt_plc(&["diff", &image, &image]).expect(1, says);
     }
 }

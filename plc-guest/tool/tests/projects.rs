@@ -12,12 +12,14 @@ fn a_rust_project_is_made_built_inspected_and_tested() {
     let words = ["build", "--release", "--offline", "--manifest-path", "tank/Cargo.toml"];
     folder.run("cargo", &[&words[..], &target].concat()).expect(0, "Finished");
     let library = "tank/target/x86_64-unknown-linux-gnu/release/libtank.a";
-    folder.takt_plc(&["build", library, "-o", "tank.plc"]).expect(0, "2 tasks, 5 points");
+    folder.takt_plc(&["build", library, "-o", "tank.plc"]).expect(0, "2 tasks, 6 points");
     let shown = folder.takt_plc(&["inspect", "tank.plc"]).expect(0, "tank 0.1.0");
     let shown = shown.expect(0, "every 10 ms, priority 0, budget 500 us");
     shown.expect(0, "%IX4.0").expect(0, "retain forceable");
     let table = "tank/tests/tank.csv";
     folder.takt_plc(&["test", "tank.plc", table]).expect(0, "11 cycles, 110 ms");
+    // All of its state is points, so it is changed while it runs.
+    folder.takt_plc(&["diff", "tank.plc", "tank.plc"]).expect(0, "0 bytes in 0 steps");
 }
 
 #[test]
@@ -112,6 +114,8 @@ fn a_c_project_is_made_built_inspected_and_tested() {
     folder.takt_plc(&["new", "tank", "--lang", "c"]).expect(0, "tank");
     folder.run("make", &["-C", "tank", "test"]).expect(0, "11 cycles, 110 ms");
     folder.takt_plc(&["inspect", "tank/tank.plc", "--json"]).expect(0, "\"period_ns\": 10000000");
+    let image = "tank/tank.plc";
+    folder.takt_plc(&["diff", image, image]).expect(0, "0 bytes in 0 steps");
     folder.takt_plc(&["new", "tank", "--lang", "c"]).expect(2, "tank is there already");
     folder.takt_plc(&["new", "Tank 2", "--lang", "c"]).expect(2, "small letters");
 }

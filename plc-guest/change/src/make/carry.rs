@@ -11,6 +11,7 @@ use super::entry::{Entry, Fate};
 use super::footprint::shared;
 use super::likeness::{Likeness, base, same_name};
 use super::refusal::Refusal;
+use super::targets::Targets;
 use crate::conversion::{Conversion, alike};
 
 /// Most pairs of parts that are looked at: all variables of the largest image, and many parts.
@@ -74,16 +75,35 @@ struct Pair<'n> {
 }
 
 struct Carrier<'a> {
+    is_back: bool,
     likeness: Likeness<'a>,
+    /// That of the other way: an enumeration with one more name is like the old one on the way there alone.
+    reverse: Likeness<'a>,
     carried: Carried,
+    targets: Targets,
     looks: u32,
 }
 
 impl Carried {
-    /// Matches the variables of the state.
-    pub fn from(old: &Image<'_>, new: &Image<'_>) -> Self {
-        let carried = Self::default();
-        let mut carrier = Carrier { likeness: Likeness::new(old, new), carried, looks: 0 };
+    /// Matches the variables of the state, for the way there.
+    pub fn there(old: &Image<'_>, new: &Image<'_>) -> Self {
+        Self::from(old, new, false)
+    }
+
+    /// The same for the way back, which has to bring back what has come there.
+    pub fn back(new: &Image<'_>, old: &Image<'_>) -> Self {
+        Self::from(new, old, true)
+    }
+
+    fn from(old: &Image<'_>, new: &Image<'_>, is_back: bool) -> Self {
+        let mut carrier = Carrier {
+            is_back,
+            likeness: Likeness::new(old, new),
+            reverse: Likeness::new(new, old),
+            carried: Self::default(),
+            targets: Targets::default(),
+            looks: 0,
+        };
         let is_whole = |v: &Variable<'_>| v.area == Area::State && !v.is_part();
         let of_state = |image: &Image<'_>, name: &str| {
             image.variable(name).filter(is_whole).map(|v| (v.ty, v.offset))
@@ -109,6 +129,7 @@ impl Carried {
         let kept = carrier.carried.kept();
         carrier.check_shared(old, &kept);
         carrier.check_shared(new, &kept);
+        carrier.carried.refusals.extend(carrier.targets.refusals());
         carrier.carried.entries.sort_by_cached_key(|entry| entry.name.to_ascii_lowercase());
         carrier.carried
     }
@@ -117,6 +138,11 @@ impl Carried {
     pub fn kept(&self) -> HashSet<String> {
         let kept = self.entries.iter().filter(|e| e.fate == Fate::Kept);
         kept.map(|e| e.name.to_ascii_lowercase()).collect()
+    }
+
+    /// Whether a reference may lose its target: what is gone, or has another type.
+    pub fn loses(&self) -> bool {
+        self.drops || self.pieces.iter().any(|piece| matches!(piece.what, What::Convert { .. }))
     }
 
     /// Whether anything gets to another place, or is gone: then references must follow.
@@ -276,6 +302,13 @@ impl<'a> Carrier<'a> {
 
     fn elements(&mut self, pair: Pair<'_>, old: (TypeId, i64, i64), new: (TypeId, i64, i64)) {
         let ((a, old_low, old_up), (b, new_low, new_up)) = (old, new);
+        let alike = self.likeness.same(a, b) || self.reverse.same(b, a);
+        let is_value = self.likeness.old.type_of(a).is_some_and(|ty| base(&ty).is_some());
+        // A value of another type is converted or begins anew, and a reference to it becomes NULL.
+        let follows = (new_low..=new_up).contains(&old_low) && (alike || !is_value);
+        if follows && (!alike || old_up > new_up) {
+            self.targets.breaks(pair.old, pair.name);
+        }
         let bytes = |image: &Image<'_>, id| image.type_of(id).map_or(0, |ty| ty.bytes);
         let (old_size, new_size) = (bytes(&self.likeness.old, a), bytes(&self.likeness.new, b));
         // Within a state, so within a u32.
@@ -342,8 +375,11 @@ impl<'a> Carrier<'a> {
             (TypeKind::Reference { target: a }, TypeKind::Reference { target: b }) => {
                 // A reference to its own type stands for one whose target the image does not tell.
                 let told = a != pair.old && b != pair.new;
-                if told && self.likeness.same(a, b) {
+                // What came there by a reference has to get back by it, or it would lead to the place that its target has there.
+                let alike = self.likeness.same(a, b) || (self.is_back && self.reverse.same(b, a));
+                if told && alike {
                     self.carried.references.push((pair.from, pair.to));
+                    self.targets.refer_to(a);
                 } else {
                     self.carried.refusals.push(Refusal::Reference { name: pair.name.to_string() });
                 }

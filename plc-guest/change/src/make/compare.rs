@@ -30,6 +30,8 @@ pub enum NoteKind {
     Point,
     /// What the new version's start would do, and the change does not.
     Init,
+    /// References that may lose their targets.
+    Reference,
 }
 
 impl NoteKind {
@@ -41,6 +43,7 @@ impl NoteKind {
             Self::Task => "task",
             Self::Point => "point",
             Self::Init => "init",
+            Self::Reference => "reference",
         }
     }
 }

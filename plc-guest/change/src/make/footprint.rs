@@ -2,7 +2,7 @@
 //!
 //! Structured Text has no state but its variables. Programs in C and Rust can have `static` data that no table
 //! names. It is not known where such bytes belong in another version, so a program with them is not changed
-//! while it runs. Gaps that alignment makes are no state; what hides in a gap of that kind cannot be seen.
+//! while it runs. Gaps that alignment makes between two variables are no state; what hides in a gap of that kind cannot be seen.
 
 use core::ops::Range;
 use std::collections::HashMap;
@@ -28,16 +28,17 @@ pub fn state_variables<'a>(image: &Image<'a>) -> Vec<Variable<'a>> {
 /// The ranges of the state that no variable names, without gaps of alignment.
 pub fn nameless(image: &Image<'_>) -> impl Iterator<Item = Range<u32>> + use<> {
     let mut alignments = Alignments { image, known: HashMap::new() };
-    let initial = image.state().len() as u32;
-    let zeros = initial.next_multiple_of(ZEROS_ALIGNMENT);
+    let (initial, bytes) = (image.state().len() as u32, image.state_bytes());
+    let sections = [0..initial, initial.next_multiple_of(ZEROS_ALIGNMENT)..bytes];
     let mut gaps = Vec::new();
     let mut add = |gap: Range<u32>, alignment| {
-        // No object of the program begins between these two, and the last initial value belongs to one.
-        let is_split = gap.start < initial && initial < gap.end;
-        let least = if is_split { 1 } else { alignment };
-        let parts = [gap.start..gap.end.min(initial), gap.start.max(zeros)..gap.end];
-        let parts = parts.into_iter().zip([least, alignment]);
-        gaps.extend(parts.filter(|(gap, least)| gap.len() as u32 >= *least).map(|(gap, _)| gap));
+        for section in &sections {
+            let part = gap.start.max(section.start)..gap.end.min(section.end);
+            // A section begins with its first object and ends with its last one: there is nothing to align there.
+            let is_between = section.start < part.start && part.end < section.end;
+            let least = if is_between { alignment } else { 1 };
+            gaps.extend((part.len() as u32 >= least).then_some(part));
+        }
     };
     let mut end = 0;
     for variable in state_variables(image) {
@@ -50,7 +51,7 @@ pub fn nameless(image: &Image<'_>) -> impl Iterator<Item = Range<u32>> + use<> {
         }
         end = end.max(variable.offset + variable.bytes);
     }
-    add(end..image.state_bytes(), LARGE_ALIGNMENT);
+    add(end..bytes, 1);
     gaps.into_iter()
 }
 

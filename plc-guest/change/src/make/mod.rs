@@ -14,7 +14,10 @@ mod footprint;
 mod likeness;
 mod refusal;
 mod steps;
+mod targets;
 
+use std::collections::HashSet;
+use std::string::{String, ToString};
 use std::vec::Vec;
 
 use takt_program::Image;
@@ -33,6 +36,8 @@ pub use refusal::Refusal;
 pub struct Change {
     /// What happens to each variable of the state, in the order of their names.
     pub entries: Vec<Entry>,
+    /// Values that get to the new version, and that a roll-back does not bring back: they are as at the commit then.
+    pub left_behind: Vec<Entry>,
     /// What else is different: tasks, points.
     pub notes: Vec<Note>,
     /// Why the change cannot be made while the program runs.
@@ -75,9 +80,9 @@ impl Change {
     /// Compares two images.
     #[must_use]
     pub fn between(old: &Image<'_>, new: &Image<'_>) -> Self {
-        let (notes, mut refusals) = compare::compare(old, new);
-        let forward = Carried::from(old, new);
-        let back = Carried::from(new, old);
+        let (mut notes, mut refusals) = compare::compare(old, new);
+        let forward = Carried::there(old, new);
+        let back = Carried::back(new, old);
         for image in [old, new] {
             refusals.extend(footprint::nameless(image).map(|gap| Refusal::Nameless {
                 version: image.version(),
@@ -86,10 +91,21 @@ impl Change {
             }));
         }
         refusals.extend(forward.refusals.iter().cloned());
+        refusals.extend(only_back(&forward, &back));
         refusals.extend(compare::rises(old, new, &forward));
-        let entries = forward.entries.clone();
-        let mut change =
-            Self { entries, notes, refusals, plans: None, too_large: None, large: None };
+        if forward.loses() && !forward.references.is_empty() {
+            let text = "one to what is dropped, converted or starts anew becomes NULL, and stays NULL after a roll-back";
+            notes.push(Note { kind: NoteKind::Reference, text: text.to_string() });
+        }
+        let mut change = Self {
+            entries: forward.entries.clone(),
+            left_behind: left_behind(&forward, &back),
+            notes,
+            refusals,
+            plans: None,
+            too_large: None,
+            large: None,
+        };
         if forward.too_many || back.too_many {
             change.refusals.push(Refusal::Steps);
         }
@@ -108,6 +124,25 @@ impl Change {
         }
         change
     }
+}
+
+/// What is in the way of a roll-back, and not of the change itself.
+fn only_back(forward: &Carried, back: &Carried) -> impl Iterator<Item = Refusal> {
+    let told: HashSet<String> = forward.refusals.iter().map(ToString::to_string).collect();
+    back.refusals.iter().filter(move |refusal| !told.contains(&refusal.to_string())).cloned()
+}
+
+/// What starts anew on the way back, and has not started anew on the way there.
+fn left_behind(forward: &Carried, back: &Carried) -> Vec<Entry> {
+    let anew = |carried: &Carried| -> Vec<Entry> {
+        let entries = carried.entries.iter();
+        entries.filter(|entry| matches!(entry.fate, Fate::Anew { .. })).cloned().collect()
+    };
+    let there: HashSet<String> =
+        anew(forward).into_iter().map(|entry| entry.name.to_ascii_lowercase()).collect();
+    let mut left = anew(back);
+    left.retain(|entry| !there.contains(&entry.name.to_ascii_lowercase()));
+    left
 }
 
 fn plans(
@@ -136,7 +171,7 @@ impl Large {
     /// # Errors
     /// If it takes too many records.
     pub fn between(old: &Image<'_>, new: &Image<'_>) -> Result<Self, Refusal> {
-        Self::of(old, new, &Carried::from(old, new), &Carried::from(new, old))
+        Self::of(old, new, &Carried::there(old, new), &Carried::back(new, old))
     }
 
     fn of(

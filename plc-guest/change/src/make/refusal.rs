@@ -49,6 +49,11 @@ pub enum Refusal {
         /// The reference.
         name: String,
     },
+    /// Something of a type that there are references to, whose length or elements change.
+    Target {
+        /// The variable, or a part of one.
+        name: String,
+    },
     /// An event task waits for the rise of a variable that does not stay where it is.
     Rise {
         /// The variable.
@@ -102,6 +107,11 @@ impl fmt::Display for Refusal {
             Self::Reference { name } => write!(
                 f,
                 "{name} is a reference to something whose type changes, or is not told in the image"
+            ),
+            Self::Target { name } => write!(
+                f,
+                "{name} gets another length or loses elements, and there are references to its type, which would lead \
+                 behind its end"
             ),
             Self::Rise { name } => {
                 write!(f, "an event task waits for the rise of {name}, which gets to another place")

@@ -137,18 +137,31 @@ pub fn from_second(
     back: &Carried,
     forward: &Carried,
 ) -> Option<Vec<u8>> {
-    let carry = |piece: &Piece| match piece.what {
-        What::Carry { from, bytes } => Some((from, piece.to, bytes)),
-        _ => None,
-    };
-    let mut there: Vec<_> = forward.pieces.iter().filter_map(carry).collect();
-    there.sort_unstable();
-    let mut back = back.clone();
-    back.pieces.retain(|piece| {
-        carry(piece)
-            .is_some_and(|(from, to, bytes)| there.binary_search(&(to, from, bytes)).is_ok())
-    });
-    to_second(new, old, &back)
+    // What is not carried back is no target any more either.
+    let drops = back.moves();
+    let carried = Carried { pieces: both_ways(back, forward), drops, ..back.clone() };
+    to_second(new, old, &carried)
+}
+
+/// The parts of the pieces back that the way there carries from the same places. A type is not always like on both ways: an
+/// enumeration that has gained a name is on the way there alone, so what is one piece there is several on the way back.
+fn both_ways(back: &Carried, forward: &Carried) -> Vec<Piece> {
+    let there = joined(forward, 0);
+    let mut pieces = Vec::new();
+    for piece in &back.pieces {
+        let What::Carry { from, bytes } = piece.what else { continue };
+        let first = there.partition_point(|other| other.to + other.what.bytes() <= from);
+        for other in there[first..].iter().take_while(|other| other.to < from + bytes) {
+            let What::Carry { from: origin, .. } = other.what else { continue };
+            let low = from.max(other.to);
+            let high = (from + bytes).min(other.to + other.what.bytes());
+            if low < high && other.to.wrapping_sub(origin) == from.wrapping_sub(piece.to) {
+                let what = What::Carry { from: low, bytes: high - low };
+                pieces.push(Piece { to: piece.to + (low - from), what });
+            }
+        }
+    }
+    pieces
 }
 
 /// The plan that carries the values to a second state; none if it is too long.

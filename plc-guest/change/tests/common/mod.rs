@@ -39,6 +39,9 @@ pub enum Ty {
     Array(i64, i64, Box<Ty>),
     Structure(String, Vec<(String, Ty)>),
     Reference(Elementary),
+    /// Of so many names, which are numbered from 0.
+    Enumeration(String, i64),
+    Subrange(Elementary, i64, i64),
 }
 
 pub const ELEMENTARY: [Elementary; 12] = [
@@ -60,11 +63,19 @@ impl Ty {
     pub fn random(random: &mut Random, depth: u32, serial: &mut u32) -> Self {
         let elementary =
             |random: &mut Random| ELEMENTARY[random.below(ELEMENTARY.len() as u64) as usize];
-        match random.below(if depth == 0 { 8 } else { 12 }) {
+        match random.below(if depth == 0 { 9 } else { 13 }) {
             0..=5 => Self::Elementary(elementary(random)),
             6 => Self::Text(random.below(12) as u32 + 1),
             7 => Self::Reference(elementary(random)),
-            8 | 9 => {
+            8 if random.one_in(2) => {
+                *serial += 1;
+                Self::Enumeration(format!("E{serial}"), random.below(3) as i64 + 1)
+            }
+            8 => {
+                let low = random.below(6) as i64 - 3;
+                Self::Subrange(Elementary::Int, low, low + random.below(6) as i64)
+            }
+            9 | 10 => {
                 let low = random.below(4) as i64 - 2;
                 let up = low + random.below(5) as i64;
                 Self::Array(low, up, Box::new(Self::random(random, depth - 1, serial)))
@@ -102,13 +113,31 @@ impl Ty {
                 }
                 Self::Structure(name.clone(), fields)
             }
+            Self::Enumeration(name, names) if random.one_in(2) => {
+                Self::Enumeration(name.clone(), (names + random.below(3) as i64 - 1).max(1))
+            }
+            Self::Subrange(base, low, high) if random.one_in(2) => {
+                let base = if random.one_in(4) { Elementary::Dint } else { *base };
+                let low = low + random.below(3) as i64 - 1;
+                Self::Subrange(base, low, (high + random.below(3) as i64 - 1).max(low))
+            }
             other => other.clone(),
+        }
+    }
+
+    /// What one value is kept as.
+    pub fn base(&self) -> Option<Elementary> {
+        match self {
+            Self::Elementary(base) | Self::Subrange(base, ..) => Some(*base),
+            Self::Enumeration(..) => Some(Elementary::Int),
+            _ => None,
         }
     }
 
     pub fn bytes(&self) -> u32 {
         match self {
-            Self::Elementary(e) => e.bytes(),
+            Self::Elementary(e) | Self::Subrange(e, ..) => e.bytes(),
+            Self::Enumeration(..) => Elementary::Int.bytes(),
             Self::Text(length) => length + 1,
             Self::Array(low, up, element) => (up - low + 1) as u32 * element.bytes(),
             Self::Structure(_, fields) => {
@@ -124,7 +153,8 @@ impl Ty {
 
     pub fn alignment(&self) -> u32 {
         match self {
-            Self::Elementary(e) => e.bytes(),
+            Self::Elementary(e) | Self::Subrange(e, ..) => e.bytes(),
+            Self::Enumeration(..) => Elementary::Int.bytes(),
             Self::Text(_) => 1,
             Self::Array(_, _, element) => element.alignment(),
             Self::Structure(_, fields) => {
@@ -168,6 +198,15 @@ impl Ty {
                     })
                     .collect();
                 builder.ty(Type::new(self.bytes(), Kind::Structure { fields }).named(name))
+            }
+            Self::Enumeration(name, names) => {
+                let base = Elementary::Int;
+                let values = (0..*names).map(|value| (format!("n{value}"), value)).collect();
+                builder.ty(Type::new(base.bytes(), Kind::Enumeration { base, values }).named(name))
+            }
+            Self::Subrange(base, low, high) => {
+                let kind = Kind::Subrange { base: *base, low: *low, high: *high };
+                builder.ty(Type::new(base.bytes(), kind))
             }
             Self::Reference(target) => {
                 let target = builder.elementary(*target);

@@ -20,7 +20,7 @@ pub fn leaves(source: &Source) -> Vec<(String, u32, Elementary)> {
     fn walk(name: &str, at: u32, ty: &Ty, to: &mut Vec<(String, u32, Elementary)>) {
         match ty {
             Ty::Elementary(e) => to.push((name.to_owned(), at, *e)),
-            Ty::Text(_) | Ty::Reference(_) => {}
+            Ty::Text(_) | Ty::Reference(_) | Ty::Enumeration(..) | Ty::Subrange(..) => {}
             Ty::Array(low, up, element) => {
                 for index in *low..=*up {
                     let at = at + (index - low) as u32 * element.bytes();
@@ -45,7 +45,9 @@ pub fn leaves(source: &Source) -> Vec<(String, u32, Elementary)> {
 fn read(state: &[u8], at: u32, ty: &Ty, leaves: &[(String, u32, Elementary)]) -> Value {
     let bytes = &state[at as usize..(at + ty.bytes()) as usize];
     match ty {
-        Ty::Elementary(_) | Ty::Text(_) => Value::Bytes(bytes.to_vec()),
+        Ty::Elementary(_) | Ty::Text(_) | Ty::Enumeration(..) | Ty::Subrange(..) => {
+            Value::Bytes(bytes.to_vec())
+        }
         Ty::Reference(target) => {
             let address = u64::from_le_bytes(bytes.try_into().unwrap());
             let found = leaves.iter().find(|(_, at, ty)| {
@@ -111,13 +113,29 @@ fn widened(from: Elementary, to: Elementary, bytes: &[u8]) -> Option<Vec<u8>> {
     }
 }
 
+/// Whether each value of the old type means the same in the new one.
+fn means_the_same(old: &Ty, new: &Ty) -> bool {
+    match (old, new) {
+        (Ty::Enumeration(a, few), Ty::Enumeration(b, many)) => a == b && few <= many,
+        (Ty::Subrange(_, a, b), Ty::Subrange(_, low, high)) => low <= a && b <= high,
+        (_, Ty::Enumeration(..) | Ty::Subrange(..)) => false,
+        _ => true,
+    }
+}
+
+/// One value in another type.
+fn one_value(old: &Ty, new: &Ty, bytes: &[u8]) -> Option<Vec<u8>> {
+    let (a, b) = old.base().zip(new.base())?;
+    means_the_same(old, new).then(|| widened(a, b, bytes))?
+}
+
 /// The value of the new version: the old one where there is one of the name and a fitting type.
 /// With `both`, only what gets back unchanged, too.
 fn carry(old: &Value, old_ty: &Ty, new_ty: &Ty, initial: &Value, both: bool) -> Value {
     match (old_ty, new_ty, old, initial) {
-        (Ty::Elementary(a), Ty::Elementary(b), Value::Bytes(bytes), _) => {
-            let gets_back = || widened(*b, *a, &vec![0; b.bytes() as usize]).is_some();
-            let there = widened(*a, *b, bytes).filter(|_| !both || gets_back());
+        (a, b, Value::Bytes(bytes), _) if a.base().is_some() => {
+            let gets_back = || one_value(b, a, &vec![0; b.bytes() as usize]).is_some();
+            let there = one_value(a, b, bytes).filter(|_| !both || gets_back());
             there.map_or_else(|| initial.clone(), Value::Bytes)
         }
         (Ty::Text(a), Ty::Text(b), Value::Bytes(bytes), Value::Bytes(rest))
@@ -265,7 +283,7 @@ pub fn random_state(random: &mut Random, source: &Source, wild: bool) -> Vec<u8>
         state: &mut [u8],
     ) {
         match ty {
-            Ty::Elementary(_) | Ty::Text(_) => {
+            Ty::Elementary(_) | Ty::Text(_) | Ty::Enumeration(..) | Ty::Subrange(..) => {
                 for byte in &mut state[at as usize..(at + ty.bytes()) as usize] {
                     *byte = random.next() as u8;
                 }

@@ -163,6 +163,9 @@ fn print(old: &Image<'_>, new: &Image<'_>, change: &Change, all: bool) {
         println!("  {:<12} {}", "commit", cost_text(&plans.cost));
         println!("  {:<12} {}", "roll-back", cost_text(&plans.back_cost));
     }
+    for Entry { name, ty, .. } in change.left_behind.iter().filter(|_| change.refusals.is_empty()) {
+        println!("  {:<12} {name:<32} {ty}: gets its value of the commit again", "roll-back");
+    }
 }
 
 fn types(entry: &Entry) -> String {
@@ -203,12 +206,14 @@ fn as_json(old: &Image<'_>, new: &Image<'_>, change: &Change) -> Value {
         };
         json!({ "name": entry.name, "fate": entry.fate.word(), "type": entry.ty, "from": from })
     });
+    let left_behind =
+        change.left_behind.iter().map(|entry| json!({ "name": entry.name, "type": entry.ty }));
     let notes =
         change.notes.iter().map(|note| json!({ "kind": note.kind.word(), "text": note.text }));
     json!({
         "program": new.name(), "old": version(old), "new": version(new),
         "possible": change.refusals.is_empty(), "variables": entries.collect::<Vec<_>>(),
-        "notes": notes.collect::<Vec<_>>(),
+        "left_behind": left_behind.collect::<Vec<_>>(), "notes": notes.collect::<Vec<_>>(),
         "refusals": change.refusals.iter().map(ToString::to_string).collect::<Vec<_>>(),
         "commit": change.plans.as_ref().map(|plans| cost_json(&plans.cost)),
         "roll_back": change.plans.as_ref().map(|plans| cost_json(&plans.back_cost)),

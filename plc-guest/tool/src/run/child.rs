@@ -141,11 +141,10 @@ impl Child {
         )
     }
 
-    /// Goes on with these registers until something happens, for at most `limit`.
-    pub fn run(&self, registers: &Registers, limit: Duration) -> Result<Stop, HostError> {
+    /// Goes on with these registers until something happens, and at most until `deadline`.
+    pub fn run(&self, registers: &Registers, deadline: Instant) -> Result<Stop, HostError> {
         let at = std::ptr::from_ref(registers) as u64;
         self.ptrace(libc::PTRACE_SETREGS, 0, at, "PTRACE_SETREGS")?;
-        let deadline = Instant::now() + limit;
         let status = loop {
             self.ptrace(libc::PTRACE_SYSEMU, 0, 0, "PTRACE_SYSEMU")?;
             let Some(status) = self.wait(deadline)? else {

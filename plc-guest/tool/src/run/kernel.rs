@@ -5,8 +5,9 @@
 use std::collections::VecDeque;
 
 use takt_program::call::{Call, Error, FRESH};
-use takt_program::{Direction, Image, ObjectKind, Task, TaskId, limit};
+use takt_program::{Direction, Image, ObjectKind, limit};
 
+use super::caller::{Caller, Who};
 use super::memory::Memory;
 
 /// What a call leads to.
@@ -20,9 +21,9 @@ pub enum Outcome {
 }
 
 enum Object {
-    Semaphore { ceiling: u8, holder: Option<TaskId> },
+    Semaphore { ceiling: u8, holder: Option<Who> },
     Queue { bytes: u64, depth: usize, messages: VecDeque<Vec<u8>> },
-    Mailbox { bytes: u64, value: Option<Vec<u8>>, seen: Vec<TaskId> },
+    Mailbox { bytes: u64, value: Option<Vec<u8>>, seen: Vec<Who> },
     Flags(u32),
 }
 
@@ -44,19 +45,6 @@ pub struct Kernel {
     lines: (u32, u64),
     /// Lines logged in this job.
     pub log: Vec<String>,
-}
-
-/// Who calls, and when.
-pub struct Caller {
-    pub task: TaskId,
-    pub priority: u8,
-    pub now: u64,
-}
-
-impl Caller {
-    pub fn new(task: &Task<'_>, now: u64) -> Self {
-        Self { task: task.id, priority: task.priority, now }
-    }
 }
 
 impl Kernel {
@@ -108,10 +96,10 @@ impl Kernel {
     }
 
     /// Gives back what a job did not.
-    pub fn job_ended(&mut self, task: TaskId) {
+    pub fn job_ended(&mut self, caller: &Caller) {
         for object in &mut self.objects {
             if let Object::Semaphore { holder, .. } = object
-                && *holder == Some(task)
+                && *holder == Some(caller.who)
             {
                 *holder = None;
             }
@@ -226,21 +214,22 @@ impl Kernel {
         call: Call,
         [id, a, b, c]: [u64; 4],
     ) -> Result<i64, Error> {
-        let of_caller = |object: &Object| matches!(object, Object::Semaphore { holder, .. } if *holder == Some(caller.task));
+        let of_caller = |object: &Object| matches!(object, Object::Semaphore { holder, .. } if *holder == Some(caller.who));
         let holds = self.objects.iter().any(of_caller);
         let object = usize::try_from(id).ok().and_then(|id| self.objects.get_mut(id));
         match (call, object.ok_or(Error::BadId)?) {
-            (Call::SemaphoreTake, Object::Semaphore { ceiling, holder }) => match holder {
-                _ if caller.priority < *ceiling => Err(Error::Ceiling),
-                Some(holder) if *holder == caller.task => Err(Error::Ceiling),
-                Some(_) => Err(Error::TimedOut),
-                None => {
-                    *holder = Some(caller.task);
-                    Ok(0)
+            (Call::SemaphoreTake, Object::Semaphore { .. }) if caller.is_endless => {
+                Err(Error::NotAllowed)
+            }
+            (Call::SemaphoreTake, Object::Semaphore { ceiling, holder }) => {
+                if holder.is_some() || caller.urgency < *ceiling {
+                    return Err(Error::Ceiling);
                 }
-            },
+                *holder = Some(caller.who);
+                Ok(0)
+            }
             (Call::SemaphoreGive, Object::Semaphore { holder, .. }) => {
-                let held = *holder == Some(caller.task);
+                let held = *holder == Some(caller.who);
                 if held {
                     *holder = None
                 }
@@ -267,9 +256,9 @@ impl Kernel {
             (Call::MailboxRead, Object::Mailbox { bytes, value, seen }) => {
                 let room = buffer(memory, a, b, *bytes)?;
                 let length = deliver(memory, room, value.as_ref().ok_or(Error::Empty)?);
-                let fresh = !seen.contains(&caller.task);
+                let fresh = !seen.contains(&caller.who);
                 if fresh {
-                    seen.push(caller.task);
+                    seen.push(caller.who);
                 }
                 Ok(length | if fresh { FRESH } else { 0 })
             }

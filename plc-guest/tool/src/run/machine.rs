@@ -1,6 +1,6 @@
 //! A program in its process: jobs run one after the other.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use takt_program::{
     ABI_VERSION, Area, CodeOffset, Image, Start, Task, TaskId, TaskInformation, address,
@@ -9,9 +9,10 @@ use takt_program::{
 use takt_st::hir::Simulation;
 
 use super::HostError;
+use super::caller::Caller;
 use super::child::{Child, Registers, Stop};
 use super::fault::{Failed, Fault, Place, describe, place_of_call};
-use super::kernel::{Caller, Kernel, Outcome};
+use super::kernel::{Kernel, Outcome};
 use super::memory::{Memory, Rights};
 
 /// The flags register as a function finds it: interrupts on, direction up, no single step. Bit 1 is always set.
@@ -87,7 +88,7 @@ impl<'a> Machine<'a> {
         };
         let information =
             TaskInformation { task: TaskInformation::INIT, ..self.information(0, 0, 0) };
-        self.run("init", &task, entry, information)
+        self.run("init", &task, entry, information, &Caller::init(0))
     }
 
     /// Runs a job. Gives what it logged.
@@ -96,7 +97,8 @@ impl<'a> Machine<'a> {
         let information =
             TaskInformation { task, ..self.information(job.cycle, job.now, job.period) };
         let before = self.outputs();
-        let lines = self.run(job.task.name, &job.task, job.task.entry, information)?;
+        let caller = Caller::task(&job.task, job.now);
+        let lines = self.run(job.task.name, &job.task, job.task.entry, information, &caller)?;
         match self.foreign_output(&before, job.task.id) {
             None => Ok(lines),
             Some(name) => {
@@ -146,11 +148,12 @@ impl<'a> Machine<'a> {
         task: &Task<'_>,
         entry: CodeOffset,
         information: TaskInformation,
+        caller: &Caller,
     ) -> Result<Vec<String>, Failed> {
-        let caller = Caller::new(task, information.now);
         let mut registers = self.enter(task, entry, &information)?;
+        let deadline = self.deadline();
         loop {
-            match self.go(name, &information, &caller, registers)? {
+            match self.go(name, &information, caller, registers, deadline)? {
                 Paused::Ended(lines) => return Ok(lines),
                 // Only tests ask, and a kernel knows no such call.
                 Paused::Asks(_, _, at) => {
@@ -188,6 +191,11 @@ impl<'a> Machine<'a> {
         Ok(registers)
     }
 
+    /// When a job that goes on now has run for too long.
+    pub(super) fn deadline(&self) -> Instant {
+        Instant::now() + self.limit
+    }
+
     /// Runs a job from these registers to its end, or until it asks for something that only a test does.
     pub(super) fn go(
         &mut self,
@@ -195,9 +203,10 @@ impl<'a> Machine<'a> {
         information: &TaskInformation,
         caller: &Caller,
         mut registers: Registers,
+        deadline: Instant,
     ) -> Result<Paused, Failed> {
         loop {
-            let stop = self.child.run(&registers, self.limit)?;
+            let stop = self.child.run(&registers, deadline)?;
             let stop = self.foreign(stop);
             if let Stop::Call(at_call) = stop {
                 let arguments = [at_call.rdi, at_call.rsi, at_call.rdx, at_call.r10];
@@ -213,7 +222,7 @@ impl<'a> Machine<'a> {
                         (registers.rax, registers.orig_rax) = (result.cast_unsigned(), u64::MAX);
                     }
                     Outcome::End => {
-                        self.kernel.job_ended(caller.task);
+                        self.kernel.job_ended(caller);
                         return Ok(Paused::Ended(self.take_log()));
                     }
                     Outcome::Stop(code) => {

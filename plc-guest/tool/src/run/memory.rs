@@ -101,9 +101,10 @@ impl Memory {
         self.file.as_raw_fd()
     }
 
-    /// Whether the program may read, or write, all of these bytes.
+    /// Whether the program may read, or write, all of these bytes. As for the kernel, nothing is a part of everything.
     pub fn allows(&self, at: u64, bytes: u64, write: bool) -> bool {
-        self.find(at, bytes).is_some_and(|region| !write || region.rights == Rights::Write)
+        let found = self.find(at, bytes);
+        bytes == 0 || found.is_some_and(|region| !write || region.rights == Rights::Write)
     }
 
     /// The region that has this address.
@@ -121,6 +122,9 @@ impl Memory {
 
     /// A copy of these bytes, or of none if they are not all in one region.
     pub fn get(&self, at: u64, bytes: u64) -> Option<Vec<u8>> {
+        if bytes == 0 {
+            return Some(Vec::new());
+        }
         let region = self.find(at, bytes)?;
         let mut copy = vec![0; bytes as usize];
         let from = (region.offset + at - region.address) as usize;

@@ -10,6 +10,7 @@
 //! end. Preemption, budgets and waiting for another task are not simulated; they are the business of the guest and of
 //! `takt check`.
 
+mod caller;
 mod child;
 mod fault;
 mod kernel;

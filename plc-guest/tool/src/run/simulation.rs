@@ -8,9 +8,9 @@ use std::time::Duration;
 use takt_program::{Task, TaskInformation};
 use takt_st::hir::Simulation;
 
+use super::caller::Caller;
 use super::child::Registers;
 use super::fault::Failed;
-use super::kernel::Caller;
 use super::machine::{Machine, Paused};
 use super::schedule::{Logged, Schedule};
 
@@ -49,9 +49,9 @@ impl<'m, 'a> TestRun<'m, 'a> {
         let mut logged = Vec::new();
         let mut registers = self.machine.enter(&self.task, self.task.entry, &self.information)?;
         loop {
-            let caller = Caller::new(&self.task, self.information.now);
-            let name = self.task.name;
-            let paused = self.machine.go(name, &self.information, &caller, registers)?;
+            let caller = Caller::task(&self.task, self.information.now);
+            let (name, deadline) = (self.task.name, self.machine.deadline());
+            let paused = self.machine.go(name, &self.information, &caller, registers, deadline)?;
             match paused {
                 Paused::Ended(lines) => {
                     self.take(lines, &mut logged);
