@@ -5,6 +5,7 @@
 
 use std::path::Path;
 
+use takt_st::diagnostic::Code;
 use takt_st::format::{self, FormatError};
 use takt_st::project;
 use takt_st::source::Sources;
@@ -74,6 +75,8 @@ fn no_source_makes_the_compiler_panic() {
         let checked = checked.expect("there is a thread");
         let errors = checked.diagnostics.iter().filter(|one| one.is_error()).count();
         assert_eq!(checked.program.is_some(), errors == 0, "round {round}:\n{source}");
+        let gap = checked.diagnostics.iter().any(|one| one.code == Code::Internal);
+        assert!(!gap, "round {round}: something is left out\n{source}");
     }
 }
 

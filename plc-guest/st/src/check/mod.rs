@@ -5,8 +5,8 @@
 //! order of declarations and files does not count. What a declaration needs of another is resolved on
 //! demand. Within a unit a variable is declared before it is used.
 //!
-//! An error leaves a hole (`None`) that later steps pass on without a further message. A statement with a hole that no
-//! error explains is refused as a mistake of the compiler's own.
+//! An error leaves a hole (`None`) that later steps pass on without a further message. A statement or an
+//! initial value with a hole that no error explains is refused as a mistake of the compiler's own.
 
 mod apart;
 mod body;

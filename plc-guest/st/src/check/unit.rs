@@ -339,11 +339,14 @@ impl<'a> Body<'_, 'a> {
             }
             return None;
         };
-        if let Some(initial) = &variables.initial
-            && let Some(value) = self.initial(initial, resolved.ty)
-        {
-            let (ty, declared) = (resolved.ty, resolved.initial);
-            resolved.initial = self.completed(value, &declared, ty, initial.span());
+        if let Some(initial) = &variables.initial {
+            match self.initial(initial, resolved.ty) {
+                Some(value) => {
+                    let (ty, declared) = (resolved.ty, resolved.initial);
+                    resolved.initial = self.completed(value, &declared, ty, initial.span());
+                }
+                None => self.checker.refuse_gap(initial.span()),
+            }
         }
         Some(resolved)
     }
