@@ -126,9 +126,11 @@ fn unused(program: &Program) -> Vec<(u32, u32)> {
     unused
 }
 
-/// A name as images have them: that of an address loses its percent sign.
+/// A name as images have them: that of an address loses its percent sign. Only names that the compiler made have other
+/// characters, such as that of a type that has none; they become `_`.
 fn name(name: &str) -> String {
-    name.trim_start_matches('%').to_owned()
+    let allowed = |c: char| if c.is_ascii_alphanumeric() || "_.-[],".contains(c) { c } else { '_' };
+    name.trim_start_matches('%').chars().map(allowed).collect()
 }
 
 fn place(program: &Program, location: Location) -> Option<Place> {
