@@ -91,6 +91,15 @@ impl BuildError {
                     .hint(hint)
                     .related(at(*largest), format!("`{name}` is declared here"))
             }
+            Self::Native(NativeError::SharedOutput { tasks, locations, .. }) => tell(
+                Code::AddressConflict,
+                locations[1],
+            )
+            .allowed("one task that writes a variable at `%Q`, and the bytes in which it lies")
+            .related(at(locations[0]), format!("the task `{}` writes here", tasks[0]))
+            .hint(
+                "let each task write a variable of its own, from which one task makes the output",
+            ),
             Self::Native(NativeError::ReferredOutput { location, .. }) => {
                 tell(Code::AddressConflict, *location)
                     .allowed("one task that assigns through references of this type")

@@ -60,3 +60,25 @@ END_CONFIGURATION
     let folder = folder(main, test);
     folder.takt_plc(&["test", "main.st", "t.st"]).expect(0, "1 tests, all as expected");
 }
+
+#[test]
+fn an_output_of_two_tasks_is_refused_with_both_places() {
+    let main = "VAR_GLOBAL n AT %QW0 : INT; END_VAR
+PROGRAM A
+n := n + 1;
+END_PROGRAM
+PROGRAM B
+n := n + 1;
+END_PROGRAM
+CONFIGURATION Plant
+TASK f (INTERVAL := T#1ms, PRIORITY := 1); TASK s (INTERVAL := T#9ms, PRIORITY := 2);
+PROGRAM a WITH f : A; PROGRAM b WITH s : B;
+END_CONFIGURATION
+";
+    let folder = folder(main, "TEST 'both'\nRUN(T#9ms);\nASSERT(n = 10);\nEND_TEST\n");
+    for words in [&["check", "main.st"][..], &["build", "main.st"], &["test", "main.st", "t.st"]] {
+        let ended = folder.takt_plc(words);
+        let ended = ended.expect(2, "main.st:6:1: the tasks `f` and `s` both write the output `n`");
+        ended.expect(2, "main.st:3:1: the task `f` writes here");
+    }
+}
