@@ -82,3 +82,14 @@ END_CONFIGURATION
         ended.expect(2, "main.st:3:1: the task `f` writes here");
     }
 }
+
+#[test]
+fn no_value_stands_in_a_column_without_a_name() {
+    let folder = folder(SUMS, "");
+    folder.takt_plc(&["build", "main.st"]).expect(0, "");
+    folder.write("t.csv", "level,n,\n1.0,1,1\n");
+    let ended = folder.takt_plc(&["test", "main.plc", "t.csv"]);
+    ended.expect(2, "line 2, column 7: `1` in a column without a name");
+    folder.write("t.csv", "level,n,,\n1.0,1,,\n");
+    folder.takt_plc(&["test", "main.plc", "t.csv"]).expect(0, "all as expected");
+}
