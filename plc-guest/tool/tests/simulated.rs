@@ -84,6 +84,16 @@ END_CONFIGURATION
 }
 
 #[test]
+fn what_would_test_nothing_is_told() {
+    let folder = folder(SUMS, "TEST 'nothing'\nRUN(T#2ms);\nEND_TEST\n");
+    let ended = folder.takt_plc(&["test", "main.st", "t.st"]);
+    ended.expect(0, "warning[no-effect]: t.st:1:6: a TEST without an assertion");
+    folder.takt_plc(&["build", "main.st"]).expect(0, "");
+    folder.write("t.csv", "level,n\n1.0,\n");
+    folder.takt_plc(&["test", "main.plc", "t.csv"]).expect(2, "t.csv expects nothing");
+}
+
+#[test]
 fn no_value_stands_in_a_column_without_a_name() {
     let folder = folder(SUMS, "");
     folder.takt_plc(&["build", "main.st"]).expect(0, "");

@@ -8,11 +8,11 @@ use super::types::{Resolved, is_real};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
     Arithmetic, Assertion, CaseArm, Compared, Comparison, Constant, Elementary, Expr, ExprKind,
-    Intrinsic, Place, Retention, Routine, Simulation, Statement, StatementKind, Task, TaskKind,
-    Test, TypeId, UnaryOperator,
+    Intrinsic, Location, Place, Retention, Routine, Simulation, Statement, StatementKind, Task,
+    TaskKind, Test, TypeId, UnaryOperator,
 };
 use crate::source::Span;
-use crate::syntax::ast::{Argument, Expression, Name, UnitKind};
+use crate::syntax::ast::{self, Argument, Expression, Name, UnitKind};
 
 /// The functions that only a test can call, with the forms of their calls.
 const FORMS: [(&str, &str); 4] = [
@@ -296,6 +296,7 @@ impl Checker<'_> {
                 kind: StatementKind::Invoke(place, routine, Vec::new()),
                 location,
             }];
+            self.warn_of_no_assertion(ast);
             arms.push(CaseArm { ranges: vec![(number as i128, number as i128)], body });
             self.program.tests.list.push(Test { name: ast.name.text.to_string(), location });
         }
@@ -324,5 +325,24 @@ impl Checker<'_> {
             entry,
             location,
         });
+    }
+    /// A test without an assertion passes whatever the program does.
+    fn warn_of_no_assertion(&mut self, test: &ast::Unit) {
+        let Span { start, end, .. } = test.span;
+        let [first, last] = [start, end].map(|at| {
+            let Location { file, line, column } =
+                self.location(Span { start: at, end: at, ..test.span });
+            (file, line, column)
+        });
+        let within = |assertion: &Assertion| {
+            let Location { file, line, column } = assertion.location;
+            (first..last).contains(&(file, line, column))
+        };
+        // One with an error may be missing.
+        if !self.diagnostics.has_errors() && !self.program.tests.assertions.iter().any(within) {
+            let one =
+                Diagnostic::new(Code::NoEffect, test.name.span, "a TEST without an assertion");
+            self.tell(one.allowed("a TEST with ASSERT or ASSERT_NEAR"));
+        }
     }
 }
