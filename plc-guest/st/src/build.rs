@@ -112,12 +112,9 @@ impl BuildError {
                 tell(Code::Internal, Location::default())
             }
             Self::Image(error) => {
-                let index = error.index as usize;
-                let location = match error.record {
-                    "variable" => program.globals.get(index).map(|global| global.location),
-                    "task" => program.tasks.get(index).map(|task| task.location),
-                    _ => program.tasks.first().map(|task| task.location),
-                };
+                // The image sorts its variables, so the number of one says nothing here.
+                let index = if error.record == "task" { error.index as usize } else { 0 };
+                let location = program.tasks.get(index).map(|task| task.location);
                 tell(Code::TooLarge, location.unwrap_or_default())
             }
         }

@@ -84,6 +84,22 @@ END_CONFIGURATION
 }
 
 #[test]
+fn what_a_test_writes_is_no_second_writer() {
+    let main = "VAR_GLOBAL n AT %QW0 : INT; m AT %QW2 : INT; END_VAR
+PROGRAM A n := n + 1; END_PROGRAM
+PROGRAM B m := m + 1; END_PROGRAM
+CONFIGURATION Plant
+TASK f (INTERVAL := T#1ms, PRIORITY := 1); TASK test (INTERVAL := T#1ms, PRIORITY := 2);
+PROGRAM a WITH f : A; PROGRAM b WITH test : B;
+END_CONFIGURATION
+";
+    // A task of the program may have the name `test`.
+    let test = "TEST 'goes on'\nn := 7;\nRUN(T#2ms);\nASSERT(n = 9);\nASSERT(m = 2);\nEND_TEST\n";
+    let folder = folder(main, test);
+    folder.takt_plc(&["test", "main.st", "t.st"]).expect(0, "1 tests, all as expected");
+}
+
+#[test]
 fn what_would_test_nothing_is_told() {
     let folder = folder(SUMS, "TEST 'nothing'\nRUN(T#2ms);\nEND_TEST\n");
     let ended = folder.takt_plc(&["test", "main.st", "t.st"]);

@@ -22,6 +22,9 @@ const FORMS: [(&str, &str); 4] = [
     ("RUN", "`RUN(T#1s)`"),
 ];
 
+/// The task that enters the tests. No source can write this name.
+const TASK: &str = "test-block";
+
 /// How a function of tests is called, if the key is one's.
 pub(in crate::check) fn form(key: &str) -> Option<&'static str> {
     FORMS.iter().find(|(name, _)| *name == key).map(|(_, form)| *form)
@@ -317,7 +320,7 @@ impl Checker<'_> {
             self.tell(one.allowed("at most 15: the tests take one of the 16 that an image has"));
         }
         self.program.tasks.push(Task {
-            name: "test".to_owned(),
+            name: TASK.to_owned(),
             kind: TaskKind::Freewheeling,
             priority: u8::MAX,
             budget_ns: 0,
