@@ -32,6 +32,14 @@ pub enum ImportError {
     /// Not well-formed, a DTD, or too many nodes.
     #[error("the project is not well-formed XML: {0}")]
     Xml(#[from] roxmltree::Error),
+    /// The other format with this purpose.
+    #[error(
+        "{at}: the document is a <Project>, as IEC 61131-10 has it; only a PLCopen <project> (TC6, version 2.01) is read"
+    )]
+    OtherFormat {
+        /// Where.
+        at: Position,
+    },
     /// Another kind of document.
     #[error("{at}: the document is a <{found}>, not a PLCopen <project>")]
     NoProject {

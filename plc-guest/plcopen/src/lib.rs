@@ -1,4 +1,5 @@
-//! Import of PLCopen XML projects (PLCopen TC6, XML formats for IEC 61131-3, version 2.01; IEC 61131-10).
+//! Import of PLCopen XML projects (PLCopen TC6, XML formats for IEC 61131-3, version 2.01). That of
+//! IEC 61131-10, whose root is a `<Project>`, is another one, and is not read.
 //!
 //! Most tools for IEC 61131-3 export this format. What such a project has in Structured Text becomes
 //! source files: data types, program organisation units, global variables and configurations. The
@@ -80,8 +81,11 @@ pub fn import(text: &str) -> Result<Import, ImportError> {
     let positions = Positions::new(text);
     let project = Element::new(document.root_element(), &positions);
     if project.tag() != "project" {
-        let found = project.tag().to_owned();
-        return Err(ImportError::NoProject { found, at: project.position() });
+        let (found, at) = (project.tag().to_owned(), project.position());
+        return Err(match &*found {
+            "Project" => ImportError::OtherFormat { at },
+            _ => ImportError::NoProject { found, at },
+        });
     }
     let mut importer = Importer::default();
     if let Some(types) = project.child("types") {

@@ -48,6 +48,12 @@ fn what_cannot_be_imported_is_refused_by_name_and_the_rest_is_not() {
 fn what_is_no_project_is_refused_whole() {
     let error = import("<svg/>").unwrap_err();
     assert_eq!(error.to_string(), "1:1: the document is a <svg>, not a PLCopen <project>");
+    let other = "<Project xmlns=\"www.iec.ch/public/TC65SC65BWG7TF10\"/>";
+    let error = import(other).unwrap_err().to_string();
+    assert!(
+        error.starts_with("1:1: the document is a <Project>, as IEC 61131-10 has it"),
+        "{error}"
+    );
     for text in ["", "PROGRAM p END_PROGRAM", "<project>", "<project></types>", "\u{0}"] {
         assert!(matches!(import(text), Err(ImportError::Xml(_))), "{text:?}");
     }

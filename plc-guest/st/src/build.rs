@@ -91,6 +91,15 @@ impl BuildError {
                     .hint(hint)
                     .related(at(*largest), format!("`{name}` is declared here"))
             }
+            Self::Native(NativeError::SharedOutput { tasks, locations, .. }) => tell(
+                Code::AddressConflict,
+                locations[1],
+            )
+            .allowed("one task that writes a variable at `%Q`, and the bytes in which it lies")
+            .related(at(locations[0]), format!("the task `{}` writes here", tasks[0]))
+            .hint(
+                "let each task write a variable of its own, from which one task makes the output",
+            ),
             Self::Native(NativeError::ReferredOutput { location, .. }) => {
                 tell(Code::AddressConflict, *location)
                     .allowed("one task that assigns through references of this type")
@@ -103,12 +112,9 @@ impl BuildError {
                 tell(Code::Internal, Location::default())
             }
             Self::Image(error) => {
-                let index = error.index as usize;
-                let location = match error.record {
-                    "variable" => program.globals.get(index).map(|global| global.location),
-                    "task" => program.tasks.get(index).map(|task| task.location),
-                    _ => program.tasks.first().map(|task| task.location),
-                };
+                // The image sorts its variables, so the number of one says nothing here.
+                let index = if error.record == "task" { error.index as usize } else { 0 };
+                let location = program.tasks.get(index).map(|task| task.location);
                 tell(Code::TooLarge, location.unwrap_or_default())
             }
         }

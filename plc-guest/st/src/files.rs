@@ -215,8 +215,13 @@ impl<'e> Walk<'e> {
                     Some(target) => listed.refused.push(FilesError::Loop { path, target }),
                     None => self.folder(&path, listed),
                 }
-            } else if has_extension(&path, self.extension) && path.is_file() {
-                listed.files.push(path);
+            } else if has_extension(&path, self.extension) {
+                match path.metadata() {
+                    Ok(metadata) if metadata.is_file() => listed.files.push(path),
+                    Ok(_) => listed.refused.push(FilesError::Special { path }),
+                    Err(_) if is_lock(&path) => {}
+                    Err(error) => listed.refused.push(cannot_read(&path, error)),
+                }
             }
         }
         self.around.pop();
@@ -230,6 +235,11 @@ impl<'e> Walk<'e> {
         let target = path.canonicalize().ok()?;
         self.around.iter().any(|around| around.starts_with(&target)).then_some(target)
     }
+}
+
+/// Editors mark a file that they change by such a link beside it, which leads nowhere: no source is missing there.
+fn is_lock(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b".#"))
 }
 
 fn names(there: &Path, folder: &Path) -> std::io::Result<Vec<PathBuf>> {

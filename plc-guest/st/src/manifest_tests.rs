@@ -63,6 +63,10 @@ fn each_mistake_is_told_with_its_place() {
         ("name = \"a\"\nsources = [\"src\"]\n", "takt-plc.toml:2:12: there is no `src`"),
         ("name = \"a\"\nlibraries = [\"/lib\"]\n", "takt-plc.toml:2:14: the path `/lib`"),
         ("name = \"a\"\ntests = \"t\"\n", "takt-plc.toml:2:9: the string `t`"),
+        (
+            "name = \"a\"\ntests = [\".\", \"takt-plc.toml\"]\n",
+            "takt-plc.toml:2:15: `takt-plc.toml` is no test",
+        ),
         ("name = \"a\n", "takt-plc.toml:1:"),
         ("name = tank\n", "hint: a text stands in quotation marks"),
         ("name = \"a\"\nprevious = \".\"\n", "takt-plc.toml:2:12: a folder"),
@@ -99,4 +103,23 @@ fn all_mistakes_are_told_at_once_by_place_with_hints() {
     assert!(message.contains("takt-plc.toml:2:12: the category -1"), "{message}");
     assert!(message.contains("takt-plc.toml:3:11: the version `1`"), "{message}");
     assert!(!message.contains("missing key"), "{message}");
+}
+
+#[test]
+fn what_stands_in_a_folder_and_cannot_be_read_is_told() {
+    use std::os::unix::{fs::symlink, net::UnixListener};
+    let folder = folder_with("name = \"tank\"\n");
+    std::fs::create_dir(folder.path().join("tests")).unwrap();
+    std::fs::write(folder.path().join("main.st"), "PROGRAM Main\nEND_PROGRAM\n").unwrap();
+    // The mark of an editor that changes a file.
+    symlink("someone@somewhere.1:2", folder.path().join(".#main.st")).unwrap();
+    let project = Project::read(folder.path()).unwrap();
+    assert_eq!(project.sources().refused().len(), 0);
+    symlink("nowhere", folder.path().join("x.st")).unwrap();
+    symlink("nowhere", folder.path().join("tests/x.csv")).unwrap();
+    let _listener = UnixListener::bind(folder.path().join("y.st")).unwrap();
+    let sources = project.sources();
+    let told: Vec<&str> = sources.refused().iter().map(|one| one.code.name()).collect();
+    assert_eq!(told, ["cannot-read", "no-source"]);
+    assert!(project.tables().is_err());
 }

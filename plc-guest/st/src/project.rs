@@ -6,7 +6,7 @@ use crate::hir::Program;
 use crate::library;
 use crate::source::Sources;
 use crate::stack;
-use crate::syntax::ast::{Declaration, File, UnitKind};
+use crate::syntax::ast::File;
 use crate::syntax::parser;
 
 /// What became of a project.
@@ -83,11 +83,11 @@ fn check_with_library(name: &str, sources: &Sources, own: usize, part: Part) -> 
             false => File::default(),
         })
         .collect();
-    let tests = trees.iter().any(has_tests);
+    let tests = trees.iter().any(File::has_tests);
     // Files keep their numbers.
     let empty = File::default();
     let own_inputs = trees.iter().map(|tree| {
-        let left_out = part == Part::Program && has_tests(tree);
+        let left_out = part == Part::Program && tree.has_tests();
         Input { tree: if left_out { &empty } else { tree }, library: false }
     });
     let library = library::trees(sources, own);
@@ -99,10 +99,4 @@ fn check_with_library(name: &str, sources: &Sources, own: usize, part: Part) -> 
     // A project can do nothing about what the compiler would advise the library.
     diagnostics.retain(|one| one.is_error() || one.span.file.index() < own);
     Checked { program, diagnostics, tests }
-}
-
-fn has_tests(tree: &File) -> bool {
-    tree.declarations.iter().any(
-        |declaration| matches!(declaration, Declaration::Unit(unit) if unit.kind == UnitKind::Test),
-    )
 }

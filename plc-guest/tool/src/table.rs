@@ -32,6 +32,15 @@ pub enum Kind {
     Expect { tolerance: Option<f64> },
 }
 
+/// What the cells below a name are.
+enum Below {
+    /// Those of a column, by its index.
+    Column(usize),
+    Comments,
+    /// There is no name: nothing may stand there.
+    Nothing,
+}
+
 /// A cell with a value, by the index of its column.
 pub type Cell = (usize, Value);
 
@@ -58,33 +67,42 @@ impl Table {
             what: "the table is empty; its first row has the names of points".into(),
         })?;
         let mut columns = Vec::new();
-        // The index of the column for each cell of a row; none for comments.
+        // For each cell of a row.
         let mut of_cell = Vec::new();
         for (cell, name) in cells(names) {
-            if name.starts_with('#') || name.is_empty() {
-                of_cell.push(None);
-                continue;
-            }
-            let error = |what| TableError { line, column: cell, what };
-            columns.push(column(image, name).map_err(error)?);
-            of_cell.push(Some(columns.len() - 1));
+            of_cell.push(match name.chars().next() {
+                None => Below::Nothing,
+                Some('#') => Below::Comments,
+                Some(_) => {
+                    let error = |what| TableError { line, column: cell, what };
+                    columns.push(column(image, name).map_err(error)?);
+                    Below::Column(columns.len() - 1)
+                }
+            });
         }
         let mut rows = Vec::new();
         for (line, text) in lines.filter(wanted) {
             let mut row = Row { line, cells: Vec::new() };
             for (at, (cell, text)) in cells(text).enumerate() {
                 let error = |what| TableError { line, column: cell, what };
-                let Some(index) = of_cell.get(at) else {
-                    if text.is_empty() {
-                        continue;
+                if text.is_empty() {
+                    continue;
+                }
+                match of_cell.get(at) {
+                    Some(Below::Column(index)) => {
+                        row.cells.push((*index, columns[*index].place.parse(text).map_err(error)?));
                     }
-                    return Err(error(format!(
-                        "the row has more cells than the {} names",
-                        of_cell.len()
-                    )));
-                };
-                let Some(index) = index.filter(|_| !text.is_empty()) else { continue };
-                row.cells.push((index, columns[index].place.parse(text).map_err(error)?));
+                    Some(Below::Comments) => {}
+                    Some(Below::Nothing) => {
+                        return Err(error(format!("`{text}` in a column without a name")));
+                    }
+                    None => {
+                        let names = of_cell.len();
+                        return Err(error(format!(
+                            "the row has more cells than the {names} names"
+                        )));
+                    }
+                }
             }
             rows.push(row);
         }

@@ -59,7 +59,7 @@ fn a_program_that_gives_up_says_why() {
 fn system_calls_of_this_machine_are_not_carried_out() {
     let folder = Folder::new();
     folder.c_program("faults", SOURCE).expect(0, "");
-    folder.write("t.csv", "what\n16\n16\n");
+    folder.write("t.csv", "what,refused\n16,1\n16,2\n");
     folder.takt_plc(&["test", "faults.plc", "t.csv"]).expect(0, "2 cycles, 2 ms");
 }
 

@@ -341,6 +341,12 @@ fn a_project_file_says_what_belongs_together() {
             to_the_user = true;
         }
     }
+    // Which files have uses is not known now.
+    let mut place = client.place("plant/main.st", main, "Main");
+    place["newName"] = json!("Other");
+    let refused = client.ask_all("textDocument/rename", place);
+    let message = refused["error"]["message"].as_str().unwrap();
+    assert!(message.starts_with("not all uses can be seen: "), "{refused}");
 }
 
 #[test]

@@ -294,9 +294,10 @@ fn instances_of_blocks_have_inputs_and_outputs_where_var_config_places_them() {
 VAR source AT %I* : INT; target AT %Q* : INT := 7; END_VAR
 IF source <> 0 THEN target := 2 * source; END_IF;
 END_FUNCTION_BLOCK
+TYPE Unit : STRUCT number : INT; inner : Doubler; END_STRUCT; END_TYPE
 PROGRAM Main
-VAR one : Doubler; more : ARRAY[1..2] OF Doubler; total AT %Q* : INT; END_VAR
-one(); more[1](); more[2]();
+VAR one : Doubler; more : ARRAY[1..2] OF Doubler; units : ARRAY[1..2] OF Unit; total AT %Q* : INT; END_VAR
+one(); more[1](); more[2](); units[2].inner();
 total := total + 1;
 END_PROGRAM
 CONFIGURATION Plant
@@ -319,8 +320,9 @@ END_CONFIGURATION
     shown.expect(0, "Main1.more[1].source %IB4").expect(0, "Main1.more[1].target %QB8");
     folder.write(
         "t.csv",
-        "Main1.one.source,Main1.more[1].source,Main1.one.target,Main1.more[1].target,Main1.more[2].target,Main.total\n\
-         0,0,7,7,7,1\n3,0,6,7,7,2\n0,5,6,10,7,3\n",
+        "Main1.one.source,Main1.more[1].source,Main1.one.target,Main1.more[1].target,Main1.more[2].target,Main.total,\
+         Main1.units[2].inner.source,Main1.units[2].inner.target\n\
+         0,0,7,7,7,1,0,7\n3,0,6,7,7,2,4,8\n0,5,6,10,7,3,0,8\n",
     );
     folder.takt_plc(&["test", "main.plc", "t.csv"]).expect(0, "as expected");
 }

@@ -163,7 +163,7 @@ fn log_lines_are_shown_with_task_and_time() {
     folder.write("main.st", &source);
     folder.write("t.st", "TEST 'a'\nLOG_LINE('here');\nlevel := 1;\nRUN(T#10ms);\nEND_TEST\n");
     let ended = folder.takt_plc(&["test", "main.st", "t.st"]);
-    ended.expect(0, "[0 ns test] here\n").expect(0, "[0 ns often] level is one\n");
+    ended.expect(0, "[0 ns test-block] here\n").expect(0, "[0 ns often] level is one\n");
     folder.takt_plc(&["build", "main.st"]).expect(0, "");
     folder.write("t.csv", "level,pump\n1,0\n2,1\n");
     folder.takt_plc(&["test", "main.plc", "t.csv"]).expect(0, "[0 ns often] level is one\n");

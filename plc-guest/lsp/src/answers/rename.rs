@@ -34,6 +34,9 @@ pub fn edit(
     if let Some((uri, reason)) = analysis.left_out.first() {
         return Err(format!("not all uses can be seen: {}: {reason}", uri.as_str()));
     }
+    if let Some(problem) = &analysis.problem {
+        return Err(format!("not all uses can be seen: {problem}"));
+    }
     let own = analysis.files.len();
     let place = (file.id, offset);
     let places = rename::rename(&analysis.sources, own, &analysis.index, place, new)

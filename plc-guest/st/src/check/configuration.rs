@@ -20,6 +20,9 @@ use crate::syntax::ast::{self, Binding, ProgramInstance, Resource, SectionKind, 
 /// The tasks of an image.
 pub(super) const TASKS: usize = 16;
 
+/// The task of programs without one.
+const FREE: &str = "free";
+
 /// An instance of a program while its task is put together.
 struct Instance<'a> {
     ast: &'a ProgramInstance,
@@ -55,6 +58,7 @@ impl<'a> Checker<'a> {
                     self.duplicate(name, other);
                 }
             }
+            self.refuse_taken(resource);
             self.resource(resource, &mut placements);
             self.warn_of_shared_outputs(resource);
         }
@@ -67,6 +71,24 @@ impl<'a> Checker<'a> {
             let found = format!("{tasks} tasks");
             let one = Diagnostic::new(Code::InvalidTask, span, found);
             self.tell(one.allowed(format!("at most {TASKS}")));
+        }
+    }
+
+    /// Refuses an instance with the name of a global variable, and a task with the name of the one that is made for
+    /// programs without a task: an image has each name once.
+    fn refuse_taken(&mut self, resource: &'a Resource) {
+        for instance in &resource.programs {
+            if let Some(Entry::Global(index)) = self.names.get(&instance.name.key) {
+                let other = self.globals[*index].name.span;
+                self.duplicate(&instance.name, other);
+            }
+        }
+        let free = resource.programs.iter().find(|instance| instance.task.is_none());
+        let named = resource.tasks.iter().find(|task| task.name.key.eq_ignore_ascii_case(FREE));
+        if let (Some(free), Some(named)) = (free, named) {
+            let found = format!("a task `{}` beside a program without a task", named.name.text);
+            let one = Diagnostic::new(Code::DuplicateName, named.name.span, found);
+            self.tell(one.related(free.name.span, "this program gets a task of that name"));
         }
     }
 
@@ -134,7 +156,7 @@ impl<'a> Checker<'a> {
             // What has no task runs whenever nothing else does.
             let span = first.ast.name.span;
             let properties = Properties { priority: u8::MAX, ..Properties::default() };
-            self.task("free", span, TaskKind::Freewheeling, &properties, free, placements);
+            self.task(FREE, span, TaskKind::Freewheeling, &properties, free, placements);
         }
     }
 

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use super::globals::GlobalEntry;
+use super::standard::known;
 use super::types::TypeEntry;
 use super::unit::UnitEntry;
 use super::{Checker, Entry, Input};
@@ -78,6 +79,9 @@ impl<'a> Checker<'a> {
                 }
             }
         }
+        for file in files.iter().filter(|file| !file.library && file.tree.has_tests()) {
+            self.refuse_mocks(file.tree);
+        }
         if let [_, second, ..] = self.configurations[..] {
             let first = self.configurations[0].name.span;
             self.tell(
@@ -85,6 +89,37 @@ impl<'a> Checker<'a> {
                     .allowed("one CONFIGURATION in a project")
                     .related(first, "the first is here"),
             );
+        }
+    }
+
+    /// Refuses names of the library that a file of tests declares: the tested program would use what is declared
+    /// there, and its image what the library has.
+    fn refuse_mocks(&mut self, tree: &'a ast::File) {
+        for declaration in &tree.declarations {
+            let names: Vec<&Name> = match declaration {
+                Declaration::Type(declaration) => vec![&declaration.name],
+                Declaration::Unit(unit) if unit.kind != UnitKind::Test => vec![&unit.name],
+                Declaration::Globals(section) => {
+                    section.variables.iter().flat_map(|variables| &variables.names).collect()
+                }
+                Declaration::Unit(_) | Declaration::Configuration(_) => Vec::new(),
+            };
+            let function =
+                matches!(declaration, Declaration::Unit(unit) if unit.kind == UnitKind::Function);
+            let taken = |name: &&Name| {
+                self.names.library.contains_key(&*name.key)
+                    || function && known::function(&name.key).is_some()
+            };
+            let taken: Vec<&Name> = names.into_iter().filter(taken).collect();
+            for name in taken {
+                let found =
+                    format!("`{}`, a name of the library, in a file with a TEST", name.text);
+                self.tell(
+                    Diagnostic::new(Code::DuplicateName, name.span, found).hint(
+                        "the program would be tested with it, and be built with the library's",
+                    ),
+                );
+            }
         }
     }
 

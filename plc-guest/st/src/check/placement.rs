@@ -5,7 +5,7 @@
 //! is a variable of each instance: its field has the input's value when the program of the instance begins, and what it
 //! has at the program's end is the output. Without VAR_CONFIG the compiler chooses a place.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use super::Checker;
 use super::body::Body;
@@ -14,8 +14,8 @@ use super::types::Resolved;
 use super::unit::Storage;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
-    Constant, Expr, ExprKind, GlobalId, Location, Place, Retention, Statement, StatementKind,
-    StructureKind, Type, TypeId,
+    Constant, Expr, ExprKind, GlobalId, Location, Place, Retention, Statement, StatementKind, Type,
+    TypeId,
 };
 use crate::source::Span;
 use crate::syntax::ast::{self, Expression, ExpressionKind};
@@ -252,16 +252,24 @@ impl<'a> Checker<'a> {
 
     /// Whether a variable of this type contains an instance with an address.
     fn has_leaves(&self, ty: TypeId) -> bool {
+        self.leads_to_leaves(ty, &mut HashSet::new())
+    }
+
+    /// The same, but for what was seen: a type that is in many others is looked at once.
+    fn leads_to_leaves(&self, ty: TypeId, seen: &mut HashSet<TypeId>) -> bool {
+        if !seen.insert(ty) {
+            return false;
+        }
         match self.program.types.get(ty) {
-            Type::Array { element, .. } => self.has_leaves(*element),
-            Type::Structure(structure) if structure.kind != StructureKind::Struct => {
+            Type::Array { element, .. } => self.leads_to_leaves(*element, seen),
+            Type::Structure(structure) => {
                 let own = self.blocks.get(&ty).is_some_and(|unit| {
                     let located = |variable: &super::unit::Variable<'_>| {
                         variable.address.is_some() && matches!(variable.storage, Storage::Field(_))
                     };
                     self.units[*unit].variables.iter().any(located)
                 });
-                own || structure.fields.iter().any(|field| self.has_leaves(field.ty))
+                own || structure.fields.iter().any(|field| self.leads_to_leaves(field.ty, seen))
             }
             _ => false,
         }

@@ -8,11 +8,11 @@ use super::types::{Resolved, is_real};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
     Arithmetic, Assertion, CaseArm, Compared, Comparison, Constant, Elementary, Expr, ExprKind,
-    Intrinsic, Place, Retention, Routine, Simulation, Statement, StatementKind, Task, TaskKind,
-    Test, TypeId, UnaryOperator,
+    Intrinsic, Location, Place, Retention, Routine, Simulation, Statement, StatementKind, Task,
+    TaskKind, Test, TypeId, UnaryOperator,
 };
 use crate::source::Span;
-use crate::syntax::ast::{Argument, Expression, Name, UnitKind};
+use crate::syntax::ast::{self, Argument, Expression, Name, UnitKind};
 
 /// The functions that only a test can call, with the forms of their calls.
 const FORMS: [(&str, &str); 4] = [
@@ -21,6 +21,9 @@ const FORMS: [(&str, &str); 4] = [
     ("ADVANCE", "`ADVANCE(T#10ms)`"),
     ("RUN", "`RUN(T#1s)`"),
 ];
+
+/// The task that enters the tests. No source can write this name.
+const TASK: &str = "test-block";
 
 /// How a function of tests is called, if the key is one's.
 pub(in crate::check) fn form(key: &str) -> Option<&'static str> {
@@ -296,6 +299,7 @@ impl Checker<'_> {
                 kind: StatementKind::Invoke(place, routine, Vec::new()),
                 location,
             }];
+            self.warn_of_no_assertion(ast);
             arms.push(CaseArm { ranges: vec![(number as i128, number as i128)], body });
             self.program.tests.list.push(Test { name: ast.name.text.to_string(), location });
         }
@@ -316,7 +320,7 @@ impl Checker<'_> {
             self.tell(one.allowed("at most 15: the tests take one of the 16 that an image has"));
         }
         self.program.tasks.push(Task {
-            name: "test".to_owned(),
+            name: TASK.to_owned(),
             kind: TaskKind::Freewheeling,
             priority: u8::MAX,
             budget_ns: 0,
@@ -324,5 +328,24 @@ impl Checker<'_> {
             entry,
             location,
         });
+    }
+    /// A test without an assertion passes whatever the program does.
+    fn warn_of_no_assertion(&mut self, test: &ast::Unit) {
+        let Span { start, end, .. } = test.span;
+        let [first, last] = [start, end].map(|at| {
+            let Location { file, line, column } =
+                self.location(Span { start: at, end: at, ..test.span });
+            (file, line, column)
+        });
+        let within = |assertion: &Assertion| {
+            let Location { file, line, column } = assertion.location;
+            (first..last).contains(&(file, line, column))
+        };
+        // One with an error may be missing.
+        if !self.diagnostics.has_errors() && !self.program.tests.assertions.iter().any(within) {
+            let one =
+                Diagnostic::new(Code::NoEffect, test.name.span, "a TEST without an assertion");
+            self.tell(one.allowed("a TEST with ASSERT or ASSERT_NEAR"));
+        }
     }
 }

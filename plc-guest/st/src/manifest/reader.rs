@@ -9,6 +9,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::{Project, is_program_name};
 use crate::diagnostic::{Code, Diagnostic};
+use crate::files;
 use crate::source::{FileId, Span};
 
 const KEYS: [&str; 7] =
@@ -92,7 +93,7 @@ impl Reader<'_> {
         let previous = value("previous").map(|it| self.image(it));
         let sources = value("sources").map(|it| self.paths(it));
         let libraries = value("libraries").map(|it| self.paths(it));
-        let tests = value("tests").map(|it| self.paths(it));
+        let tests = value("tests").map(|it| self.tests(it));
         let usual = self.folder.join("tests");
         Some(Project {
             folder: self.folder.to_owned(),
@@ -183,6 +184,22 @@ impl Reader<'_> {
         };
         let paths: Vec<Option<PathBuf>> = list.iter().map(|path| self.path(path)).collect();
         paths.into_iter().collect()
+    }
+
+    /// Paths to tests: none that would never run.
+    fn tests(&mut self, value: &Value<'_>) -> Option<Vec<PathBuf>> {
+        let paths = self.paths(value)?;
+        let entries = value.get_ref().as_array().into_iter().flatten();
+        for (path, entry) in paths.iter().zip(entries) {
+            let is_test = ["st", "csv"].iter().any(|one| files::has_extension(path, one));
+            if !is_test && !path.as_os_str().is_empty() && !path.is_dir() {
+                let text = entry.get_ref().as_str().unwrap_or_default();
+                let found = format!("`{}` is no test", text.escape_debug());
+                let allowed = "folders, and files that end with .st or .csv";
+                self.wrong(entry.span(), found, allowed);
+            }
+        }
+        Some(paths)
     }
 
     /// A path to a program image. What is in the file is seen when it is used.

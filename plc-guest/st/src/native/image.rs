@@ -133,6 +133,11 @@ fn name(name: &str) -> String {
     name.trim_start_matches('%').chars().map(allowed).collect()
 }
 
+/// A type's name as images have them. One without a name has its text for it: `(Stop, Go)` becomes `_Stop__Go_`.
+fn type_name(name: &str) -> String {
+    name.replace(|c: char| !c.is_ascii_alphanumeric() && c != '_', "_")
+}
+
 fn place(program: &Program, location: Location) -> Option<Place> {
     let file = program.files.get(usize::from(location.file))?.clone();
     (location.line > 0).then_some(Place { file, line: location.line, column: location.column })
@@ -246,7 +251,7 @@ impl Types<'_> {
         };
         let ty = match types.get(id) {
             Type::Enumeration { name, .. } | Type::Structure(hir::Structure { name, .. }) => {
-                build::Type::new(types.size(id), kind).named(&self::name(name))
+                build::Type::new(types.size(id), kind).named(&type_name(name))
             }
             _ => build::Type::new(types.size(id), kind),
         };

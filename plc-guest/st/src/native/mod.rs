@@ -116,6 +116,20 @@ pub enum NativeError {
         /// Two of the tasks.
         tasks: [String; 2],
     },
+    /// An output that two tasks write, whole, in part or in a byte that it shares.
+    #[error(
+        "the tasks `{}` and `{}` both write the output `{output}`, or its byte: it would never leave the program",
+        tasks[0],
+        tasks[1]
+    )]
+    SharedOutput {
+        /// The output.
+        output: String,
+        /// Two of the tasks.
+        tasks: [String; 2],
+        /// Where each of them writes.
+        locations: [Location; 2],
+    },
     /// More stack than a task can have.
     #[error("the task `{task}` needs {bytes} bytes of stack; it has at most {max}", max = takt_program::limit::STACK_BYTES)]
     TooMuchStack {

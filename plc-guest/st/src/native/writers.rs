@@ -26,37 +26,36 @@ impl Writers {
     /// Looks at the whole program.
     ///
     /// # Errors
-    /// [`NativeError::ReferredOutput`]
+    /// [`NativeError::ReferredOutput`] and [`NativeError::SharedOutput`]
     pub fn of(program: &Program) -> Result<Writers, NativeError> {
         let facts = facts(program);
-        let tasks: Vec<Task> =
-            program.tasks.iter().map(|task| Task::of(&facts, task.entry)).collect();
+        // What tests do is no part of the program. Their task is the last.
+        let own = program.tasks.len() - usize::from(program.tests.wanted.is_some());
+        let own = program.tasks.iter().take(own);
+        let tasks: Vec<Task> = own.map(|task| Task::of(&facts, task.entry)).collect();
         let mut derived: BTreeMap<TypeId, BTreeSet<TypeId>> = BTreeMap::new();
         for (whole, part) in facts.iter().flat_map(|facts| &facts.derived) {
             derived.entry(*whole).or_default().insert(*part);
         }
         let mut bytes = vec![0; program.area_size(Area::Output) as usize];
-        let mut add = |(start, end): (u32, u32), task: usize| {
-            let end = bytes.len().min(end as usize);
-            if let Some(part) = bytes.get_mut(start as usize..end) {
+        let mut firsts: Vec<Vec<(Stretch, Location)>> = vec![Vec::new(); tasks.len()];
+        let mut add = |stretch: Stretch, task: usize, location: Location| {
+            let end = bytes.len().min(stretch.1 as usize);
+            if let Some(part) = bytes.get_mut(stretch.0 as usize..end) {
                 part.iter_mut().for_each(|byte| *byte |= 1u16 << task);
+                firsts[task].push((stretch, location));
             }
         };
-        // What tests do is no part of the program.
-        let own = program.tasks.len() - usize::from(program.tests.wanted.is_some());
         let mut by_type: BTreeMap<TypeId, Vec<usize>> = BTreeMap::new();
         for (number, task) in tasks.iter().enumerate() {
-            task.written.iter().for_each(|stretch| add(*stretch, number));
+            task.written.iter().for_each(|(stretch, location)| add(*stretch, number, *location));
             for ((stretch, ty), (output, location)) in &task.referred {
                 let writing = by_type.entry(*ty).or_insert_with(|| {
                     let types = reached(*ty, &derived);
                     let writes = |task: &usize| !tasks[*task].through.is_disjoint(&types);
                     (0..tasks.len()).filter(writes).collect()
                 });
-                if let [first, second, ..] = writing[..]
-                    && number < own
-                    && second < own
-                {
+                if let [first, second, ..] = writing[..] {
                     let name = |task: usize| program.tasks[task].name.clone();
                     return Err(NativeError::ReferredOutput {
                         output: program.global(*output).name.clone(),
@@ -64,22 +63,58 @@ impl Writers {
                         tasks: [name(first), name(second)],
                     });
                 }
-                writing.iter().for_each(|task| add(*stretch, *task));
+                writing.iter().for_each(|task| add(*stretch, *task, *location));
             }
         }
-        Ok(Writers { bytes })
+        let writers = Writers { bytes };
+        match program.globals.iter().find_map(|global| writers.shared(program, global, &firsts)) {
+            Some(error) => Err(error),
+            None => Ok(writers),
+        }
+    }
+
+    /// The error about an output that several tasks write: it would never leave the program.
+    fn shared(
+        &self,
+        program: &Program,
+        global: &Global,
+        firsts: &[Vec<(Stretch, Location)>],
+    ) -> Option<NativeError> {
+        let tasks = self.tasks(program, global).filter(|tasks| tasks.count_ones() > 1)?;
+        let (start, end) = stretch(program, global)?;
+        let mut writing = (0..firsts.len()).filter(|task| tasks & 1 << task != 0).map(|task| {
+            let mut written = firsts[task].iter();
+            let first = written.find(|(part, _)| part.0 < end && start < part.1);
+            let location = first.map_or(global.location, |(_, location)| *location);
+            (program.tasks[task].name.clone(), location)
+        });
+        let (first, second) = (writing.next()?, writing.next()?);
+        Some(NativeError::SharedOutput {
+            output: global.name.clone(),
+            tasks: [first.0, second.0],
+            locations: [first.1, second.1],
+        })
     }
 
     /// The task that alone writes an output, by its number. Nothing is said of other areas, which have no views.
     pub fn only(&self, program: &Program, global: &Global) -> Option<u16> {
-        if global.storage.area != Area::Output {
-            return None;
-        }
-        let start = global.storage.offset as usize;
-        let bytes = self.bytes.get(start..start + program.types.size(global.ty) as usize)?;
-        let tasks = bytes.iter().fold(0, |all, byte| all | byte);
-        (tasks.count_ones() == 1).then(|| tasks.trailing_zeros() as u16)
+        let tasks = self.tasks(program, global).filter(|tasks| tasks.count_ones() == 1)?;
+        Some(tasks.trailing_zeros() as u16)
     }
+
+    /// The tasks that write an output or a part of it.
+    fn tasks(&self, program: &Program, global: &Global) -> Option<u16> {
+        let (start, end) = stretch(program, global)?;
+        let bytes = self.bytes.get(start as usize..end as usize)?;
+        Some(bytes.iter().fold(0, |all, byte| all | byte))
+    }
+}
+
+/// The stretch of `%Q` in which an output lies; none of another variable.
+fn stretch(program: &Program, global: &Global) -> Option<Stretch> {
+    let start = global.storage.offset;
+    let output = global.storage.area == Area::Output;
+    output.then(|| (start, start + program.types.size(global.ty)))
 }
 
 /// The types to which a reference may refer that was made from one to `ty`: such as to an element of an array.
@@ -93,15 +128,20 @@ fn reached(ty: TypeId, derived: &BTreeMap<TypeId, BTreeSet<TypeId>>) -> BTreeSet
     found
 }
 
+/// Bytes of `%Q`: from the first, up to the one behind the last.
+type Stretch = (u32, u32);
+
 /// Outputs of which REF is taken, by their stretch of `%Q` and the type of the reference: which, and where first.
-type Referred = BTreeMap<((u32, u32), TypeId), (GlobalId, Location)>;
+type Referred = BTreeMap<(Stretch, TypeId), (GlobalId, Location)>;
+
+/// What is written of `%Q`, and where first.
+type Written = BTreeMap<Stretch, Location>;
 
 /// What is known of a routine itself, without its callees.
 #[derive(Default)]
 struct Facts {
     callees: BTreeSet<RoutineId>,
-    /// Stretches of `%Q`.
-    written: BTreeSet<(u32, u32)>,
+    written: Written,
     referred: Referred,
     /// The types of what it assigns through references.
     through: BTreeSet<TypeId>,
@@ -134,7 +174,7 @@ fn facts(program: &Program) -> Vec<Facts> {
 /// The facts of all routines that a task may call, together.
 #[derive(Default)]
 struct Task {
-    written: BTreeSet<(u32, u32)>,
+    written: Written,
     referred: Referred,
     through: BTreeSet<TypeId>,
 }
@@ -146,7 +186,9 @@ impl Task {
         let mut waiting = vec![entry];
         while let Some(id) = waiting.pop() {
             let facts = &facts[id.0 as usize];
-            task.written.extend(&facts.written);
+            for (stretch, first) in &facts.written {
+                task.written.entry(*stretch).or_insert(*first);
+            }
             task.through.extend(&facts.through);
             for (referred, first) in &facts.referred {
                 task.referred.entry(*referred).or_insert(*first);
@@ -171,24 +213,26 @@ impl Collector<'_> {
     fn statement(&mut self, statement: &Statement) {
         match &statement.kind {
             StatementKind::Assign(place, value) => {
-                self.written(place);
+                self.written(place, statement.location);
                 if let ExprKind::Reference(target) = &value.kind
                     && self.is_in_out(place)
                 {
                     self.handed_on.insert(value);
-                    self.written(target);
+                    self.written(target, statement.location);
                 }
             }
-            StatementKind::For(parts) => self.written(&parts.variable),
+            StatementKind::For(parts) => self.written(&parts.variable, statement.location),
             StatementKind::Call(routine, arguments)
-            | StatementKind::Invoke(_, routine, arguments) => self.call(*routine, arguments),
+            | StatementKind::Invoke(_, routine, arguments) => {
+                self.call(*routine, arguments, statement.location);
+            }
             _ => {}
         }
     }
 
     fn expr(&mut self, expr: &Expr) {
         match &expr.kind {
-            ExprKind::Call(routine, arguments) => self.call(*routine, arguments),
+            ExprKind::Call(routine, arguments) => self.call(*routine, arguments, expr.location),
             ExprKind::Intrinsic(intrinsic, arguments) => {
                 let reads = matches!(intrinsic, Intrinsic::ChannelRead(_));
                 if (reads || matches!(intrinsic, Intrinsic::ChannelWrite(_)))
@@ -197,7 +241,7 @@ impl Collector<'_> {
                 {
                     self.handed_on.insert(message);
                     if reads {
-                        self.written(place);
+                        self.written(place, expr.location);
                     }
                 }
             }
@@ -208,30 +252,34 @@ impl Collector<'_> {
         }
     }
 
-    fn call(&mut self, routine: RoutineId, arguments: &[Argument]) {
+    fn call(&mut self, routine: RoutineId, arguments: &[Argument], location: Location) {
         self.facts.callees.insert(routine);
         let known = self.known;
         for ((id, parameter), argument) in self.program.routine(routine).parameters().zip(arguments)
         {
             match argument {
                 Argument::Value(_) | Argument::Output(None) => {}
-                Argument::Output(Some(place)) => self.written(place),
+                Argument::Output(Some(place)) => self.written(place, location),
                 // An open array may be a VAR_INPUT, which is only read.
                 Argument::Reference(place) => {
                     let ty = self.program.types.get(parameter.ty);
                     if !matches!(ty, Type::OpenArray { .. })
                         || known[routine.0 as usize].parameters.contains(&id)
                     {
-                        self.written(place);
+                        self.written(place, location);
                     }
                 }
             }
         }
     }
 
-    fn written(&mut self, place: &Place) {
+    fn written(&mut self, place: &Place, location: Location) {
         match &place.root {
-            Root::Global(_) => self.facts.written.extend(self.output(place)),
+            Root::Global(_) => {
+                if let Some(stretch) = self.output(place) {
+                    self.facts.written.entry(stretch).or_insert(location);
+                }
+            }
             Root::Local(id) if self.routine.local(*id).kind == LocalKind::InOut => {
                 self.facts.parameters.insert(*id);
             }
@@ -260,7 +308,7 @@ impl Collector<'_> {
     }
 
     /// The stretch of `%Q` in which a place lies.
-    fn output(&self, place: &Place) -> Option<(u32, u32)> {
+    fn output(&self, place: &Place) -> Option<Stretch> {
         match target(self.program, self.routine, place) {
             Target::Cell(cell) if cell.base == Base::Area(Area::Output) => {
                 Some((cell.offset, cell.offset + cell.ty.size()))

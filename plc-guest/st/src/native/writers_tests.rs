@@ -43,6 +43,14 @@ fn assert_writers(before: &str, a: &str, b: &str, expected: [Option<&str>; 2]) {
     assert_eq!(writers(before, a, b), expected.map(|name| name.map(str::to_owned)));
 }
 
+/// Both tasks write this output.
+#[track_caller]
+fn assert_shared(before: &str, a: &str, b: &str, output: &str) {
+    let told = outcome(before, a, b, &[]).map(|image| image.len()).unwrap_err();
+    let says = format!("the tasks `f` and `s` both write the output `{output}`, or its byte");
+    assert!(told.starts_with(&says), "{told}");
+}
+
 const STOP: &str =
     "FUNCTION_BLOCK Stop VAR_IN_OUT speed : INT; END_VAR speed := 0; END_FUNCTION_BLOCK\n";
 const OUTER: &str = "FUNCTION_BLOCK Outer VAR_IN_OUT x : INT; END_VAR VAR inner : Stop; END_VAR\n\
@@ -53,7 +61,7 @@ fn the_task_that_hands_an_output_on_to_a_block_writes_it() {
     let b = "VAR s : Stop; END_VAR s(speed := motor); s(speed := outs[1]);";
     assert_writers(STOP, ";", b, [S, S]);
     // Two tasks write it, as if both assigned it by its name.
-    assert_writers(STOP, "motor := 1500;", b, [None, S]);
+    assert_shared(STOP, "motor := 1500;", b, "motor");
     let nested = format!("{STOP}{OUTER}");
     assert_writers(&nested, "VAR o : Outer; END_VAR o(x := motor);", ";", [F, None]);
 }
@@ -71,7 +79,7 @@ fn the_task_that_hands_an_output_on_to_a_function_writes_it() {
     let before = "FUNCTION Go : INT VAR_IN_OUT x : INT; END_VAR x := x + 1; END_FUNCTION\n";
     let b = "VAR q : INT; END_VAR q := Go(x := motor);";
     assert_writers(before, ";", b, [S, None]);
-    assert_writers(before, "motor := 1;", b, [None, None]);
+    assert_shared(before, "motor := 1;", b, "motor");
 }
 
 #[test]
@@ -87,7 +95,7 @@ fn an_open_array_is_written_by_who_assigns_its_elements() {
     for call in ["Clear", "Deep", "Lend"] {
         let b = format!("VAR z : INT; END_VAR z := {call}(a := outs);");
         assert_writers(before, ";", &b, [None, S]);
-        assert_writers(before, "outs[1] := 5;", &b, [None, None]);
+        assert_shared(before, "outs[1] := 5;", &b, "outs");
     }
 }
 
@@ -103,7 +111,7 @@ fn a_message_is_written_where_it_is_read_from_a_channel() {
 fn the_only_task_that_assigns_through_references_writes_what_is_referred_to() {
     let taken = "VAR r : REF_TO INT; END_VAR r := REF(motor); r^ := 1;";
     assert_writers("", taken, ";", [F, None]);
-    assert_writers("", taken, "motor := 2;", [None, None]);
+    assert_shared("", taken, "motor := 2;", "motor");
     // A reference that is only read writes nothing, and one of another type writes another output.
     let read = "VAR r : REF_TO INT; n : INT; END_VAR r := REF(motor); n := r^;";
     assert_writers("", read, "motor := 2;", [S, None]);
@@ -116,6 +124,19 @@ fn the_only_task_that_assigns_through_references_writes_what_is_referred_to() {
     assert_writers(&before, a, "VAR s : Stop; END_VAR s(speed := all^[2]);", [None, S]);
     let part = "VAR one : REF_TO INT; END_VAR one := REF(all^[2]); one^ := 1;";
     assert_writers(&before, a, part, [None, S]);
+}
+
+#[test]
+fn an_output_that_two_tasks_write_is_refused() {
+    assert_shared("", "motor := motor + 1;", "motor := motor + 1;", "motor");
+    // In part, or in its byte.
+    assert_shared("", "outs[0] := 1;", "outs[1] := 1;", "outs");
+    let bits = "VAR_GLOBAL left AT %QX3.0 : BOOL; right AT %QX3.1 : BOOL; END_VAR\n";
+    assert_shared(bits, "left := TRUE;", "right := TRUE;", "left");
+    // A test is no task of the program.
+    let test = "TEST 'one' VAR r : REF_TO INT; END_VAR motor := 1; r := REF(motor); END_TEST";
+    let b = "VAR n : INT; r : REF_TO INT; END_VAR r := REF(n); r^ := 1;";
+    assert!(outcome("", "motor := 1;", b, &[test]).is_ok());
 }
 
 #[test]

@@ -3,8 +3,7 @@
 use std::time::{Duration, Instant};
 
 use takt_program::{
-    ABI_VERSION, Area, CodeOffset, Image, Start, Task, TaskId, TaskInformation, address,
-    call::Error,
+    ABI_VERSION, CodeOffset, Image, Start, Task, TaskId, TaskInformation, address, call::Error,
 };
 use takt_st::hir::Simulation;
 
@@ -14,6 +13,7 @@ use super::child::{Child, Registers, Stop};
 use super::fault::{Failed, Fault, Place, describe, place_of_call};
 use super::kernel::{Kernel, Outcome};
 use super::memory::{Memory, Rights};
+use super::outputs::Outputs;
 
 /// The flags register as a function finds it: interrupts on, direction up, no single step. Bit 1 is always set.
 const FLAGS: u64 = 0x202;
@@ -28,6 +28,7 @@ pub struct Machine<'a> {
     memory: Memory,
     child: Child,
     kernel: Kernel,
+    outputs: Outputs<'a>,
     registers: Registers,
     vectors: libc::user_fpregs_struct,
     /// How long a job may run on this machine.
@@ -53,22 +54,28 @@ pub struct Job<'a> {
 impl<'a> Machine<'a> {
     /// Loads the program.
     pub fn new(image: Image<'a>, limit: Duration) -> Result<Self, HostError> {
-        Self::with_inputs(image, limit, Rights::Read)
+        Self::with_inputs(image, limit, Rights::Read, image.tasks().len())
     }
 
-    /// Loads the program of a test, which sets inputs itself.
+    /// Loads the program of a test, which sets inputs itself. The last task is the test's.
     pub fn for_test(image: Image<'a>, limit: Duration) -> Result<Self, HostError> {
-        Self::with_inputs(image, limit, Rights::Write)
+        Self::with_inputs(image, limit, Rights::Write, image.tasks().len().saturating_sub(1))
     }
 
-    fn with_inputs(image: Image<'a>, limit: Duration, inputs: Rights) -> Result<Self, HostError> {
+    fn with_inputs(
+        image: Image<'a>,
+        limit: Duration,
+        inputs: Rights,
+        own: usize,
+    ) -> Result<Self, HostError> {
         let memory = Memory::new(&image, inputs)?;
         let child = Child::new(&memory)?;
         let kernel = Kernel::new(&image);
         let registers = child.registers()?;
         let mut vectors = child.vectors()?;
         (vectors.mxcsr, vectors.cwd, vectors.swd, vectors.ftw) = (MXCSR, X87_CONTROL, 0, 0);
-        Ok(Self { image, memory, child, kernel, registers, vectors, limit })
+        let outputs = Outputs::new(image, own);
+        Ok(Self { image, memory, child, kernel, outputs, registers, vectors, limit })
     }
 
     /// Bytes of the program's memory.
@@ -96,11 +103,14 @@ impl<'a> Machine<'a> {
         let task = job.task.id.0.into();
         let information =
             TaskInformation { task, ..self.information(job.cycle, job.now, job.period) };
-        let before = self.outputs();
+        let before = self.outputs.get(&self.memory);
         let caller = Caller::task(&job.task, job.now);
         let lines = self.run(job.task.name, &job.task, job.task.entry, information, &caller)?;
-        match self.foreign_output(&before, job.task.id) {
-            None => Ok(lines),
+        match self.outputs.foreign(&self.memory, &before, job.task.id) {
+            None => {
+                self.outputs.restore(&self.memory, &before);
+                Ok(lines)
+            }
             Some(name) => {
                 let what = format!("it changed the output `{name}`, which another task writes");
                 Err(self.fault(
@@ -111,30 +121,6 @@ impl<'a> Machine<'a> {
                 ))
             }
         }
-    }
-
-    /// The output image.
-    fn outputs(&self) -> Vec<u8> {
-        let bytes = self.image.area_bytes(Area::Output).into();
-        self.memory.get(address::OUTPUT, bytes).unwrap_or_default()
-    }
-
-    /// An output of another task that is not as it was.
-    fn foreign_output(&self, before: &[u8], task: TaskId) -> Option<&'a str> {
-        let after = self.outputs();
-        let outputs = self.image.variables().filter(|variable| variable.area == Area::Output);
-        let mut foreign =
-            outputs.filter(|output| output.writer.is_some_and(|writer| writer != task));
-        let changed = foreign.find(|output| {
-            let mask = output.bit.map_or(u8::MAX, |bit| 1 << bit);
-            let from = output.offset as usize;
-            let bytes = from..from + output.bytes as usize;
-            bytes.into_iter().any(|at| {
-                let [old, new] = [before, &after].map(|image| image.get(at).copied().unwrap_or(0));
-                (old ^ new) & mask != 0
-            })
-        });
-        changed.map(|output| output.name)
     }
 
     pub(super) fn information(&self, cycle: u64, now: u64, period: u64) -> TaskInformation {

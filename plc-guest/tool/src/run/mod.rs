@@ -16,6 +16,7 @@ mod fault;
 mod kernel;
 mod machine;
 mod memory;
+mod outputs;
 mod schedule;
 mod simulation;
 

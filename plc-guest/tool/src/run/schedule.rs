@@ -103,59 +103,53 @@ impl<'a> Schedule<'a> {
         self.now
     }
 
-    /// Runs all jobs that are released in the next `step` nanoseconds: by release time, then by priority. A task
-    /// that waits for an edge is released by a value that has become true since the last step, one that waits for
-    /// messages by each that was there at its begin; freewheeling tasks run once, last.
+    /// Runs all jobs that are released in the next `step` nanoseconds: by release time, then by priority. As in the
+    /// guest, events are looked for at the begin and behind each job. Freewheeling tasks run once, last.
     pub fn step(&mut self, machine: &mut Machine<'_>, step: u64) -> Result<Vec<Logged>, Failed> {
         let mut logged = Vec::new();
         let end = self.now.saturating_add(step);
-        for scheduled in &mut self.tasks {
-            scheduled.look(machine);
+        self.look(machine);
+        while let Some((release, index)) = self.first(machine).filter(|(first, _)| *first < end) {
+            self.now = release;
+            self.tasks[index].released(release);
+            logged.extend(self.run(machine, index, release)?);
+            self.look(machine);
         }
-        let mut due: Vec<(u64, u8, usize)> = Vec::new();
-        for (index, scheduled) in self.tasks.iter_mut().enumerate() {
-            let priority = scheduled.task.priority;
-            match scheduled.task.kind {
-                TaskKind::Cyclic { period, .. } => {
-                    while scheduled.next < end {
-                        due.push((scheduled.next, priority, index));
-                        scheduled.next = scheduled.next.saturating_add(period.0);
-                    }
-                }
-                TaskKind::Event { source: EventSource::Channel(port), minimum } => {
-                    // One job for each message; what a job reads more of them, others find gone.
-                    let first = scheduled.next.max(self.now);
-                    let releases = (0..machine.waiting(port) as u64)
-                        .map(|job| first.saturating_add(job.saturating_mul(minimum.0)));
-                    let releases = releases.take_while(|release| *release < end);
-                    due.extend(releases.map(|release| (release, priority, index)));
-                }
-                TaskKind::Event { minimum, .. } => {
-                    if scheduled.pending && scheduled.next < end {
-                        scheduled.pending = false;
-                        let release = scheduled.next.max(self.now);
-                        due.push((release, priority, index));
-                        scheduled.next = release.saturating_add(minimum.0);
-                    }
-                }
-                TaskKind::Freewheeling => due.push((end - 1, u8::MAX, index)),
+        // Nothing of a step that takes no time is left to them.
+        for index in 0..self.tasks.len() {
+            if self.now < end && self.tasks[index].task.kind == TaskKind::Freewheeling {
+                logged.extend(self.run(machine, index, end - 1)?);
             }
-        }
-        due.sort_unstable();
-        for (now, _, index) in due {
-            let scheduled = &mut self.tasks[index];
-            if let TaskKind::Event { source: EventSource::Channel(port), minimum } =
-                scheduled.task.kind
-            {
-                if machine.waiting(port) == 0 {
-                    continue;
-                }
-                scheduled.next = now.saturating_add(minimum.0);
-            }
-            logged.extend(self.run(machine, index, now)?);
         }
         self.now = end;
         Ok(logged)
+    }
+
+    /// Runs what is released in this time. A freewheeling task has a job in each shortest period, as it has in each
+    /// window of the guest; a program without a period is taken to have windows of 1 ms.
+    pub fn pass(&mut self, machine: &mut Machine<'_>, time: u64) -> Result<Vec<Logged>, Failed> {
+        const WINDOW: u64 = 1_000_000;
+        let window = self.shortest_period().unwrap_or(WINDOW);
+        let end = self.now.saturating_add(time);
+        let mut logged = Vec::new();
+        while self.now < end {
+            logged.extend(self.step(machine, window.min(end - self.now))?);
+        }
+        Ok(logged)
+    }
+
+    fn look(&mut self, machine: &Machine<'_>) {
+        self.tasks.iter_mut().for_each(|scheduled| scheduled.look(machine));
+    }
+
+    /// The next release that is known now, and of which task.
+    fn first(&self, machine: &Machine<'_>) -> Option<(u64, usize)> {
+        let release = |(index, scheduled): (usize, &Scheduled<'_>)| {
+            let release = scheduled.release(self.now, machine)?;
+            Some((release, scheduled.task.priority, index))
+        };
+        let first = self.tasks.iter().enumerate().filter_map(release).min()?;
+        Some((first.0, first.2))
     }
 
     fn run(
@@ -175,6 +169,29 @@ impl<'a> Schedule<'a> {
 }
 
 impl Scheduled<'_> {
+    /// When it is released next, as far as that is known now.
+    fn release(&self, now: u64, machine: &Machine<'_>) -> Option<u64> {
+        let happened = match self.task.kind {
+            TaskKind::Cyclic { .. } => return Some(self.next),
+            // What a job reads more than one message, others find gone.
+            TaskKind::Event { source: EventSource::Channel(port), .. } => machine.waiting(port) > 0,
+            TaskKind::Event { .. } => self.pending,
+            TaskKind::Freewheeling => false,
+        };
+        happened.then(|| self.next.max(now))
+    }
+
+    /// It is released at this time.
+    fn released(&mut self, now: u64) {
+        self.pending = false;
+        match self.task.kind {
+            TaskKind::Cyclic { period: time, .. } | TaskKind::Event { minimum: time, .. } => {
+                self.next = now.saturating_add(time.0);
+            }
+            TaskKind::Freewheeling => {}
+        }
+    }
+
     /// Notes whether the variable that it waits for has become true.
     fn look(&mut self, machine: &Machine<'_>) {
         let Some((place, was)) = &mut self.edge else { return };

@@ -98,7 +98,7 @@ impl<'m, 'a> TestRun<'m, 'a> {
         }
         if request == Simulation::Run {
             let vectors = self.machine.vectors()?;
-            logged.extend(self.schedule.step(self.machine, nanoseconds)?);
+            logged.extend(self.schedule.pass(self.machine, nanoseconds)?);
             self.machine.set_vectors(&vectors)?;
         } else {
             self.schedule.skip(nanoseconds);

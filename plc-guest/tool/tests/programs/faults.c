@@ -3,6 +3,7 @@
 
 TAKT_PROGRAM("faults", 1, 0, 0, 0);
 TAKT_INPUT(DINT, what, 0);
+TAKT_OUTPUT(DINT, refused, 0);
 
 static volatile int zero, data[4] = { 0x90 };
 static int *volatile null_pointer;
@@ -60,6 +61,7 @@ static void run(const takt_job *job) {
     case 16:
         /* The number of exit() on Linux is no call here. */
         if (takt_call(60, 0, 0, 0, 0) != TAKT_BAD_NUMBER) takt_fail("exit");
+        refused++;
         break;
     }
 }

@@ -40,3 +40,12 @@ pub struct File {
     /// What it declares, in order.
     pub declarations: Vec<Declaration>,
 }
+
+impl File {
+    /// Whether it has a TEST: all that it declares is for tests alone then.
+    #[must_use]
+    pub fn has_tests(&self) -> bool {
+        let is_test = |declaration: &Declaration| matches!(declaration, Declaration::Unit(unit) if unit.kind == UnitKind::Test);
+        self.declarations.iter().any(is_test)
+    }
+}

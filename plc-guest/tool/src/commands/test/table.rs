@@ -6,7 +6,7 @@ use takt_program::{Area, Image, Nanoseconds};
 
 use super::{Options, failed, host, read};
 use crate::run::{Logged, Machine, Schedule};
-use crate::table::{Column, Kind, Row, Table};
+use crate::table::{Cell, Column, Kind, Row, Table};
 use crate::{Failure, status};
 
 /// Mismatches that are told one by one.
@@ -35,6 +35,10 @@ pub fn run(image: Image<'_>, path: Option<&PathBuf>, options: &Options) -> Resul
         compare(&table, row, &machine, &mut wrong);
     }
     let (cycles, time) = (table.rows.len(), Nanoseconds(schedule.now()));
+    if let Some(path) = path.filter(|_| !expects(&table)) {
+        let message = format!("{} expects nothing: all of its values are set", path.display());
+        return Err(Failure::input(message));
+    }
     if wrong.is_empty() {
         let name = image.name();
         return Ok(format!("{name}: {cycles} cycles, {time} of simulated time, all as expected"));
@@ -65,6 +69,12 @@ fn table(image: &Image<'_>, path: Option<&PathBuf>, cycles: u64) -> Result<Table
         )));
     }
     Ok(table)
+}
+
+/// Whether any value of a table is expected. One that only sets inputs shows no more than that nothing faults.
+fn expects(table: &Table) -> bool {
+    let expected = |cell: &Cell| matches!(table.columns[cell.0].kind, Kind::Expect { .. });
+    table.rows.iter().flat_map(|row| &row.cells).any(expected)
 }
 
 fn set(table: &Table, row: &Row, machine: &Machine<'_>, which: impl Fn(&Column) -> bool) {
