@@ -127,15 +127,10 @@ fn unused(program: &Program) -> Vec<(u32, u32)> {
 }
 
 /// A name as images have them: that of an address loses its percent sign. Only names that the compiler made have other
-/// characters, such as that of a type that has none; they become `_`.
+/// characters, such as that of a type without one: `(Stop, Go)` becomes `_Stop,_Go_`.
 fn name(name: &str) -> String {
     let allowed = |c: char| if c.is_ascii_alphanumeric() || "_.-[],".contains(c) { c } else { '_' };
     name.trim_start_matches('%').chars().map(allowed).collect()
-}
-
-/// A type's name as images have them. One without a name has its text for it: `(Stop, Go)` becomes `_Stop__Go_`.
-fn type_name(name: &str) -> String {
-    name.replace(|c: char| !c.is_ascii_alphanumeric() && c != '_', "_")
 }
 
 fn place(program: &Program, location: Location) -> Option<Place> {
@@ -251,7 +246,7 @@ impl Types<'_> {
         };
         let ty = match types.get(id) {
             Type::Enumeration { name, .. } | Type::Structure(hir::Structure { name, .. }) => {
-                build::Type::new(types.size(id), kind).named(&type_name(name))
+                build::Type::new(types.size(id), kind).named(&self::name(name))
             }
             _ => build::Type::new(types.size(id), kind),
         };
