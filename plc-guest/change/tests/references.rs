@@ -134,6 +134,9 @@ fn what_may_become_null_is_told() {
     assert!(told(Elementary::Int, Elementary::Dint), "converted");
     assert!(told(Elementary::Int, Elementary::Bool), "begins anew");
     assert!(!told(Elementary::Int, Elementary::Int), "kept");
+    // It comes along, and back it begins anew.
+    let notes = change(&batch(2, 0), &batch(3, 1)).notes;
+    assert!(notes.iter().any(|note| note.kind == NoteKind::Reference));
 }
 
 #[test]

@@ -115,7 +115,8 @@ fn what_a_roll_back_does_not_bring_back_is_told() {
     for line in [
         "roll-back    main.batch.phase                 Phase: gets its value of the commit again",
         "roll-back    main.n                           INT: gets its value of the commit again",
-        "reference    one to what is dropped, converted or starts anew becomes NULL, and stays NULL after a roll-back",
+        "reference    one to what is dropped, converted or starts anew becomes NULL, and stays NULL after a roll-back; one to what a \
+         roll-back does not bring back becomes NULL at the roll-back",
     ] {
         assert!(ended.text.contains(line), "{line}\n{}", ended.text);
     }

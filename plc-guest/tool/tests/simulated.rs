@@ -62,6 +62,14 @@ END_CONFIGURATION
 }
 
 #[test]
+fn a_test_that_lets_no_time_pass_ends_at_the_limit() {
+    let test = "TEST 'waits'\nWHILE TRUE DO\nRUN(T#0s);\nEND_WHILE;\nEND_TEST\n";
+    let folder = folder(TICKS, test);
+    let ended = folder.takt_plc(&["test", "main.st", "t.st", "--time-limit", "200"]);
+    ended.expect(1, "did not end in time");
+}
+
+#[test]
 fn an_output_of_two_tasks_is_refused_with_both_places() {
     let main = "VAR_GLOBAL n AT %QW0 : INT; END_VAR
 PROGRAM A

@@ -93,13 +93,15 @@ impl Change {
         refusals.extend(forward.refusals.iter().cloned());
         refusals.extend(only_back(&forward, &back));
         refusals.extend(compare::rises(old, new, &forward));
-        if forward.loses() && !forward.references.is_empty() {
-            let text = "one to what is dropped, converted or starts anew becomes NULL, and stays NULL after a roll-back";
+        let left_behind = left_behind(&forward, &back);
+        if !forward.references.is_empty() && (forward.loses() || !left_behind.is_empty()) {
+            let text = "one to what is dropped, converted or starts anew becomes NULL, and stays NULL after a roll-back; one \
+                        to what a roll-back does not bring back becomes NULL at the roll-back";
             notes.push(Note { kind: NoteKind::Reference, text: text.to_string() });
         }
         let mut change = Self {
             entries: forward.entries.clone(),
-            left_behind: left_behind(&forward, &back),
+            left_behind,
             notes,
             refusals,
             plans: None,
@@ -121,6 +123,10 @@ impl Change {
                 }
                 Err(refusal) => change.refusals.push(refusal),
             }
+        }
+        // There is no roll-back of what is not done.
+        if !change.refusals.is_empty() {
+            change.left_behind.clear();
         }
         change
     }

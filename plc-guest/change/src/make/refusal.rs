@@ -110,8 +110,8 @@ impl fmt::Display for Refusal {
             ),
             Self::Target { name } => write!(
                 f,
-                "{name} gets another length or loses elements, and there are references to its type, which would lead \
-                 behind its end"
+                "{name} loses elements, or its rows get another length, in the new version or at a roll-back, and there are \
+                 references to its type: one would lead behind its end"
             ),
             Self::Rise { name } => {
                 write!(f, "an event task waits for the rise of {name}, which gets to another place")

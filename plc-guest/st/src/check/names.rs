@@ -80,7 +80,7 @@ impl<'a> Checker<'a> {
             }
         }
         for file in files.iter().filter(|file| !file.library && file.tree.has_tests()) {
-            self.refuse_mocks(file.tree);
+            self.refuse_names_of_the_library(file.tree);
         }
         if let [_, second, ..] = self.configurations[..] {
             let first = self.configurations[0].name.span;
@@ -94,7 +94,7 @@ impl<'a> Checker<'a> {
 
     /// Refuses names of the library that a file of tests declares: the tested program would use what is declared
     /// there, and its image what the library has.
-    fn refuse_mocks(&mut self, tree: &'a ast::File) {
+    fn refuse_names_of_the_library(&mut self, tree: &'a ast::File) {
         for declaration in &tree.declarations {
             let names: Vec<&Name> = match declaration {
                 Declaration::Type(declaration) => vec![&declaration.name],
@@ -106,19 +106,17 @@ impl<'a> Checker<'a> {
             };
             let function =
                 matches!(declaration, Declaration::Unit(unit) if unit.kind == UnitKind::Function);
-            let taken = |name: &&Name| {
-                self.names.library.contains_key(&*name.key)
-                    || function && known::function(&name.key).is_some()
-            };
-            let taken: Vec<&Name> = names.into_iter().filter(taken).collect();
-            for name in taken {
-                let found =
-                    format!("`{}`, a name of the library, in a file with a TEST", name.text);
-                self.tell(
-                    Diagnostic::new(Code::DuplicateName, name.span, found).hint(
+            for name in names {
+                let taken = self.names.library.contains_key(&*name.key)
+                    || function && known::function(&name.key).is_some();
+                if taken {
+                    let found =
+                        format!("`{}`, a name of the library, in a file with a TEST", name.text);
+                    let one = Diagnostic::new(Code::DuplicateName, name.span, found);
+                    self.tell(one.hint(
                         "the program would be tested with it, and be built with the library's",
-                    ),
-                );
+                    ));
+                }
             }
         }
     }

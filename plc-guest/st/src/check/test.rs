@@ -329,7 +329,8 @@ impl Checker<'_> {
             location,
         });
     }
-    /// A test without an assertion passes whatever the program does.
+
+    /// Warns of a test without an assertion: it fails only if the program faults.
     fn warn_of_no_assertion(&mut self, test: &ast::Unit) {
         let Span { start, end, .. } = test.span;
         let [first, last] = [start, end].map(|at| {

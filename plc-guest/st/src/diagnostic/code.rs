@@ -102,7 +102,7 @@ codes! {
     NeverAssigned Warning "never-assigned" "A variable that is read and never assigned.";
     RealEquality Warning "real-equality" "Floating-point numbers compared for equality.";
     UnboundedLoop Warning "unbounded-loop" "A WHILE or REPEAT loop without a visible bound.";
-    NoEffect Warning "no-effect" "A statement or condition that cannot change anything, or a test that cannot fail.";
+    NoEffect Warning "no-effect" "A statement or condition that cannot change anything, or a test without an assertion.";
 }
 
 impl fmt::Display for Code {

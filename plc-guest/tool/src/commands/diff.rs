@@ -163,7 +163,7 @@ fn print(old: &Image<'_>, new: &Image<'_>, change: &Change, all: bool) {
         println!("  {:<12} {}", "commit", cost_text(&plans.cost));
         println!("  {:<12} {}", "roll-back", cost_text(&plans.back_cost));
     }
-    for Entry { name, ty, .. } in change.left_behind.iter().filter(|_| change.refusals.is_empty()) {
+    for Entry { name, ty, .. } in &change.left_behind {
         println!("  {:<12} {name:<32} {ty}: gets its value of the commit again", "roll-back");
     }
 }

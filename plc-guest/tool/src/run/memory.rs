@@ -101,7 +101,7 @@ impl Memory {
         self.file.as_raw_fd()
     }
 
-    /// Whether the program may read, or write, all of these bytes. As for the kernel, nothing is a part of everything.
+    /// Whether the program may read, or write, all of these bytes. As in the kernel, no bytes at all are allowed at any address.
     pub fn allows(&self, at: u64, bytes: u64, write: bool) -> bool {
         let found = self.find(at, bytes);
         bytes == 0 || found.is_some_and(|region| !write || region.rights == Rights::Write)

@@ -125,8 +125,8 @@ impl<'a> Schedule<'a> {
         Ok(logged)
     }
 
-    /// Runs what is released in this time. A freewheeling task has a job in each shortest period, as it has in each
-    /// window of the guest; a program without a period is taken to have windows of 1 ms.
+    /// Runs what is released in this time, in pieces of the shortest period (of 1 ms if there is none), of which the last may
+    /// be shorter. Freewheeling tasks have a job in each piece, as they have in each window of the guest.
     pub fn pass(&mut self, machine: &mut Machine<'_>, time: u64) -> Result<Vec<Logged>, Failed> {
         const WINDOW: u64 = 1_000_000;
         let window = self.shortest_period().unwrap_or(WINDOW);

@@ -48,9 +48,10 @@ impl<'m, 'a> TestRun<'m, 'a> {
     pub fn run(mut self) -> Result<(Verdict, Vec<Logged>), Failed> {
         let mut logged = Vec::new();
         let mut registers = self.machine.enter(&self.task, self.task.entry, &self.information)?;
+        let mut deadline = self.machine.deadline();
         loop {
             let caller = Caller::task(&self.task, self.information.now);
-            let (name, deadline) = (self.task.name, self.machine.deadline());
+            let name = self.task.name;
             let paused = self.machine.go(name, &self.information, &caller, registers, deadline)?;
             match paused {
                 Paused::Ended(lines) => {
@@ -67,6 +68,10 @@ impl<'m, 'a> TestRun<'m, 'a> {
                     let lines = self.machine.take_log();
                     self.take(lines, &mut logged);
                     registers = self.pass(request, nanoseconds, *at, &mut logged)?;
+                    // One that lets no time pass goes on with what it has left.
+                    if nanoseconds > 0 {
+                        deadline = self.machine.deadline();
+                    }
                 }
             }
         }
