@@ -3,7 +3,6 @@
 use std::mem;
 use std::sync::Arc;
 
-use rtrb::Consumer;
 use takt_devices::output::{Allowance, OutputEnd};
 use takt_devices::watchdog::Timer;
 use takt_scheduler::guard::GuardChange;
@@ -32,6 +31,7 @@ use crate::terminal::Lines;
 use crate::vcpu::Control;
 use crate::vcpu::guest_timer::Deadlines;
 use crate::vcpu::record::{Detour, Record, WindowRecord};
+use crate::vcpu::records::RecordReader;
 use takt_record::WindowAssembler;
 
 /// Time between two looks, in ns, from which on it is taken that Takt itself was stopped. It looks fifty times a second.
@@ -58,7 +58,7 @@ pub struct Account {
     /// What is typed goes here, if its guest has a console to type at.
     pub keyboard: Option<Console>,
     /// What its thread recorded; `None` for a background partition.
-    pub records: Option<Consumer<Record>>,
+    pub records: Option<RecordReader>,
     /// Detours whose window is not in the ring yet.
     pub assembler: WindowAssembler,
     /// Whether its windows are entered, if its guest tells of its scans.
@@ -205,6 +205,12 @@ impl Account {
         }
     }
 
+    /// Records of its windows for which there was no room since the epoch: its figures lack them.
+    #[must_use]
+    pub fn unrecorded(&self) -> u64 {
+        self.records.as_ref().map_or(0, RecordReader::unrecorded)
+    }
+
     /// Time in its windows that no other partition could use. A guest that does not say when it is done stays in them, and
     /// gives its CPU away while it waits.
     #[must_use]
@@ -298,7 +304,7 @@ impl Account {
     ) -> Vec<GuardChange> {
         let mut changes = Vec::new();
         let Some(records) = &mut self.records else { return changes };
-        while let Ok(record) = records.pop() {
+        while let Some(record) = records.pop() {
             match (&record, &mut self.releases) {
                 (Record::Guard(change), _) => changes.push(*change),
                 (Record::Skipped(skipped), Some(releases)) => releases.skip(skipped),

@@ -46,8 +46,6 @@ pub struct Finished {
     pub noted: u64,
     /// CPU time that it used.
     pub cpu_time: Nanos,
-    /// Records that did not fit into the ring.
-    pub unrecorded: u64,
 }
 
 /// What an operator wants of a partition.

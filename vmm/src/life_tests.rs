@@ -7,7 +7,7 @@ const FAULT: Detail = Detail::Clock(ClockFault::Rate { clock_ahead_ns: 40_000_00
 
 fn finished(end: End) -> Finished {
     let at = Tsc(7);
-    Finished { end, at, starting: false, noted: 0, cpu_time: Nanos(5), unrecorded: 0 }
+    Finished { end, at, starting: false, noted: 0, cpu_time: Nanos(5) }
 }
 
 fn left(end: End, action: Option<Action>) -> Event {

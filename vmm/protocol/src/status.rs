@@ -190,6 +190,8 @@ pub struct ReleaseStatus {
     pub start_up_windows: u64,
     /// Releases that never happened.
     pub lost: u64,
+    /// Records of windows that Takt had no room for: the figures here lack them.
+    pub unrecorded: u64,
     /// Wake-ups that came later than the guard can absorb: their releases were late, or lost as well.
     pub late: u64,
     /// Windows that ended by a kick before the scan was complete.

@@ -112,11 +112,12 @@ impl Operator for Operated<'_> {
                 console_dropped: account.console_dropped(),
                 releases: account.releases.as_ref().map(|releases| {
                     let latency_sum_ns = releases.latency_sum();
-                    let all = releases.report(0);
+                    let all = releases.report(account.unrecorded());
                     ReleaseStatus {
                         happened: all.releases,
                         start_up_windows: all.start_up_windows,
                         lost: all.lost,
+                        unrecorded: all.unrecorded,
                         late: all.late_releases,
                         overruns: all.overruns,
                         unfinished_windows: all.unfinished_windows,
@@ -126,7 +127,11 @@ impl Operator for Operated<'_> {
                         wake_up_latency_ns: all.wake_up_latency_ns,
                     }
                 }),
-                programs: programs::status(&facts.programs, self.live.figures(id)),
+                programs: programs::status(
+                    &facts.programs,
+                    self.live.figures(id),
+                    account.life.is_up(),
+                ),
                 forced: self.live.forced(id),
             }
         });

@@ -215,7 +215,7 @@ mod tests {
     });
 
     fn finished(end: End, at: u64, noted: u64) -> Finished {
-        Finished { end, at: Tsc(at), starting: false, noted, cpu_time: Nanos::ZERO, unrecorded: 0 }
+        Finished { end, at: Tsc(at), starting: false, noted, cpu_time: Nanos::ZERO }
     }
 
     /// The lines of one look at the notes.

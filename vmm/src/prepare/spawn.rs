@@ -4,7 +4,6 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use kvm_ioctls::VcpuFd;
-use rtrb::{Consumer, RingBuffer};
 use takt_devices::output;
 use takt_scheduler::guard::{AutoGuard, ReleaseGuard};
 use takt_scheduler::reservation::CpuReservations;
@@ -31,7 +30,7 @@ use crate::run_error::RunError;
 use crate::terminal::Lines;
 use crate::vcpu::guest::{End, Guest};
 use crate::vcpu::kick::Kickable;
-use crate::vcpu::record::Record;
+use crate::vcpu::records::{RecordReader, records};
 use crate::vcpu::thread::{self, Place};
 use crate::vcpu::windowed::{Plan, Windowed};
 use crate::vcpu::{Control, background};
@@ -154,9 +153,9 @@ impl Preparation<'_> {
         let group = self.groups.entry(partition);
         let doors = (G::THREAD, self.mode);
         let place = Place { cpu, domain, group, reservation, ports, doors };
-        let (thread, records): (_, Option<Consumer<Record>>) = match plan {
+        let (thread, records): (_, Option<RecordReader>) = match plan {
             Some(plan) => {
-                let (producer, consumer) = RingBuffer::new(RECORDS);
+                let (producer, consumer) = records(RECORDS);
                 let run = move |kickable: &mut Kickable, base: Timebase| {
                     let windowed = Windowed::new(plan, base, producer);
                     body.run_windowed(windowed, kickable, guest, &mut revivals);
@@ -230,15 +229,15 @@ impl Body {
             }
             self.own.leave_guest();
             let starting = guest.says_done() && windowed.starting();
-            self.tell((end, Nanos::ZERO), starting, windowed.unrecorded());
+            self.tell((end, Nanos::ZERO), starting);
             let revival = loop {
                 if !windowed.next_window(&self.own) {
-                    return self.end(windowed.unrecorded());
+                    return self.end();
                 }
                 match revivals.take() {
                     Ok(Some(revival)) => break revival,
                     Ok(None) => {}
-                    Err(Gone) => return self.end(windowed.unrecorded()),
+                    Err(Gone) => return self.end(),
                 }
             };
             if !self.revive(kickable, &mut guest, revival) {
@@ -261,8 +260,8 @@ impl Body {
             let left = self.crew.gather(&self.own, end);
             guest.left();
             self.own.leave_guest();
-            self.tell(left, false, 0);
-            let Some(revival) = wait(&self.own, revivals) else { return self.end(0) };
+            self.tell(left, false);
+            let Some(revival) = wait(&self.own, revivals) else { return self.end() };
             if !self.revive(kickable, &mut guest, revival) {
                 return;
             }
@@ -278,20 +277,20 @@ impl Body {
     ) -> bool {
         let revived = revival(kickable, guest);
         if !revived {
-            self.tell((End::NotLoaded, Nanos::ZERO), true, 0);
+            self.tell((End::NotLoaded, Nanos::ZERO), true);
         }
         revived
     }
 
     /// Without a guest, whose end has been told. If one was to be started anew, the end of the run is its end.
-    fn end(&mut self, unrecorded: u64) {
+    fn end(&mut self) {
         if self.own.ending() {
-            self.tell((End::Stopped, Nanos::ZERO), true, unrecorded);
+            self.tell((End::Stopped, Nanos::ZERO), true);
         }
     }
 
     /// Tells of the guest's end, and the CPU time that other processors of it have used.
-    fn tell(&mut self, (end, others): (End, Nanos), starting: bool, unrecorded: u64) {
+    fn tell(&mut self, (end, others): (End, Nanos), starting: bool) {
         let mut health = lock(&self.health);
         health.end(end);
         self.ending.tell(Finished {
@@ -300,7 +299,6 @@ impl Body {
             starting,
             noted: health.noted(),
             cpu_time: thread::cpu_time().plus(others),
-            unrecorded,
         });
     }
 }
@@ -340,14 +338,14 @@ mod tests {
         let (loader, mut revivals) = handoff::<Revival<PlcGuest>>(1);
         let _loader = over.then_some(loader);
         assert!(wait(&own, &mut revivals).is_none());
-        body.end(3);
+        body.end();
         ends.take().ok().flatten()
     }
 
     #[test]
     fn a_guest_that_was_to_start_again_when_the_run_ended_was_stopped_with_it() {
         let finished = told(true).unwrap();
-        assert_eq!((finished.end, finished.unrecorded), (End::Stopped, 3));
+        assert_eq!(finished.end, End::Stopped);
         let mut life = Life::new(Starts::Cold);
         let _ = life.step(Event::RunOver);
         let _ = life.step(Event::Left { finished, action: None, leaving: false });

@@ -80,7 +80,6 @@ impl Facts<'_> {
     ) -> report::Partition {
         let finished = account.life.finished();
         let held_up = linux.is_some_and(LinuxParts::is_held_up);
-        let unrecorded = finished.map_or(0, |f| f.unrecorded);
         let schedules = self.file.schedules();
         let cpu_time = finished.map_or(Nanos::ZERO, |f| f.cpu_time);
         let donation =
@@ -117,7 +116,7 @@ impl Facts<'_> {
             events: account.health.report(),
             illegal_accesses: account.health.count(Fault::IllegalRequest),
             console_dropped: account.console_dropped(),
-            releases: account.releases.as_ref().map(|r| r.report(unrecorded)),
+            releases: account.releases.as_ref().map(|r| r.report(account.unrecorded())),
             wake_ups: account.records.as_ref().map(|_| account.control.wake_ups().into()),
             donation,
             stuck: account.kernel.as_ref().map(KernelWatch::stuck),

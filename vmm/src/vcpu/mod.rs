@@ -31,6 +31,7 @@ pub mod linux;
 pub mod plc;
 pub mod port_access;
 pub mod probe;
+pub mod records;
 pub mod thread;
 pub mod tick;
 pub mod window_enforcer;

@@ -10,7 +10,6 @@ mod skipped;
 use std::sync::Arc;
 
 use kvm_ioctls::VcpuExit;
-use rtrb::Producer;
 use takt_scheduler::guard::ReleaseGuard;
 use takt_scheduler::quiet::QuietTimes;
 use takt_scheduler::reservation::Reservation;
@@ -27,6 +26,7 @@ use super::guest_timer::{self, Deadlines};
 use super::kick::Kickable;
 use super::port_access::PortAccess;
 use super::record::{DETOURS_MAX, Detour, Exit, Record, WindowRecord};
+use super::records::RecordWriter;
 use super::tick::Tick;
 use crate::boot::StartMode;
 use crate::health::{Access, Answer, Detail, Reporter};
@@ -66,7 +66,7 @@ pub struct Windowed {
     switch: Switch,
     /// Frame of the last switch that the partition was started anew for.
     acted: u64,
-    log: Log,
+    log: RecordWriter,
     /// True until the guest's first scan since its start.
     starting: bool,
     first_scan: FirstScan,
@@ -75,20 +75,6 @@ pub struct Windowed {
     /// Releases that have passed since the last window.
     skipped: u64,
     tick: Tick,
-}
-
-/// The ring, and what did not fit into it.
-struct Log {
-    records: Producer<Record>,
-    unrecorded: u64,
-}
-
-impl Log {
-    fn push(&mut self, record: Record) {
-        if self.records.push(record).is_err() {
-            self.unrecorded += 1;
-        }
-    }
 }
 
 /// How a window ended.
@@ -107,12 +93,11 @@ struct Ran {
 }
 
 impl Windowed {
-    /// At the epoch. `records` gets a record for each window.
+    /// At the epoch. `log` gets a record for each window.
     #[must_use]
-    pub fn new(plan: Plan, base: Timebase, records: Producer<Record>) -> Self {
+    pub fn new(plan: Plan, base: Timebase, log: RecordWriter) -> Self {
         let switch = plan.board.switch();
         let slot = plan.timetable.first(switch);
-        let log = Log { records, unrecorded: 0 };
         let acted = switch.frame;
         let enforcer = plan.enforcer.clone();
         let rest = plan.quiet.clone().map(|quiet| {
@@ -143,12 +128,6 @@ impl Windowed {
             skipped: 0,
             tick: Tick::default(),
         }
-    }
-
-    /// Records that did not fit into the ring.
-    #[must_use]
-    pub fn unrecorded(&self) -> u64 {
-        self.log.unrecorded
     }
 
     /// True until the guest's first scan since its start. A guest that tells of none never starts,

@@ -283,6 +283,7 @@ fn status() -> Status {
                     happened: 9990,
                     start_up_windows: 1,
                     lost: 0,
+                    unrecorded: 0,
                     late: 0,
                     overruns: 0,
                     unfinished_windows: 0,

@@ -25,6 +25,7 @@ use crate::terminal::Lines;
 use crate::vcpu::first_state::FirstState;
 use crate::vcpu::guest::End;
 use crate::vcpu::plc::PlcGuest;
+use crate::vcpu::records::records;
 use takt_record::WindowAssembler;
 
 const RAM: u64 = 4 << 20;
@@ -83,7 +84,7 @@ fn account() -> (Account, Revivals<PlcGuest>) {
 /// The thread tells of an end; what came of an order, if there was one.
 fn left(plc: &mut Account, end: End) -> Option<Outcome> {
     let (at, cpu_time) = (Tsc(0), Nanos(5));
-    let finished = Finished { end, at, starting: false, noted: 0, cpu_time, unrecorded: 0 };
+    let finished = Finished { end, at, starting: false, noted: 0, cpu_time };
     let effects = plc.step(Event::Left { finished, action: None, leaving: false });
     effects.told.and_then(|told| plc.outcome(told))
 }
@@ -350,7 +351,7 @@ fn a_restart_that_was_ordered_before_the_end_does_not_follow() {
 #[test]
 fn a_linux_keeps_from_others_what_it_uses_of_its_windows() {
     let (mut linux, _revivals) = account();
-    linux.records = Some(rtrb::RingBuffer::new(1).1);
+    linux.records = Some(records(1).1);
     linux.occupied = Nanos(900);
     left(&mut linux, End::PoweredOff);
     assert_eq!(linux.used(), Nanos(900), "a PLC");

@@ -1,7 +1,6 @@
 use std::sync::Arc;
 
 use kvm_ioctls::Kvm;
-use rtrb::{Consumer, RingBuffer};
 use takt_devices::output;
 use takt_scheduler::guard::ReleaseGuard;
 use takt_scheduler::reservation::Reservation;
@@ -19,6 +18,7 @@ use crate::memory::{GuestMemory, Pages};
 use crate::vcpu::Control;
 use crate::vcpu::kick::Kickable;
 use crate::vcpu::plc::PlcGuest;
+use crate::vcpu::records::{RecordReader, records};
 use crate::vcpu::windowed::Plan;
 
 /// Far longer than a test takes, so that no frame ends while it runs.
@@ -26,7 +26,7 @@ const FRAME: Nanos = Nanos::from_millis(1_000);
 const GUARD: Nanos = Nanos::from_millis(1);
 
 /// A PLC's windows at the start of each frame. In the second schedule they are another's.
-fn windowed(frames: u64, table: Table) -> (Windowed, Reporter, Consumer<Record>) {
+fn windowed(frames: u64, table: Table) -> (Windowed, Reporter, RecordReader) {
     let plc = Placement { cpu: Cpu(0), role: Role::Windowed { guard: GUARD } };
     let window = |partition, ms| Window {
         partition: PartitionId(partition),
@@ -52,7 +52,7 @@ fn windowed(frames: u64, table: Table) -> (Windowed, Reporter, Consumer<Record>)
     // A window of 100 ms, and half of a second more.
     let passed = Nanos(frames * FRAME.0 + 600_000_000);
     let base = Timebase { epoch: Tsc::now().before(frequency.ticks(passed)), frequency };
-    let (producer, records) = RingBuffer::new(8);
+    let (producer, records) = records(8);
     let (reporter, ..) = Reporter::new(table);
     (Windowed::new(plan, base, producer), reporter, records)
 }
@@ -62,9 +62,9 @@ fn lost_counts(action: Action) -> Table {
 }
 
 /// What is in the ring, which has nothing else in it.
-fn skipped(records: &mut Consumer<Record>) -> Option<Skipped> {
-    match (records.pop().ok()?, records.pop()) {
-        (Record::Skipped(skipped), Err(_)) => Some(skipped),
+fn skipped(records: &mut RecordReader) -> Option<Skipped> {
+    match (records.pop()?, records.pop()) {
+        (Record::Skipped(skipped), None) => Some(skipped),
         other => panic!("{other:?}"),
     }
 }
