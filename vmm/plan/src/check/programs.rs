@@ -3,7 +3,7 @@
 use takt_abi::can::{Controller, Object};
 use takt_abi::io::{INPUT, flag, kind};
 use takt_abi::live::{PAYLOAD_BYTES, RANGES_EACH_PART, STEP_TICKS};
-use takt_program::{Area, Flags, Image, TaskId, Variable};
+use takt_program::{Area, Flags, Image, ObjectKind, TaskId, Variable};
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::time::Nanos;
 
@@ -43,6 +43,39 @@ pub fn tasks(out: &mut String, partition: &Partition, schedule: ScheduleId) {
     let header =
         ["task", "released", "priority", "budget", "deadline", "worst response", "verdict"];
     tables::columns(out, "  ", header, rows.collect());
+    let waiting = behind_holders(partition);
+    if !waiting.is_empty() {
+        let text = format!(
+            "  warning: a less urgent task that holds a semaphore may keep these waiting, and their times do not allow for it: {}",
+            waiting.join(", ")
+        );
+        line(out, &text);
+    }
+}
+
+/// The tasks with a bound that a less urgent task may keep waiting while it holds a semaphore. A holder runs at its
+/// semaphore's ceiling, but no more urgently than the most urgent task of its program (`plc-guest/kernel/src/objects.rs`).
+fn behind_holders(partition: &Partition) -> Vec<&str> {
+    let tasks = partition.program_tasks();
+    let ceiling = |(at, program): (usize, &Program)| {
+        let image = program.image()?;
+        let semaphores = image.objects().filter_map(|object| match object.kind {
+            ObjectKind::Semaphore { ceiling } => Some(ceiling),
+            _ => None,
+        });
+        let own = tasks.iter().filter(|task| task.program == at && task.release.period().is_some());
+        let most_urgent = own.map(|task| task.priority).min()?;
+        Some(semaphores.min()?.max(most_urgent))
+    };
+    let ceilings: Vec<_> = partition.programs().iter().enumerate().map(ceiling).collect();
+    let waits = |(rank, task): &(usize, &ProgramTask)| {
+        let mut less_urgent = tasks.iter().skip(rank + 1);
+        let holds = |other: &ProgramTask| {
+            ceilings[other.program].is_some_and(|ceiling| ceiling <= task.priority)
+        };
+        task.place.is_some() && less_urgent.any(holds)
+    };
+    tasks.iter().enumerate().filter(waits).map(|(_, task)| task.name.as_str()).collect()
 }
 
 fn fate(task: &ProgramTask, response: Option<Nanos>) -> [String; 7] {

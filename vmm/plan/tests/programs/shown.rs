@@ -1,8 +1,8 @@
 //! What `takt check` says of programs.
 
 use takt_plan::check::{needs, report};
-use takt_program::build::Variable;
-use takt_program::{Area, Elementary, Flags, TaskId, Version};
+use takt_program::build::{Builder, Object, Variable};
+use takt_program::{Area, Elementary, Flags, ObjectKind, TaskId, Version};
 
 use super::Case;
 use super::images::{PRIVATE, builder, public, signed, task};
@@ -97,4 +97,36 @@ fn a_point_without_a_connection_and_a_connection_without_a_point_are_warned_of()
     let case = case.program("source.plc", "").program("sink.plc", "").with(&from("%IB0"));
     let text = report(&case.good());
     assert!(!text.contains("warning: ") && !text.contains("not connected"), "{text}");
+}
+
+#[test]
+fn tasks_that_wait_for_holders_of_semaphores_are_told() {
+    let program = |name: &str, ceilings: &[u8], tasks: &[(&str, u8)]| {
+        let mut builder = Builder::new(name);
+        builder.code = vec![0xc3];
+        for ceiling in ceilings {
+            let kind = ObjectKind::Semaphore { ceiling: *ceiling };
+            builder.object(Object { name: format!("s{ceiling}"), kind });
+        }
+        for (name, priority) in tasks {
+            builder.task(task(name, 1_000_000, 1_000, *priority));
+        }
+        builder.build().unwrap()
+    };
+    let text = |b: &[u8]| {
+        let a = program("a", &[], &[("fast", 1), ("slow", 5)]);
+        let case = Case::new("holders").file("a.plc", &a).file("b.plc", b);
+        report(&case.program("a.plc", "").program("b.plc", "").good())
+    };
+    let warning = "their times do not allow for it: ";
+    // `b.low` may hold it, and runs before `a.slow` and `b.high` then. The ceiling counts as 3.
+    let told = text(&program("b", &[0], &[("high", 3), ("low", 9)]));
+    assert!(told.contains(&format!("{warning}b.high, a.slow\n")), "{told}");
+    let told = text(&program("b", &[9, 1], &[("high", 1), ("low", 9)]));
+    assert!(told.contains(&format!("{warning}a.fast, b.high, a.slow\n")), "{told}");
+    // No task is less urgent than `b.low`, and only it takes this one.
+    let told = text(&program("b", &[9], &[("high", 3), ("low", 9)]));
+    assert!(!told.contains(warning), "{told}");
+    let told = text(&program("b", &[], &[("high", 3), ("low", 9)]));
+    assert!(!told.contains(warning), "{told}");
 }
