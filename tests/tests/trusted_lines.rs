@@ -7,8 +7,8 @@ use takt_tests::trusted_lines::by_folder;
 /// Most lines of each folder. A change that needs more raises the number and says in its commit what the lines are for.
 /// A change that needs fewer lowers it.
 const MOST: [(&str, usize); 13] = [
-    ("vmm/src", 18_327),
-    ("vmm/plan/src", 8_542),
+    ("vmm/src", 18_360),
+    ("vmm/plan/src", 8_572),
     ("vmm/host/src", 640),
     ("vmm/record/src", 304),
     ("vmm/retain/src", 530),
