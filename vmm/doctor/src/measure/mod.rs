@@ -51,7 +51,7 @@ pub fn all(host: &Host, demand: &Demand, duration: Duration, progress: &Progress
         findings.extend(domain);
     }
     progress.say("comparing the counters of the CPUs");
-    findings.push(warp::finding(&host.online()));
+    findings.push(warp::finding(host, demand));
     let kvm_khz = match examined {
         Ok(Found::Complete(machines)) => machines.tsc_khz,
         _ => None,
