@@ -1,6 +1,6 @@
 //! What is asked of the host: by a partition file, or by a PLC as they mostly are.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use takt_host::resctrl::Asked;
 use takt_plan::{HugePages, Kind, MemorySource, Partition, PartitionFile};
@@ -93,13 +93,14 @@ impl Demand {
     }
 
     /// Of a PLC with a window of 300 us in a frame of 1 ms and a guard of 20 us, on the CPU that
-    /// suits it best: the last isolated one, else the last one. It has that CPU for itself if there
+    /// suits it best: the last isolated one that is online, else the last one. It has that CPU for itself if there
     /// are several.
     #[must_use]
     pub fn usual(host: &Host) -> Self {
         let online = host.online();
-        let isolated = host.cpus("sys/devices/system/cpu/isolated").unwrap_or_default();
-        let cpu = isolated.last().or(online.last()).copied().unwrap_or(Cpu(0));
+        // The kernel lists isolated CPUs that are switched off, or that were never there.
+        let isolated = host.isolated().into_iter().rfind(|cpu| online.contains(cpu));
+        let cpu = isolated.or(online.last().copied()).unwrap_or(Cpu(0));
         let placement = Placement { cpu, role: Role::Windowed { guard: GUARD } };
         let window = Window {
             partition: PartitionId(0),
@@ -132,11 +133,35 @@ impl Demand {
         self.windowed.iter().map(|w| w.cpu).collect()
     }
 
+    /// CPUs with windows, and behind them those of other partitions.
+    #[must_use]
+    pub fn named(&self) -> Vec<Cpu> {
+        self.cpus().into_iter().chain(self.others.iter().copied()).collect()
+    }
+
+    /// The command that asks the doctor the same again.
+    #[must_use]
+    pub fn command(&self) -> String {
+        match &self.file {
+            Some(path) => format!("takt doctor {}", one_word(path)),
+            None => "takt doctor".into(),
+        }
+    }
+
     /// Whether a CPU has windows.
     #[must_use]
     pub fn has_windows_on(&self, cpu: Cpu) -> bool {
         self.windowed.iter().any(|w| w.cpu == cpu)
     }
+}
+
+/// A path as a shell takes it for one word.
+fn one_word(path: &Path) -> String {
+    let text = path.display().to_string();
+    if text.chars().all(|c| c.is_alphanumeric() || "/._-+,:@%".contains(c)) {
+        return text;
+    }
+    format!("'{}'", text.replace('\'', r"'\''"))
 }
 
 /// The CPU without its guard.
@@ -198,8 +223,6 @@ fn trusted(file: &PartitionFile) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use takt_plan as config;
 
     use super::*;
@@ -260,11 +283,26 @@ duration = "100us"
     }
 
     #[test]
+    fn the_command_has_the_file_as_one_word() {
+        let with = |file: &str| {
+            let usual = Demand::usual(&Host::recorded(Path::new("/none"), String::new()));
+            Demand { file: Some(file.into()), ..usual }.command()
+        };
+        assert_eq!(with("/etc/takt/plant-1.toml"), "takt doctor /etc/takt/plant-1.toml");
+        assert_eq!(with("/my plant/a.toml"), "takt doctor '/my plant/a.toml'");
+        assert_eq!(with("/it's;rm/a.toml"), r"takt doctor '/it'\''s;rm/a.toml'");
+    }
+
+    #[test]
     fn without_a_file_the_plc_has_the_last_isolated_cpu() {
         let host = Recorded::named("workstation");
         assert_eq!(Demand::usual(&host.unpack().host).cpus(), [Cpu(7)]);
         let host = host.with("sys/devices/system/cpu/isolated", "2-3");
         assert_eq!(Demand::usual(&host.unpack().host).cpus(), [Cpu(3)]);
+        // One that is switched off, and some that were never there.
+        let gone = host.clone().with("sys/devices/system/cpu/online", "0-2,4-7");
+        let gone = gone.with("sys/devices/system/cpu/isolated", "2-3,8-255");
+        assert_eq!(Demand::usual(&gone.unpack().host).cpus(), [Cpu(2)]);
         let one = Demand::usual(&Recorded::named("appliance-rt").unpack().host);
         assert_eq!((one.cpus(), one.others.len()), (vec![Cpu(0)], 0));
         let nothing = Demand::usual(&Host::recorded(Path::new("/none"), String::new()));

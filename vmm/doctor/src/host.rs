@@ -14,9 +14,9 @@ use takt_scheduler::table::Cpu;
 
 use crate::steering::Steering;
 
-/// Longest file that is read, in bytes. `/proc/interrupts` of a large machine has some hundred
-/// thousand.
-const FILE_MAX: u64 = 4 << 20;
+/// Longest file that is read, in bytes. `/proc/interrupts` has a number for each interrupt and CPU: with
+/// 256 CPUs and 1,500 interrupts these are 4 MiB.
+const FILE_MAX: u64 = 64 << 20;
 
 /// Capability numbers of `include/uapi/linux/capability.h`.
 #[derive(Clone, Copy, Debug)]
@@ -71,10 +71,13 @@ impl Host {
     /// A file's text, without the end of its last line. `path` has no `/` at its start.
     ///
     /// # Errors
-    /// What the kernel says.
+    /// What the kernel says. A file beyond [`FILE_MAX`] is refused: a part of it could pass for all of it.
     pub fn read(&self, path: &str) -> io::Result<String> {
         let mut bytes = Vec::new();
-        File::open(self.root.join(path))?.take(FILE_MAX).read_to_end(&mut bytes)?;
+        File::open(self.root.join(path))?.take(FILE_MAX + 1).read_to_end(&mut bytes)?;
+        if bytes.len() as u64 > FILE_MAX {
+            return Err(io::ErrorKind::FileTooLarge.into());
+        }
         Ok(String::from_utf8_lossy(&bytes).trim_end().to_owned())
     }
 
@@ -123,13 +126,32 @@ impl Host {
         self.cpus("sys/devices/system/cpu/online").unwrap_or_else(|| vec![Cpu(0)])
     }
 
+    /// CPUs that the kernel has left out of its scheduling domains at its start (`isolcpus`), be they there or not.
+    /// Those of `isolcpus=managed_irq,...` are not among them.
+    #[must_use]
+    pub fn isolated(&self) -> Vec<Cpu> {
+        self.cpus("sys/devices/system/cpu/isolated").unwrap_or_default()
+    }
+
+    /// CPUs of the kernel's parameter `nohz_full`.
+    #[must_use]
+    pub fn nohz_full(&self) -> Vec<Cpu> {
+        self.cpus("sys/devices/system/cpu/nohz_full").unwrap_or_default()
+    }
+
     /// The value of a parameter on the kernel's command line; the last one counts.
     #[must_use]
     pub fn parameter(&self, name: &str) -> Option<String> {
-        let line = self.text("proc/cmdline")?;
-        let own = line.split(" -- ").next()?;
-        let values = own.split_whitespace().filter_map(|word| word.split_once('='));
-        values.rev().find(|(key, _)| *key == name).map(|(_, value)| value.to_owned())
+        self.parameters(name).pop()
+    }
+
+    /// All values of a parameter on the kernel's command line, where each of them counts.
+    #[must_use]
+    pub fn parameters(&self, name: &str) -> Vec<String> {
+        let line = self.text("proc/cmdline").unwrap_or_default();
+        let own = line.split(" -- ").next().unwrap_or_default();
+        let words = own.split_whitespace().filter_map(|word| word.split_once('='));
+        words.filter(|(key, _)| *key == name).map(|(_, value)| value.to_owned()).collect()
     }
 
     /// A field of `/proc/cpuinfo`, of the first processor.
@@ -204,6 +226,17 @@ fn kernel_log() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recorded::Recorded;
+
+    #[test]
+    fn a_file_that_is_too_long_is_not_read_in_part() {
+        let tree = Recorded::named("workstation").unpack();
+        let file = File::options().write(true).open(tree.host.root().join("proc/interrupts"));
+        file.unwrap().set_len(FILE_MAX + 1).unwrap();
+        let error = tree.host.read("proc/interrupts").unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::FileTooLarge);
+        assert_eq!(tree.host.text("proc/interrupts"), None);
+    }
 
     #[test]
     fn cpus_are_written_as_the_kernel_does() {

@@ -54,8 +54,10 @@ pub fn tsc(host: &Host) -> Finding {
 /// with IA32_TSC_ADJUST and few nodes (`check_system_tsc_reliable` in `arch/x86/kernel/tsc.c`).
 pub fn watchdog(host: &Host) -> Finding {
     const CHECK: &str = "tsc-watchdog";
-    let told = host.parameter("tsc").unwrap_or_default();
-    if told.split(',').any(|word| ["reliable", "nowatchdog"].contains(&word)) {
+    // The kernel compares each whole value, and none takes another back (`tsc_setup`).
+    let told = host.parameters("tsc");
+    if let Some(told) = told.iter().find(|told| ["reliable", "nowatchdog"].contains(&told.as_str()))
+    {
         return Finding::good(
             CHECK,
             format!("the kernel is told not to doubt the counter (tsc={told})"),
@@ -81,7 +83,7 @@ pub fn watchdog(host: &Host) -> Finding {
 const NODES: usize = 2;
 
 /// Whether a kernel's release is at least this one.
-fn since(release: &str, least: [u32; 2]) -> bool {
+pub fn since(release: &str, least: [u32; 2]) -> bool {
     let mut numbers = release.split(['.', '-']).map_while(|number| number.parse().ok());
     [numbers.next().unwrap_or(0), numbers.next().unwrap_or(0)] >= least
 }
@@ -112,6 +114,6 @@ pub fn steering(host: &Host) -> Finding {
         CHECK,
         found,
         "the kernel sleeps by this clock: takt divides each sleep, at the cost of some microseconds of Linux's time, and a step of the rate by a tenth can make one release late",
-        "chrony: maxslewrate 500 in chrony.conf, and wait until it has corrected its error (chronyc tracking); without NTP: adjtimex --tick 10000 --frequency 0",
+        "in the configuration of chrony: maxslewrate 500; then wait until it has corrected its error (chronyc tracking); without NTP: adjtimex --tick 10000 --frequency 0",
     )
 }

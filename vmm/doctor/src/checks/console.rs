@@ -42,14 +42,15 @@ pub fn messages(host: &Host) -> Finding {
         CHECK,
         format!("the kernel writes messages of levels below {level} to {consoles}"),
         "the CPU that has a message writes it with interrupts off: 87 us for each character of a serial line",
-        "dmesg --console-level 2, and loglevel=3 on the kernel's command line",
+        "dmesg --console-level 2 # and loglevel=3 on the kernel's command line",
     )
 }
 
 /// Names of the consoles that are enabled (`show_console_dev` in fs/proc/consoles.c: name, what it can, flags in
-/// parentheses). What is written to ttynull goes nowhere.
+/// parentheses; the name ends with a number). What is written to ttynull goes nowhere.
 fn enabled(consoles: &str) -> Vec<&str> {
     let lines = consoles.lines().filter_map(|line| line.split_once(' '));
-    let writing = lines.filter(|(name, rest)| rest.contains("(E") && *name != "ttynull");
+    let nowhere = |name: &str| name.trim_end_matches(|c: char| c.is_ascii_digit()) == "ttynull";
+    let writing = lines.filter(|(name, rest)| rest.contains("(E") && !nowhere(name));
     writing.map(|(name, _)| name).collect()
 }

@@ -1,5 +1,6 @@
 //! The CPUs that partitions run on, and what they share.
 
+use takt_host::cpu_list;
 use takt_scheduler::table::Cpu;
 
 use crate::demand::Demand;
@@ -10,21 +11,26 @@ use crate::host::{Host, written};
 pub fn online(host: &Host, demand: &Demand) -> Finding {
     const CHECK: &str = "cpus";
     let online = host.online();
-    let mut named = demand.cpus();
-    named.extend(&demand.others);
-    let missing: Vec<Cpu> = named.into_iter().filter(|cpu| !online.contains(cpu)).collect();
+    let missing: Vec<Cpu> =
+        demand.named().into_iter().filter(|cpu| !online.contains(cpu)).collect();
     if missing.is_empty() {
         return Finding::good(CHECK, format!("{} online", written(&online)));
     }
-    let commands: Vec<String> = missing
-        .iter()
-        .map(|Cpu(cpu)| format!("echo 1 > /sys/devices/system/cpu/cpu{cpu}/online"))
-        .collect();
+    let remedy = |Cpu(cpu): &Cpu| {
+        let file = format!("sys/devices/system/cpu/cpu{cpu}/online");
+        match host.text(&file) {
+            Some(_) => format!("echo 1 > /{file}"),
+            None => {
+                format!("this host has no CPU {cpu}: name another one in the partition file")
+            }
+        }
+    };
+    let remedies: Vec<String> = missing.iter().map(remedy).collect();
     Finding::cannot(
         CHECK,
         format!("{} online; {} is not", written(&online), written(&missing)),
         "partitions that belong there cannot start",
-        commands.join("; "),
+        remedies.join("; "),
     )
 }
 
@@ -78,12 +84,12 @@ pub fn siblings(host: &Host, demand: &Demand) -> Finding {
     )
 }
 
-/// Whether the kernel keeps the timers of a CPU without a tick on that CPU (`get_nohz_timer_target` in
+/// Whether the kernel keeps the timers of a CPU of `nohz_full` on that CPU (`get_nohz_timer_target` in
 /// `kernel/sched/core.c`).
 pub fn timers(host: &Host, demand: &Demand) -> Finding {
     const CHECK: &str = "timers";
-    let without = host.cpus("sys/devices/system/cpu/nohz_full").unwrap_or_default();
-    let own: Vec<Cpu> = demand.cpus().into_iter().filter(|cpu| without.contains(cpu)).collect();
+    let moving = host.nohz_full();
+    let own: Vec<Cpu> = demand.cpus().into_iter().filter(|cpu| moving.contains(cpu)).collect();
     if own.is_empty() || host.number("proc/sys/kernel/timer_migration") != Some(1) {
         return Finding::good(CHECK, "each CPU with windows keeps its own");
     }
@@ -95,14 +101,17 @@ pub fn timers(host: &Host, demand: &Demand) -> Finding {
     )
 }
 
-/// Whether the host's tick stays away from CPUs that a PLC has for itself.
+/// What comes with the host's tick on CPUs that a PLC has for itself.
+///
+/// The tick itself stays: the kernel keeps it for each deadline thread, also with `nohz_full`
+/// (`sched_can_stop_tick` in `kernel/sched/core.c`). Behind it the kernel cleans up (RCU), unless threads do
+/// that elsewhere: with `rcu_nocbs`, or with `nohz_full`, which implies it.
 pub fn tick(host: &Host, demand: &Demand) -> Finding {
     const CHECK: &str = "tick";
     let online = host.online();
     if online.len() == 1 {
         return Finding::good(CHECK, "the host has one CPU, which keeps the time");
     }
-    let without = host.cpus("sys/devices/system/cpu/nohz_full").unwrap_or_default();
     let (shared, own): (Vec<_>, Vec<_>) = demand.windowed.iter().partition(|w| w.shared);
     let own: Vec<Cpu> = own.into_iter().map(|w| w.cpu).collect();
     if own.is_empty() {
@@ -110,23 +119,34 @@ pub fn tick(host: &Host, demand: &Demand) -> Finding {
         let found = format!("CPU {} is shared with a Linux, whose time needs it", written(&shared));
         return Finding::good(CHECK, found);
     }
-    let ticking: Vec<Cpu> = own.into_iter().filter(|cpu| !without.contains(cpu)).collect();
-    if ticking.is_empty() {
-        return Finding::good(
-            CHECK,
-            format!("none on CPU {} while one thread runs", written(&without)),
-        );
+    let found = format!(
+        "CPU {} has the host's tick, which deadline threads keep; takt run places its epoch to it",
+        written(&own)
+    );
+    let relieved = relieved(host, &online);
+    let cleaning: Vec<Cpu> = own.into_iter().filter(|cpu| !relieved.contains(cpu)).collect();
+    if cleaning.is_empty() {
+        return Finding::good(CHECK, found);
     }
-    let list = written(&ticking);
+    let list = written(&cleaning);
     let rest: Vec<Cpu> = online.into_iter().filter(|cpu| !demand.has_windows_on(*cpu)).collect();
     let rest =
         if rest.is_empty() { String::new() } else { format!(" irqaffinity={}", written(&rest)) };
     Finding::warning(
         CHECK,
-        format!("CPU {list} has the host's tick"),
-        "an interrupt of some microseconds in some of the windows, as often as CONFIG_HZ says",
-        format!(
-            "start the host with the kernel parameters nohz_full={list} rcu_nocbs={list}{rest}"
-        ),
+        format!("{found}; the kernel cleans up behind it (RCU) on CPU {list}"),
+        "cleaning up, and interrupts of devices that are new, take some microseconds of some of the windows",
+        format!("start the host with the kernel parameters rcu_nocbs={list}{rest}"),
     )
+}
+
+/// CPUs whose cleaning up is done elsewhere.
+fn relieved(host: &Host, online: &[Cpu]) -> Vec<Cpu> {
+    let mut cpus = host.nohz_full();
+    let asked = host.parameter("rcu_nocbs").unwrap_or_default();
+    // The kernel knows two words in lists of CPUs (`cpulist_parse`): all of them, and the last one.
+    let last = online.last().map_or(0, |cpu| cpu.0).to_string();
+    let asked = asked.replace("all", "0-N").replace('N', &last);
+    cpus.extend(cpu_list::parse(&asked).unwrap_or_default());
+    cpus
 }

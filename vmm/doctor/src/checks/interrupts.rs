@@ -12,10 +12,18 @@ const NAMED: usize = 6;
 /// Whether devices interrupt CPUs with windows.
 pub fn affinity(host: &Host, demand: &Demand) -> Finding {
     const CHECK: &str = "interrupts";
+    const COST: &str = "each interrupt that falls into a window makes a scan longer, or a release later, by some microseconds";
     let rest: Vec<Cpu> =
         host.online().into_iter().filter(|cpu| !demand.has_windows_on(*cpu)).collect();
     let mut there: Vec<(String, String)> = Vec::new();
-    for (number, name) in devices(&host.text("proc/interrupts").unwrap_or_default()) {
+    let text = match host.read("proc/interrupts") {
+        Ok(text) => text,
+        Err(error) => {
+            let remedy = "see that none is for a CPU with windows: grep . /proc/irq/*/effective_affinity_list";
+            return Finding::unseen(CHECK, format!("/proc/interrupts: {error}"), COST, remedy);
+        }
+    };
+    for (number, name) in devices(&text) {
         let of = |file: &str| host.cpus(&format!("proc/irq/{number}/{file}"));
         // What is allowed is not always what the controller does.
         let cpus = of("effective_affinity_list").filter(|cpus| !cpus.is_empty());
@@ -41,11 +49,14 @@ pub fn affinity(host: &Host, demand: &Demand) -> Finding {
     Finding::warning(
         CHECK,
         found,
-        "each interrupt that falls into a window makes a scan longer, or a release later, by some microseconds",
+        COST,
+        // The kernel places what refuses by itself (`irq_do_set_affinity` in kernel/irq/manage.c), and the word
+        // managed_irq alone leaves scheduling domains as they are.
         format!(
-            "for i in {}; do echo {} > /proc/irq/$i/smp_affinity_list; done (and end irqbalance; what refuses is spread by its driver: kernel parameter irqaffinity={1})",
+            "for i in {}; do echo {} > /proc/irq/$i/smp_affinity_list; done # and end irqbalance; for what refuses: the kernel parameter isolcpus=managed_irq,{}, or fewer queues of that driver",
             numbers.join(" "),
-            written(&rest)
+            written(&rest),
+            written(&demand.cpus())
         ),
     )
 }

@@ -3,13 +3,15 @@
 use takt_host::mounts;
 use takt_scheduler::table::Cpu;
 
+use crate::demand::Demand;
 use crate::finding::Finding;
-use crate::host::{Capability, Host};
+use crate::host::{Capability, Host, written};
 
 /// Whether the kernel can always be preempted.
 ///
-/// Since 5.12 a kernel may let the command line choose (`PREEMPT_DYNAMIC`); which model holds is
-/// then told by debugfs, by the command line, by the log of the boot, or by the configuration.
+/// A kernel may let the command line choose (`PREEMPT_DYNAMIC`, of which it tells in its version since 5.16);
+/// which model holds is then told by debugfs, by the command line, by the log of the boot, or by the
+/// configuration. Any other kernel ignores what the command line says.
 pub fn preemption(host: &Host) -> Finding {
     const CHECK: &str = "preemption";
     if is_realtime(host) {
@@ -24,12 +26,21 @@ pub fn preemption(host: &Host) -> Finding {
         let cost = "wake-ups wait for interrupt handlers and spin locks; most are early enough, and the rest has no bound";
         return Finding::warning(CHECK, found, cost, remedy);
     }
+    let less = match is_dynamic(host) {
+        true => "; better than nothing: the kernel parameter preempt=full",
+        false => "",
+    };
     Finding::cannot(
         CHECK,
         found,
         "a wake-up waits until the kernel is done with what it is doing, and that has no bound",
-        format!("{remedy}; better than nothing: the kernel parameter preempt=full"),
+        format!("{remedy}{less}"),
     )
+}
+
+/// Whether the command line of the kernel chooses how it is preempted.
+fn is_dynamic(host: &Host) -> bool {
+    host.text("proc/version").is_some_and(|version| version.contains("PREEMPT_DYNAMIC"))
 }
 
 /// Whether the kernel is one with PREEMPT_RT.
@@ -49,7 +60,7 @@ fn model(host: &Host) -> Option<String> {
         let (_, rest) = text.split_once('(')?;
         Some(rest.split_once(')')?.0.to_owned())
     });
-    let asked = || host.parameter("preempt");
+    let asked = || host.parameter("preempt").filter(|_| is_dynamic(host));
     let logged = || host.logged("Dynamic Preempt: ").map(str::to_owned);
     let built = || {
         let config = host.text(&format!("boot/config-{}", host.kernel()))?;
@@ -60,7 +71,7 @@ fn model(host: &Host) -> Option<String> {
 }
 
 /// Whether a reservation ends when it is used up, and not at the next tick.
-pub fn budget(host: &Host) -> Finding {
+pub fn budget(host: &Host, demand: &Demand) -> Finding {
     const CHECK: &str = "budget";
     const FILE: &str = "sys/kernel/debug/sched/features";
     let cost = "if a kick failed, a PLC that overruns its window would be stopped by the host's tick only, up to some milliseconds late";
@@ -77,7 +88,7 @@ pub fn budget(host: &Host) -> Finding {
             CHECK,
             format!("/{FILE} cannot be read"),
             cost,
-            "mount -t debugfs none /sys/kernel/debug, and ask again as root",
+            format!("sudo mount -t debugfs none /sys/kernel/debug; sudo {}", demand.command()),
         ),
         (Some(features), _)
             if features.split_whitespace().any(|feature| feature == "HRTICK_DL") =>
@@ -95,9 +106,26 @@ pub fn budget(host: &Host) -> Finding {
 
 /// Whether Takt could give a CPU a scheduling domain of its own, where a pinned deadline thread is
 /// refused without one. Nothing is tried: making one changes the host.
-pub fn domain(host: &Host, Cpu(cpu): Cpu, refused: &str) -> Finding {
+///
+/// A CPU of `isolcpus` gets none. Kernels since 6.7 call the cpuset's partition invalid
+/// (`prstate_housekeeping_conflict` in `kernel/cgroup/cpuset.c`), those before make no domain of it
+/// (`generate_sched_domains`). One that is alone in `isolcpus` is not refused, and needs none.
+pub fn domain(host: &Host, demand: &Demand, Cpu(cpu): Cpu, refused: &str) -> Finding {
     const CHECK: &str = "domain";
     const COST: &str = "the PLC's thread gets no reservation, and takt run does not start";
+    let isolated = host.isolated();
+    if isolated.contains(&Cpu(cpu)) {
+        let less = if isolated.len() > 1 { ", or isolate one CPU only" } else { "" };
+        return Finding::cannot(
+            CHECK,
+            format!(
+                "a deadline thread on CPU {cpu} alone is refused ({refused}), and the kernel makes no cpuset's domain of an isolated CPU: isolated are {}",
+                written(&isolated)
+            ),
+            COST,
+            format!("take isolcpus off the kernel's command line{less}"),
+        );
+    }
     match mounts::find_below(host.root()) {
         Ok(_) if !host.may(Capability::Administer) => Finding::unseen(
             CHECK,
@@ -105,7 +133,7 @@ pub fn domain(host: &Host, Cpu(cpu): Cpu, refused: &str) -> Finding {
                 "a deadline thread on CPU {cpu} alone is refused ({refused}); takt run as root could make a cpuset for it"
             ),
             COST,
-            "sudo takt doctor",
+            format!("sudo {}", demand.command()),
         ),
         Ok(root) => Finding::good(
             CHECK,

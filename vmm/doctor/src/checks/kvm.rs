@@ -16,7 +16,11 @@ pub fn clock_updates(host: &Host) -> Finding {
         CHECK,
         "KVM takes every guest off its processor each 300 s, to update a clock that no PLC has",
         "one exit of some microseconds, in a window where it happens to be in one",
-        "echo options kvm kvmclock_periodic_sync=0 > /etc/modprobe.d/takt.conf, and load kvm anew",
+        with_option(
+            if host.has_feature("svm") { "kvm_amd" } else { "kvm_intel" },
+            "kvm",
+            "kvmclock_periodic_sync=0",
+        ),
     )
 }
 
@@ -53,9 +57,7 @@ pub fn nested(host: &Host) -> Finding {
         CHECK,
         format!("{module} lets guests be hypervisors; those of takt it does not tell so"),
         "guests of other programs reach a large part of KVM that no PLC needs, and with a fault of it the PLC",
-        format!(
-            "echo options {module} nested=0 >> /etc/modprobe.d/takt.conf, and load {module} anew"
-        ),
+        with_option(module, module, "nested=0"),
     )
 }
 
@@ -90,6 +92,14 @@ pub fn split_locks(host: &Host) -> Finding {
         "the kernel lets a thread sleep 10 ms whose guest makes one",
         "a guest with shorter windows does not get past such an instruction",
         if switch.is_some() { "sysctl kernel.split_lock_mitigate=0".to_owned() } else { off },
+    )
+}
+
+/// The commands that load the processor's module of KVM anew, with an option for it or for `kvm`, which goes and
+/// comes with it. The file may be there already, with what else its owner has set.
+pub fn with_option(processors: &str, module: &str, option: &str) -> String {
+    format!(
+        "echo options {module} {option} >> /etc/modprobe.d/takt.conf && modprobe -r {processors} && modprobe {processors}"
     )
 }
 

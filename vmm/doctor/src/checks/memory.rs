@@ -62,7 +62,7 @@ pub fn locking(host: &Host, demand: &Demand) -> Finding {
     if host.may(Capability::Schedule) {
         Finding::cannot(CHECK, found, cost, "ulimit -l unlimited")
     } else {
-        Finding::unseen(CHECK, found, cost, "sudo takt doctor")
+        Finding::unseen(CHECK, found, cost, format!("sudo {}", demand.command()))
     }
 }
 

@@ -17,13 +17,15 @@ use crate::demand::Demand;
 use crate::finding::Finding;
 use crate::host::{Capability, Host};
 
+pub use clock::since;
 pub use kernel::domain;
+pub use kvm::with_option;
 
 /// All checks, in the order of the report: from the machine up to what runs on it.
 #[must_use]
 pub fn all(host: &Host, demand: &Demand) -> Vec<Finding> {
     vec![
-        privileges(host),
+        privileges(host, demand),
         platform::bare_metal(host),
         platform::iommu(host, demand),
         clock::tsc(host),
@@ -36,7 +38,7 @@ pub fn all(host: &Host, demand: &Demand) -> Vec<Finding> {
         cpus::tick(host, demand),
         cpus::timers(host, demand),
         kernel::preemption(host),
-        kernel::budget(host),
+        kernel::budget(host, demand),
         console::messages(host),
         kvm::clock_updates(host),
         kvm::recovery(host),
@@ -54,7 +56,7 @@ pub fn all(host: &Host, demand: &Demand) -> Vec<Finding> {
 }
 
 /// Whether this process sees, and may try, all that there is.
-fn privileges(host: &Host) -> Finding {
+fn privileges(host: &Host, demand: &Demand) -> Finding {
     const CHECK: &str = "privileges";
     let needed = [
         (Capability::Schedule, "CAP_SYS_NICE"),
@@ -69,9 +71,11 @@ fn privileges(host: &Host) -> Finding {
         CHECK,
         format!("this process has no {}", missing.join(", ")),
         "takt run needs them, and some of the checks below see less without them",
-        "sudo takt doctor",
+        format!("sudo {}", demand.command()),
     )
 }
 
+#[cfg(test)]
+mod remedy_tests;
 #[cfg(test)]
 mod tests;

@@ -12,7 +12,8 @@ use std::thread;
 use takt_scheduler::enforce::{become_deadline, pin_to};
 use takt_scheduler::reservation::{CEILING_PERMILLE, Reservation};
 
-use crate::demand::WindowedCpu;
+use crate::checks;
+use crate::demand::{Demand, WindowedCpu};
 use crate::finding::{Finding, Severity};
 use crate::host::{Capability, Host};
 
@@ -74,6 +75,7 @@ pub fn try_on(cpu: &WindowedCpu) -> Admission {
 #[must_use]
 pub fn judge(
     host: &Host,
+    demand: &Demand,
     cpu: &WindowedCpu,
     admission: &Admission,
     domain: Option<&Finding>,
@@ -82,17 +84,26 @@ pub fn judge(
     const COST: &str = "the PLC's thread gets no reservation, and takt run does not start";
     let permille: u64 = cpu.reservations.iter().map(Reservation::permille).sum();
     let asked = format!(
-        "CPU {}: {} reservations of {}.{} % together",
+        "CPU {}: {} reservations of {} together",
         cpu.cpu.0,
         cpu.reservations.len(),
-        permille / 10,
-        permille % 10
+        percent(permille)
     );
+    if let (Admission::Refused(..), Some(limit)) = (admission, Limit::of(host))
+        && !limit.admits(&cpu.reservations)
+    {
+        return Finding::cannot(
+            CHECK,
+            format!("{asked}; the kernel admits {} at most", percent(limit.permille())),
+            COST,
+            format!("sysctl kernel.sched_rt_runtime_us={}", limit.period_us / 20 * 19),
+        );
+    }
     let unlimited = host.text("proc/sys/kernel/sched_rt_runtime_us").as_deref() == Some("-1");
     if let Some(domain) = domain {
-        let ceiling = CEILING_PERMILLE / 10;
-        let found =
-            format!("{asked}: not tried without a domain; kernels admit {ceiling} % in one");
+        let limit = Limit::of(host).map_or(CEILING_PERMILLE, |limit| limit.permille());
+        let limit = percent(limit.min(CEILING_PERMILLE));
+        let found = format!("{asked}: not tried without a domain; kernels admit {limit} in one");
         return match domain.severity {
             Severity::Good => Finding::good(CHECK, found),
             _ => Finding::unseen(CHECK, found, COST, "mend `domain` first"),
@@ -124,12 +135,12 @@ pub fn judge(
         Admission::Refused(reservation, error) => {
             let what = format!("{} in {}: {error}", reservation.runtime, reservation.period);
             let remedy = match error.raw_os_error() {
-                Some(libc::EPERM) => "sudo takt doctor",
+                Some(libc::EPERM) => format!("sudo {}", demand.command()),
                 Some(libc::EBUSY) => {
-                    "end other SCHED_DEADLINE threads (ps -eLo cls,pid,comm | grep DLN), or make the windows shorter"
+                    "end other SCHED_DEADLINE threads (ps -eLo cls,pid,comm | grep DLN), or make the windows shorter".into()
                 }
-                Some(libc::EINVAL) => "sysctl kernel.sched_deadline_period_min_us=50",
-                _ => "a kernel with SCHED_DEADLINE (Linux 3.14 or later)",
+                Some(libc::EINVAL) => "sysctl kernel.sched_deadline_period_min_us=50".into(),
+                _ => "a kernel with SCHED_DEADLINE (Linux 3.14 or later)".into(),
             };
             let found = format!("{asked}; refused is {what}");
             match error.raw_os_error() {
@@ -140,17 +151,56 @@ pub fn judge(
     }
 }
 
+/// What the kernel lets the reservations of a CPU have, in this domain or in one that is made: in each
+/// `period_us` as much as `runtime_us` (`init_dl_bw` in `kernel/sched/deadline.c`), less `kept`.
+struct Limit {
+    runtime_us: u64,
+    period_us: u64,
+    /// Parts of a thousand that the kernel reserves for ordinary threads.
+    kept: u64,
+}
+
+impl Limit {
+    /// That of this host; `None` if there is none.
+    fn of(host: &Host) -> Option<Self> {
+        // Without a limit the first is -1.
+        let runtime_us = host.number("proc/sys/kernel/sched_rt_runtime_us")?;
+        let period_us = host.number("proc/sys/kernel/sched_rt_period_us").unwrap_or(1_000_000);
+        // `sched_init_dl_servers`, as it ships.
+        let kept = if checks::since(&host.kernel(), [6, 12]) { 50 } else { 0 };
+        Some(Self { runtime_us, period_us, kept })
+    }
+
+    fn admits(&self, reservations: &[Reservation]) -> bool {
+        let asked: u128 = reservations.iter().map(|r| share(r.runtime.0, r.period.0)).sum();
+        asked + share(self.kept, 1000) <= share(self.runtime_us, self.period_us)
+    }
+
+    fn permille(&self) -> u64 {
+        let all = u128::from(self.runtime_us) * 1000 / u128::from(self.period_us.max(1));
+        u64::try_from(all).unwrap_or(u64::MAX).saturating_sub(self.kept)
+    }
+}
+
+/// A share of a CPU as the kernel counts it (`to_ratio` in `kernel/sched/core.c`).
+fn share(runtime: u64, period: u64) -> u128 {
+    (u128::from(runtime) << 20) / u128::from(period.max(1))
+}
+
+fn percent(permille: u64) -> String {
+    format!("{}.{} %", permille / 10, permille % 10)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::demand::Demand;
     use crate::recorded::Recorded;
 
     /// What is said of an answer, on a host where this process may everything.
     fn judged(admission: &Admission, domain: Option<&Finding>) -> (Severity, String) {
         let tree = Recorded::named("workstation").unpack();
-        let cpu = &Demand::usual(&tree.host).windowed[0];
-        let finding = judge(&tree.host, cpu, admission, domain);
+        let demand = Demand::usual(&tree.host);
+        let finding = judge(&tree.host, &demand, &demand.windowed[0], admission, domain);
         (finding.severity, finding.remedy.unwrap_or_default())
     }
 
@@ -187,7 +237,37 @@ mod tests {
     fn admission_without_control_is_a_warning() {
         let host = Recorded::named("workstation").with("proc/sys/kernel/sched_rt_runtime_us", "-1");
         let tree = host.unpack();
-        let cpu = &Demand::usual(&tree.host).windowed[0];
-        assert_eq!(judge(&tree.host, cpu, &Admission::All, None).severity, Severity::Warning);
+        let demand = Demand::usual(&tree.host);
+        let finding = judge(&tree.host, &demand, &demand.windowed[0], &Admission::All, None);
+        assert_eq!(finding.severity, Severity::Warning);
+    }
+
+    #[test]
+    fn what_the_kernel_admits_in_no_domain_is_not_good() {
+        let of = |runtime: &str, period: &str, errno| {
+            let host = Recorded::named("workstation")
+                .with("proc/sys/kernel/sched_rt_runtime_us", runtime)
+                .with("proc/sys/kernel/sched_rt_period_us", period)
+                .unpack();
+            let demand = Demand::usual(&host.host);
+            let domain = (errno == libc::EPERM).then(|| Finding::good("domain", ""));
+            let cpu = &demand.windowed[0];
+            judge(&host.host, &demand, cpu, &refused(errno), domain.as_ref())
+        };
+        // What is asked for are 42.9 %, and this kernel keeps 5 % back.
+        let enough = of("480000", "1000000", libc::EPERM);
+        assert_eq!(enough.severity, Severity::Good);
+        assert!(enough.found.ends_with("kernels admit 43.0 % in one"), "{}", enough.found);
+        for (runtime, period, remedy) in [
+            ("470000", "1000000", "sysctl kernel.sched_rt_runtime_us=950000"),
+            ("0", "1000000", "sysctl kernel.sched_rt_runtime_us=950000"),
+            ("950000", "10000000", "sysctl kernel.sched_rt_runtime_us=9500000"),
+        ] {
+            for errno in [libc::EPERM, libc::EBUSY] {
+                let less = of(runtime, period, errno);
+                assert_eq!(less.severity, Severity::Cannot, "{runtime} {period} {errno}");
+                assert_eq!(less.remedy.unwrap(), remedy);
+            }
+        }
     }
 }

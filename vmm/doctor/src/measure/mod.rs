@@ -41,17 +41,17 @@ pub fn usual_duration(demand: &Demand) -> Duration {
 pub fn all(host: &Host, demand: &Demand, duration: Duration, progress: &Progress) -> Vec<Finding> {
     progress.say("running kernel-mode code in a guest");
     let examined = examination::ask();
-    let mut findings = virtualisation::findings(host, demand.linux, &examined);
+    let mut findings = virtualisation::findings(host, demand, &examined);
     progress.say("asking for reservations");
     for cpu in &demand.windowed {
         let admission = admission::try_on(cpu);
         let refused = admission.needs_a_domain(host);
-        let domain = refused.map(|refused| checks::domain(host, cpu.cpu, &refused));
-        findings.push(admission::judge(host, cpu, &admission, domain.as_ref()));
+        let domain = refused.map(|refused| checks::domain(host, demand, cpu.cpu, &refused));
+        findings.push(admission::judge(host, demand, cpu, &admission, domain.as_ref()));
         findings.extend(domain);
     }
     progress.say("comparing the counters of the CPUs");
-    findings.push(warp::finding(&host.online()));
+    findings.push(warp::finding(host, demand));
     let kvm_khz = match examined {
         Ok(Found::Complete(machines)) => machines.tsc_khz,
         _ => None,
@@ -93,14 +93,14 @@ fn while_windows_run(
         rate.look();
     }
     progress.done();
-    let mut findings = vec![rate.finding(host), rate.clock(host, kvm_khz)];
+    let mut findings = vec![rate.finding(host, demand), rate.clock(host, demand, kvm_khz)];
     let measured: Vec<_> =
         threads.into_iter().map(|(cpu, it)| (cpu, it.and_then(|it| it.join().ok()))).collect();
     let after = Counts::read(host);
-    findings.push(smi::finding(host, smi_before, smi::count(host, demand)));
+    findings.push(smi::finding(host, demand, smi_before, smi::count(host, demand)));
     for (cpu, measured) in measured {
         let interrupts = after.since(&before, cpu.cpu);
-        findings.extend(wake_up::findings(cpu, measured, &interrupts));
+        findings.extend(wake_up::findings(host, demand, cpu, measured, &interrupts));
     }
     findings
 }

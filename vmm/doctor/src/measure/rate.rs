@@ -6,6 +6,7 @@
 
 use takt_scheduler::time::{Tsc, TscFrequency};
 
+use crate::demand::Demand;
 use crate::finding::Finding;
 use crate::host::Host;
 use crate::steering::{NTP_PPM, Steering};
@@ -14,6 +15,9 @@ use crate::steering::{NTP_PPM, Steering};
 const TRIES: usize = 16;
 /// What the measurement itself may be off, in ppm: both clocks are read within a microsecond.
 const READINGS_PPM: f64 = 50.0;
+
+/// Time without which two moments tell no rate, in ns: a microsecond is then 100 ppm.
+const LEAST: u64 = 10_000_000;
 
 /// Both clocks at one moment.
 #[derive(Clone, Copy, Debug)]
@@ -34,6 +38,10 @@ impl Moment {
             }
         }
         best.1
+    }
+
+    fn is_far_from(self, earlier: Moment) -> bool {
+        self.ns.saturating_sub(earlier.ns) >= LEAST
     }
 
     /// Ticks in a second, since another moment.
@@ -83,21 +91,26 @@ impl Rate {
         self.moments.push(Moment::now());
     }
 
+    /// The first and the last moment, if they are far enough from each other.
+    fn ends(&self) -> Option<(Moment, Moment)> {
+        let (first, last) = (*self.moments.first()?, *self.moments.last()?);
+        last.is_far_from(first).then_some((first, last))
+    }
+
     /// Says what it means that the counter has changed its rate, or has not.
     #[must_use]
-    pub fn finding(&self, host: &Host) -> Finding {
+    pub fn finding(&self, host: &Host, demand: &Demand) -> Finding {
         const CHECK: &str = "tsc-rate";
         let source = host.text("sys/devices/system/clocksource/clocksource0/current_clocksource");
         let same = source.is_some_and(|source| source.starts_with("tsc"));
-        let (Some(&first), Some(&last)) = (self.moments.first(), self.moments.last()) else {
-            return Finding::good(CHECK, "not measured");
-        };
+        let Some((first, last)) = self.ends() else { return short(CHECK, demand) };
         let rate = last.rate_since(first);
         // Thirds of the time: long enough that a reading's own error does not matter.
         let third = (self.moments.len() / 3).max(1);
         let parts = self.moments.windows(third + 1).filter_map(|part| {
             let (first, last) = (part.first()?, part.last()?);
-            Some((last.rate_since(*first) / rate - 1.0).abs() * 1e6)
+            // The last step can be a short one.
+            last.is_far_from(*first).then(|| (last.rate_since(*first) / rate - 1.0).abs() * 1e6)
         });
         // One that stands still has no rate to compare with.
         let worst = if rate > 0.0 { parts.fold(0.0, f64::max) } else { f64::INFINITY };
@@ -120,10 +133,9 @@ impl Rate {
     /// Says how far the kernel's clock, by which it sleeps, runs from the counter, on which releases lie,
     /// and which part of that is NTP's. `khz` is the counter's rate as KVM has it, by which Takt counts.
     #[must_use]
-    pub fn clock(&self, host: &Host, khz: Option<u32>) -> Finding {
+    pub fn clock(&self, host: &Host, demand: &Demand, khz: Option<u32>) -> Finding {
         const CHECK: &str = "clock-rate";
-        let measured = self.moments.first().zip(self.moments.last());
-        let (Some((first, last)), Some(khz)) = (measured, khz) else {
+        let Some(khz) = khz else {
             return Finding::unseen(
                 CHECK,
                 "KVM does not tell the counter's rate",
@@ -131,7 +143,8 @@ impl Rate {
                 "see kvm",
             );
         };
-        let rate = last.rate_since(*first);
+        let Some((first, last)) = self.ends() else { return short(CHECK, demand) };
+        let rate = last.rate_since(first);
         let ahead =
             if rate > 0.0 { (f64::from(khz) * 1e3 / rate - 1.0) * 1e6 } else { f64::INFINITY };
         let ntp = host.steering().map_or(0.0, Steering::ppm);
@@ -161,6 +174,16 @@ impl Rate {
     }
 }
 
+/// A measurement from which no rate can be told.
+fn short(check: &'static str, demand: &Demand) -> Finding {
+    Finding::unseen(
+        check,
+        "not measured for long enough",
+        "it is not known whether the counter keeps its rate to the kernel's clock",
+        format!("{} --for 3s", demand.command()),
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -168,7 +191,12 @@ mod tests {
 
     fn rate(moments: &[(u64, u64)]) -> Finding {
         let moments = moments.iter().map(|&(tsc, ns)| Moment { tsc, ns }).collect();
-        Rate { moments }.finding(&host(None))
+        let host = host(None);
+        Rate { moments }.finding(&host, &Demand::usual(&host))
+    }
+
+    fn clock(rate: &Rate, host: &Host, khz: Option<u32>) -> Finding {
+        rate.clock(host, &Demand::usual(host), khz)
     }
 
     fn host(steering: Option<Steering>) -> Host {
@@ -185,7 +213,7 @@ mod tests {
             let rate = Rate { moments: (0..4).map(second).collect() };
             let tick = 10_000 + ntp / 100;
             let steering = Steering { frequency: ntp % 100 * 65_536, tick, status: 0 };
-            rate.clock(&host(Some(steering)), Some(1_000_000))
+            clock(&rate, &host(Some(steering)), Some(1_000_000))
         };
         let good = of(12, 0.0);
         assert_eq!(good.severity, Severity::Good);
@@ -197,11 +225,10 @@ mod tests {
         assert_eq!(of(0, 600.0).severity, Severity::Cannot);
         assert_eq!(of(100_000, -100_000.0).severity, Severity::Cannot);
         let moments = vec![Moment { tsc: 5, ns: 0 }, Moment { tsc: 5, ns: 1_000_000_000 }];
-        assert_eq!(Rate { moments }.clock(&host(None), Some(1_000_000)).severity, Severity::Cannot);
-        assert_eq!(
-            Rate { moments: Vec::new() }.clock(&host(None), None).severity,
-            Severity::Unseen
-        );
+        let still = clock(&Rate { moments }, &host(None), Some(1_000_000));
+        assert_eq!(still.severity, Severity::Cannot);
+        let unknown = clock(&Rate { moments: Vec::new() }, &host(None), None);
+        assert_eq!(unknown.severity, Severity::Unseen);
     }
 
     #[test]
@@ -222,5 +249,24 @@ mod tests {
         let moments: Vec<_> = (0..30).map(|i| (tick(i) * 250_000_000, i * 100_000_000)).collect();
         assert_eq!(rate(&moments).severity, Severity::Cannot);
         assert_eq!(rate(&[(5, 0), (5, 1_000_000_000)]).severity, Severity::Cannot);
+    }
+
+    #[test]
+    fn what_was_not_measured_for_long_enough_is_not_judged() {
+        let far = Moment { tsc: 20_000_000, ns: 10_000_000 };
+        let near = Moment { tsc: 9_999_999, ns: 9_999_999 };
+        for last in [None, Some(near)] {
+            let moments: Vec<_> = [Moment { tsc: 0, ns: 0 }].into_iter().chain(last).collect();
+            let (rate, host) = (Rate { moments }, host(None));
+            let demand = Demand::usual(&host);
+            for finding in [rate.finding(&host, &demand), clock(&rate, &host, Some(1_000_000))] {
+                assert_eq!(finding.severity, Severity::Unseen);
+                assert_eq!(finding.remedy.unwrap(), "takt doctor --for 3s");
+            }
+        }
+        assert_eq!(rate(&[(0, 0), (far.tsc, far.ns)]).severity, Severity::Good);
+        // The last step is 50 us long, and a reading in it was 1 us late.
+        let steps = [(0, 0), (100_000_000, 100_000_000), (100_051_000, 100_050_000)];
+        assert_eq!(rate(&steps).severity, Severity::Good);
     }
 }

@@ -25,7 +25,7 @@ pub fn count(host: &Host, demand: &Demand) -> Option<u32> {
 
 /// Says what two readings mean.
 #[must_use]
-pub fn finding(host: &Host, before: Option<u32>, after: Option<u32>) -> Finding {
+pub fn finding(host: &Host, demand: &Demand, before: Option<u32>, after: Option<u32>) -> Finding {
     const CHECK: &str = "smi";
     const COST: &str = "the firmware stops all CPUs for as long as it likes, often 100 us and more, and no kernel sees it";
     let intel = host.processor("vendor_id").as_deref() == Some("GenuineIntel");
@@ -46,7 +46,7 @@ pub fn finding(host: &Host, before: Option<u32>, after: Option<u32>) -> Finding 
             CHECK,
             "the processor's counter cannot be read",
             COST,
-            "modprobe msr, and ask again as root",
+            format!("sudo modprobe msr; sudo {}", demand.command()),
         ),
         _ => Finding::good(CHECK, "this processor has no counter; the gaps below show them too"),
     }
@@ -61,14 +61,15 @@ mod tests {
     #[test]
     fn the_counter_is_believed_where_there_is_one() {
         let tree = Recorded::named("workstation").unpack();
-        let of = |before, after| finding(&tree.host, before, after).severity;
+        let demand = Demand::usual(&tree.host);
+        let of = |before, after| finding(&tree.host, &demand, before, after).severity;
         assert_eq!(of(Some(7), Some(7)), Severity::Good);
         assert_eq!(of(Some(u32::MAX), Some(1)), Severity::Warning);
         assert_eq!(of(None, None), Severity::Unseen);
         let others = ["appliance-rt", "virtual-machine"];
         for name in others {
             let tree = Recorded::named(name).unpack();
-            assert_eq!(finding(&tree.host, None, None).severity, Severity::Good);
+            assert_eq!(finding(&tree.host, &demand, None, None).severity, Severity::Good);
         }
     }
 

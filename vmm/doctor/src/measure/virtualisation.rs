@@ -4,6 +4,8 @@ use std::io;
 
 use takt_host::kvm::{Found, Machines, Speed};
 
+use crate::checks;
+use crate::demand::Demand;
 use crate::examination::ExaminationError;
 use crate::finding::Finding;
 use crate::host::Host;
@@ -15,7 +17,7 @@ const NO_START: &str = "takt run does not start";
 /// kernel-mode code runs.
 pub fn findings(
     host: &Host,
-    linux: bool,
+    demand: &Demand,
     examined: &Result<Found, ExaminationError>,
 ) -> Vec<Finding> {
     match examined {
@@ -25,14 +27,14 @@ pub fn findings(
             "nothing is known of KVM, without which takt run does not start",
             "install takt and takt-doctor of one version in one folder",
         )],
-        Ok(Found::Closed { errno }) => vec![closed(host, *errno)],
+        Ok(Found::Closed { errno }) => vec![closed(host, demand, *errno)],
         Ok(Found::Lacking { missing }) => vec![Finding::cannot(
             CHECK,
             format!("KVM lacks {}", missing.join(", ")),
             NO_START,
             "start a newer kernel on the host",
         )],
-        Ok(Found::Complete(machines)) => of_machines(host, linux, machines),
+        Ok(Found::Complete(machines)) => of_machines(host, demand.linux, machines),
     }
 }
 
@@ -58,11 +60,11 @@ fn of_machines(host: &Host, linux: bool, machines: &Machines) -> Vec<Finding> {
 }
 
 /// Why `/dev/kvm` cannot be opened.
-fn closed(host: &Host, errno: i32) -> Finding {
+fn closed(host: &Host, demand: &Demand, errno: i32) -> Finding {
     let error = io::Error::from_raw_os_error(errno);
     let found = format!("/dev/kvm: {error}");
     if error.kind() == io::ErrorKind::PermissionDenied {
-        return Finding::unseen(CHECK, found, NO_START, "sudo takt doctor");
+        return Finding::unseen(CHECK, found, NO_START, format!("sudo {}", demand.command()));
     }
     let module = [("vmx", "kvm-intel"), ("svm", "kvm-amd")];
     let remedy = match module.iter().find(|(feature, _)| host.has_feature(feature)) {
@@ -80,10 +82,8 @@ fn deadlines(host: &Host, handed_over: Option<bool>) -> Finding {
         return Finding::good(CHECK, "KVM leaves it to takt where a Linux's timers go");
     }
     let remedy = match host.text(TIMER).as_deref() {
-        Some("Y" | "1") => {
-            "options kvm_intel preemption_timer=0, in a file in /etc/modprobe.d, and load the module anew"
-        }
-        _ => "start a kernel before 6.18, or give the Linux a CPU without windows",
+        Some("Y" | "1") => checks::with_option("kvm_intel", "kvm_intel", "preemption_timer=0"),
+        _ => "start a kernel before 6.18, or give the Linux a CPU without windows".into(),
     };
     Finding::warning(
         CHECK,
@@ -167,8 +167,9 @@ mod tests {
     #[test]
     fn each_answer_of_takt_is_judged() {
         let host = Recorded::named("workstation").unpack();
+        let demand = |linux| Demand { linux, ..Demand::usual(&host.host) };
         let worst = |linux, found: Found| {
-            let findings = findings(&host.host, linux, &Ok(found));
+            let findings = findings(&host.host, &demand(linux), &Ok(found));
             findings.into_iter().map(|finding| finding.severity).max().unwrap()
         };
         let of = |linux, machines| worst(linux, Found::Complete(machines));
@@ -187,7 +188,7 @@ mod tests {
         assert_eq!(worst(false, Found::Closed { errno: libc::EACCES }), Severity::Unseen);
         let path = std::path::PathBuf::from("/no/takt");
         let unknown = Err(ExaminationError::Answer { path });
-        assert_eq!(findings(&host.host, false, &unknown)[0].severity, Severity::Unseen);
+        assert_eq!(findings(&host.host, &demand(false), &unknown)[0].severity, Severity::Unseen);
     }
 
     #[test]
@@ -215,7 +216,8 @@ mod tests {
             )
             .with("proc/cpuinfo", "flags : vmx");
         let intel = of(&intel, Some(false));
-        assert!(intel.remedy.unwrap().contains("preemption_timer=0"));
+        let remedy = "echo options kvm_intel preemption_timer=0 >> /etc/modprobe.d/takt.conf && modprobe -r kvm_intel && modprobe kvm_intel";
+        assert_eq!(intel.remedy.unwrap(), remedy);
         assert!(intel.cost.unwrap().contains("6 us on this processor"));
     }
 }

@@ -20,8 +20,9 @@ use takt_scheduler::sleep::{Sleeper, WakeUps};
 use takt_scheduler::table::GUARD_MAX;
 use takt_scheduler::time::{Nanos, Tsc, TscFrequency};
 
-use crate::demand::WindowedCpu;
+use crate::demand::{Demand, WindowedCpu};
 use crate::finding::Finding;
+use crate::host::Host;
 
 /// A break between two readings from which on it counts, in ns: above what a reading takes.
 const GAP: u64 = 1_000;
@@ -137,20 +138,29 @@ fn take_class(cpu: &WindowedCpu) -> Class {
 
 /// Says what it means: the wake-ups, and the gaps.
 pub fn findings(
+    host: &Host,
+    demand: &Demand,
     cpu: &WindowedCpu,
     measured: Option<io::Result<Measured>>,
     interrupts: &str,
 ) -> Vec<Finding> {
     match measured {
-        Some(Ok(measured)) => vec![wake_ups(cpu, &measured), gaps(cpu, &measured, interrupts)],
+        Some(Ok(measured)) => {
+            vec![wake_ups(demand, cpu, &measured), gaps(host, demand, cpu, &measured, interrupts)]
+        }
         Some(Err(error)) => vec![unmeasured(cpu, &error.to_string())],
         None => vec![unmeasured(cpu, "there was no thread for it, or it died")],
     }
 }
 
 /// What mends a measurement that was too short.
-fn longer(cpu: &WindowedCpu) -> String {
-    format!("takt doctor --for {}ms or longer", least_time(cpu).as_millis() + 1)
+fn longer(demand: &Demand, cpu: &WindowedCpu) -> String {
+    format!("{} --for {}ms # or longer", demand.command(), least_time(cpu).as_millis() + 1)
+}
+
+/// What mends a measurement by an ordinary thread.
+fn as_root(demand: &Demand) -> String {
+    format!("sudo {}", demand.command())
 }
 
 fn unmeasured(cpu: &WindowedCpu, why: &str) -> Finding {
@@ -163,7 +173,7 @@ fn unmeasured(cpu: &WindowedCpu, why: &str) -> Finding {
 }
 
 /// One late wake-up in a thousand makes a release late every second; a single one may be chance.
-fn wake_ups(cpu: &WindowedCpu, measured: &Measured) -> Finding {
+fn wake_ups(demand: &Demand, cpu: &WindowedCpu, measured: &Measured) -> Finding {
     const CHECK: &str = "wake-up";
     let (times, guard) = (&measured.wake_ups, cpu.guard_or_usual());
     let found = format!(
@@ -181,20 +191,24 @@ fn wake_ups(cpu: &WindowedCpu, measured: &Measured) -> Finding {
     };
     let cost = "a release whose wake-up comes later than the guard is late; one that is slept through is lost";
     let remedy = match guard_for(cpu, times.max()) {
-        Some(guard) => {
-            format!("mend what stands above, or in the partition file: release_guard = \"{guard}\"")
+        Some(longer) if longer > guard => {
+            format!(
+                "mend what stands above, or in the partition file: release_guard = \"{longer}\""
+            )
         }
+        // A break in a window takes those that follow, however early the next wake-up is.
+        Some(_) => "mend what stands above: no wake-up was later than the guard".into(),
         None => "mend what stands above: no guard is long enough for this".into(),
     };
     if measured.class == Class::Ordinary {
-        Finding::unseen(CHECK, found, cost, "sudo takt doctor")
+        Finding::unseen(CHECK, found, cost, as_root(demand))
     } else if measured.lost > 0 || times.value_at_quantile(0.999) > guard.0 {
         Finding::cannot(CHECK, found, cost, remedy)
     } else if times.max() > guard.0 {
         Finding::warning(CHECK, found, cost, remedy)
     } else if measured.is_short() {
         let cost = "how late a PLC would be woken is not known";
-        Finding::unseen(CHECK, format!("{found}; too few windows"), cost, longer(cpu))
+        Finding::unseen(CHECK, format!("{found}; too few windows"), cost, longer(demand, cpu))
     } else {
         Finding::good(CHECK, found)
     }
@@ -210,14 +224,24 @@ fn guard_for(cpu: &WindowedCpu, latest: u64) -> Option<Nanos> {
 
 /// A break no longer than the guard can make a release late by as much; one that is as long as a
 /// window takes the window.
-fn gaps(cpu: &WindowedCpu, measured: &Measured, interrupts: &str) -> Finding {
+fn gaps(
+    host: &Host,
+    demand: &Demand,
+    cpu: &WindowedCpu,
+    measured: &Measured,
+    interrupts: &str,
+) -> Finding {
     const CHECK: &str = "latency";
     let (gaps, guard) = (&measured.gaps, cpu.guard_or_usual());
-    let meanwhile = if interrupts.is_empty() {
+    let mut meanwhile = if interrupts.is_empty() {
         String::new()
     } else {
         format!("; interrupts there meanwhile: {interrupts}")
     };
+    // Other than a deadline thread, one of SCHED_FIFO lets the kernel stop the tick (`sched_can_stop_tick`).
+    if measured.class == Class::Fifo && host.nohz_full().contains(&cpu.cpu) {
+        meanwhile += "; the ticks of a run are missing here: nohz_full stops them for SCHED_FIFO, but not for the threads of a run";
+    }
     let found = match gaps.len() {
         0 => format!("CPU {}: never away for {} in a window{meanwhile}", cpu.cpu.0, us(GAP)),
         n => format!(
@@ -230,14 +254,19 @@ fn gaps(cpu: &WindowedCpu, measured: &Measured, interrupts: &str) -> Finding {
     let cost = "the scan that it falls into is longer by as much, and the release that it falls onto later";
     let remedy = "what is counted here and not above (interrupts, watchdogs) is the firmware's or a hypervisor's: its settings, or another machine";
     if measured.class == Class::Ordinary {
-        return Finding::unseen(CHECK, found, cost, "sudo takt doctor");
+        return Finding::unseen(CHECK, found, cost, as_root(demand));
     }
     match gaps.max() {
         max if max >= cpu.window.0 => Finding::cannot(CHECK, found, cost, remedy),
         max if max > guard.0 => Finding::warning(CHECK, found, cost, remedy),
         _ if measured.is_short() => {
             let found = format!("{found}; {} windows are too few", measured.wake_ups.len());
-            Finding::unseen(CHECK, found, "what is away in a window is not known", longer(cpu))
+            Finding::unseen(
+                CHECK,
+                found,
+                "what is away in a window is not known",
+                longer(demand, cpu),
+            )
         }
         _ => Finding::good(CHECK, found),
     }
@@ -258,100 +287,5 @@ fn us(ns: u64) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::demand::Demand;
-    use crate::finding::Severity::{self, Cannot, Good, Unseen, Warning};
-    use crate::host::Host;
-
-    /// A guard of 20 us, a window of 300 us.
-    fn usual() -> WindowedCpu {
-        Demand::usual(&Host::recorded("/none".as_ref(), String::new())).windowed.remove(0)
-    }
-
-    fn measured(class: Class, wake_ups: &[(u64, u64)], lost: u64, away: &[u64]) -> Measured {
-        let histogram = || Histogram::new_with_bounds(1, LONGEST, 3).unwrap();
-        let mut it = Measured { class, wake_ups: histogram(), lost, gaps: histogram() };
-        wake_ups.iter().for_each(|&(ns, times)| it.wake_ups.record_n(ns, times).unwrap());
-        away.iter().for_each(|&ns| it.gaps.record(ns).unwrap());
-        it
-    }
-
-    fn severities(measured: Measured) -> [Severity; 2] {
-        let findings = findings(&usual(), Some(Ok(measured)), "");
-        [findings[0].severity, findings[1].severity]
-    }
-
-    #[test]
-    fn wake_ups_are_held_against_the_guard() {
-        let class = Class::Deadline;
-        assert_eq!(severities(measured(class, &[(5_000, 3000)], 0, &[])), [Good, Good]);
-        let rarely = measured(class, &[(5_000, 2999), (25_000, 1)], 0, &[]);
-        let found = findings(&usual(), Some(Ok(rarely)), "");
-        assert_eq!(found[0].severity, Warning);
-        assert!(found[0].remedy.as_ref().unwrap().ends_with("release_guard = \"40us\""));
-        let too_late = measured(class, &[(5_000, 9), (700_000, 1)], 0, &[]);
-        let found = findings(&usual(), Some(Ok(too_late)), "");
-        assert!(found[0].remedy.as_ref().unwrap().ends_with("no guard is long enough for this"));
-        let often = measured(class, &[(5_000, 2990), (25_000, 10)], 0, &[]);
-        assert_eq!(severities(often), [Cannot, Good]);
-        assert_eq!(severities(measured(class, &[(5_000, 3000)], 1, &[])), [Cannot, Good]);
-    }
-
-    #[test]
-    fn gaps_are_held_against_guard_and_window() {
-        let of = |away: &[u64]| severities(measured(Class::Fifo, &[(5_000, 3000)], 0, away))[1];
-        assert_eq!(
-            [of(&[4_000; 50]), of(&[4_000, 40_000]), of(&[310_000])],
-            [Good, Warning, Cannot]
-        );
-    }
-
-    #[test]
-    fn nothing_is_good_after_too_few_windows() {
-        let of = |times, lost, away: &[u64]| {
-            severities(measured(Class::Deadline, &[(5_000, times)], lost, away))
-        };
-        assert_eq!(of(LEAST, 0, &[]), [Good, Good]);
-        assert_eq!(of(LEAST - 1, 0, &[]), [Unseen, Unseen]);
-        assert_eq!(severities(measured(Class::Deadline, &[], 0, &[])), [Unseen, Unseen]);
-        // What is bad is so after the first.
-        assert_eq!(of(1, 1, &[310_000]), [Cannot, Cannot]);
-        let slow = WindowedCpu { period: Nanos::from_millis(4_190), ..usual() };
-        let measured = measured(Class::Deadline, &[], 0, &[]);
-        let found = findings(&slow, Some(Ok(measured)), "");
-        let remedies = found.iter().filter_map(|it| it.remedy.as_deref());
-        assert_eq!(remedies.collect::<Vec<_>>(), ["takt doctor --for 129891ms or longer"; 2]);
-    }
-
-    #[test]
-    fn an_ordinary_thread_proves_nothing() {
-        let slow = measured(Class::Ordinary, &[(50_000, 9)], 3, &[900_000]);
-        assert_eq!(severities(slow), [Unseen, Unseen]);
-        assert_eq!(severities(measured(Class::Ordinary, &[(1, 9)], 0, &[])), [Unseen, Unseen]);
-        assert_eq!(findings(&usual(), None, "")[0].severity, Unseen);
-    }
-
-    #[test]
-    fn a_measurement_that_takes_its_least_time_has_windows_enough() {
-        let frequency = super::super::rate::estimate();
-        let cpu = takt_scheduler::table::Cpu(0);
-        let cpu = WindowedCpu { cpu, period: Nanos::from_millis(20), ..usual() };
-        let measured = measure(&cpu, frequency, Instant::now() + least_time(&cpu)).unwrap();
-        // A machine that is busy with other things makes this thread lose some.
-        assert!(measured.wake_ups.len() + measured.lost >= LEAST, "{measured:?}");
-    }
-
-    #[test]
-    fn a_measurement_watches_windows_and_ends() {
-        let frequency = super::super::rate::estimate();
-        let begun = Instant::now();
-        let end = begun + std::time::Duration::from_millis(100);
-        let cpu = WindowedCpu { cpu: takt_scheduler::table::Cpu(0), ..usual() };
-        let measured = measure(&cpu, frequency, end).unwrap();
-        let windows = measured.wake_ups.len() + measured.lost;
-        // One each millisecond; a machine that is busy with other things may give this thread more of them.
-        let most = begun.elapsed().as_millis() as u64 + 1;
-        assert!((50..=most).contains(&windows), "{windows} of {most}");
-    }
-}
+#[path = "wake_up_tests.rs"]
+mod tests;
