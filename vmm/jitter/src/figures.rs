@@ -31,6 +31,8 @@ pub struct Figures {
     pub system: String,
     /// From the epoch to the end of the run.
     pub duration_ns: u64,
+    /// When the schedule changed last, since the epoch; `None` if it never did.
+    pub last_switch_ns: Option<u64>,
     /// In the order of the partition file.
     pub partitions: Vec<Partition>,
     /// Of partitions with releases, by their names.
@@ -66,7 +68,7 @@ pub fn read(report: &Path, samples: &Path) -> Result<(serde_json::Value, Figures
     let format = |source| JitterError::Format { path: report.to_owned(), what: REPORT, source };
     let mut parsed = Report::deserialize(&raw).map_err(format)?;
     add_releases(&raw, &mut parsed.partitions).map_err(format)?;
-    let Report { lane, emulator, host, system, duration_ns, partitions, .. } = parsed;
+    let Report { lane, emulator, host, system, duration_ns, schedule, partitions, .. } = parsed;
     let Samples { partitions: mut courses, mut loads, .. } =
         json(samples, "samples file", false, samples::SCHEMA_VERSION)?;
     of_one_run(&partitions, &courses).map_err(|text| JitterError::OtherRun {
@@ -86,7 +88,18 @@ pub fn read(report: &Path, samples: &Path) -> Result<(serde_json::Value, Figures
             end_at(load, asked_ns);
         }
     }
-    let figures = Figures { lane, emulator, host, system, duration_ns, partitions, courses, loads };
+    let last_switch_ns = schedule.last_switch_ns;
+    let figures = Figures {
+        lane,
+        emulator,
+        host,
+        system,
+        duration_ns,
+        last_switch_ns,
+        partitions,
+        courses,
+        loads,
+    };
     Ok((raw, figures))
 }
 

@@ -3,13 +3,13 @@
 
 mod support;
 
-use std::fs;
+use std::fs::{self, OpenOptions};
 use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::process::{Command, Output};
 
 use serde_json::{Value, json};
 
-use support::{recorded, render, scratch, text};
+use support::{PROGRAM, page, recorded, render, render_recorded, scratch, text};
 
 /// A limit that the recorded run keeps.
 const KEPT: [&str; 2] = ["--max-latency", "1s"];
@@ -101,6 +101,69 @@ fn samples_of_another_run_are_refused() {
 }
 
 #[test]
+fn a_status_is_told_though_nothing_can_be_written() {
+    let full = || OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let status = |report: &str, name: &str| {
+        let mut command = Command::new(PROGRAM);
+        command.arg("render").arg("--report").arg(recorded(report)).arg("--samples");
+        command.arg(recorded("samples.json")).arg("--out").arg(scratch(name));
+        command.args(["--max-latency", "1ns"]).stdout(full()).stderr(full());
+        command.status().unwrap().code()
+    };
+    assert_eq!(status("report.json", "full"), Some(5));
+    assert_eq!(status("no-such-report.json", "full"), Some(3));
+}
+
+/// The load of the recorded run has stood still.
+fn stood_still(samples: &mut Value) {
+    samples["loads"][0]["standstill"] =
+        json!({ "from_ns": 1, "to_ns": 2_000_000_001_u64, "lines": 3 });
+}
+
+#[test]
+fn what_was_asked_of_a_run_is_asked_again() {
+    let folder = changed("asked", |_, samples| stood_still(samples));
+    let asked = ["--load", "compile", "--command", "takt jitter plant.toml", "--for", "60s"];
+    shown(&folder, &asked, 0);
+    let out = folder.join("out");
+    let again = shown(&out, &KEPT, 5);
+    assert!(again.contains("NOT PROVED linux: the load compile stood still"), "{again}");
+    assert!(again.contains("EXCEEDED limits: the run ended after 1.992 s of 60s"), "{again}");
+    assert!(page(&out.join("out")).contains("<code>takt jitter plant.toml</code>"));
+    let kept = &support::json(&out.join("out/report.json"))["jitter"];
+    assert_eq!((&kept["load"], &kept["proof"]["proved"]), (&"compile".into(), &false.into()));
+    assert_eq!(kept["asked_ns"], 60_000_000_000_u64);
+    // Who asks otherwise is answered otherwise.
+    let other = [&KEPT[..], &["--load", "none", "--for", "1s"]].concat();
+    assert!(shown(&out, &other, 0).contains("all limits are kept"));
+    let mut report = support::json(&out.join("report.json"));
+    report["jitter"]["load"] = "hammer".into();
+    fs::write(out.join("report.json"), report.to_string()).unwrap();
+    let output = draw(&out, &KEPT);
+    assert_eq!(output.status.code(), Some(3), "{output:?}");
+    assert!(text(&output.stderr).contains("is no report: unknown variant `hammer`"));
+}
+
+#[test]
+fn a_run_that_was_cut_short_keeps_no_limit_if_its_time_is_given() {
+    let out = scratch("cut-short");
+    for (time, status) in [("1s", 0), ("2s", 5)] {
+        let output = render_recorded(&out, &[&KEPT[..], &["--for", time]].concat());
+        assert_eq!(output.status.code(), Some(status), "{output:?}");
+    }
+}
+
+#[test]
+fn a_run_in_which_the_schedule_has_changed_keeps_no_limit() {
+    let folder = changed("switched", |report, _| {
+        report["schedule"]["last_switch_ns"] = 100_000_000.into();
+    });
+    let told = "limits: the schedule has changed, at 0.100 s for the last time";
+    assert!(shown(&folder, &KEPT, 5).contains(told));
+    assert!(!shown(&folder, &[], 0).contains("the schedule has changed"));
+}
+
+#[test]
 fn a_load_may_end_when_its_linux_is_asked_to_switch_itself_off() {
     let progressed = |from: u64, to: u64| json!({ "from_ns": from, "to_ns": to, "lines": 0 });
     let run = |name: &str, asked: Option<u64>, before: (u64, u64)| {
@@ -126,4 +189,28 @@ fn a_load_may_end_when_its_linux_is_asked_to_switch_itself_off() {
     told(run("on", None, short), "the load compile stood still for 6.160 s");
     told(run("off-late", Some(3_840_000_000), short), "the load compile stood still for 2.000 s");
     told(run("off-before", asked, long), "the load compile stood still for 2.000 s, from 0.900 s");
+}
+
+#[test]
+fn the_progress_that_is_shown_is_that_of_the_linux_without_proof() {
+    let folder = changed("two-linuxes", |report, samples| {
+        add_partition(report, 1, "second");
+        let mut load = samples["loads"][0].clone();
+        load["partition"] = "second".into();
+        load["points"] = json!([[1, 0], [2, 5]]);
+        samples["loads"].as_array_mut().unwrap().insert(0, load);
+    });
+    let options = ["--load", "compile"];
+    assert!(shown(&folder, &options, 0).contains("load compile (linux: compile, 37 objects from"));
+    assert!(page(&folder.join("out")).contains("<h2>Load of linux: compile</h2>"));
+    let mut samples = support::json(&folder.join("samples.json"));
+    stood_still(&mut samples);
+    samples["loads"].as_array_mut().unwrap().swap(0, 1);
+    fs::write(folder.join("samples.json"), samples.to_string()).unwrap();
+    let said = shown(&folder, &[&KEPT[..], &options].concat(), 5);
+    assert!(said.contains("NOT PROVED second: the load compile stood still"), "{said}");
+    assert!(said.contains("load compile (second: compile, 5 objects from"), "{said}");
+    assert!(page(&folder.join("out")).contains("<h2>Load of second: compile</h2>"));
+    let kept = &support::json(&folder.join("out/report.json"))["jitter"];
+    assert_eq!(kept["progress"]["partition"], "second");
 }

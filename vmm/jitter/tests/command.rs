@@ -340,7 +340,9 @@ fn a_measurement_runs_takt_with_the_load_and_shows_what_it_leaves() {
         .unwrap();
     assert_eq!(output.status.code(), Some(0), "{output:?}");
     assert!(text(&output.stderr).contains("[takt] what takt says"));
-    assert!(text(&output.stdout).contains("load compile (compile: 37 objects from 0.820 s on)"));
+    assert!(
+        text(&output.stdout).contains("load compile (linux: compile, 37 objects from 0.820 s on)")
+    );
     let arguments = fs::read_to_string(folder.join("arguments")).unwrap();
     let arguments: Vec<&str> = arguments.lines().collect();
     assert_eq!(arguments[..2], ["run", "some.toml"]);
