@@ -177,7 +177,8 @@ fn ask(takt: &mut Connection, request: Request, json: bool) -> Result<(), Client
     match request {
         Request::Trace(length) => {
             let extent = trace::record(takt, length, json, io::stdout().lock())?;
-            eprintln!("takt-ctl: {}", text::extent(extent));
+            // Without a reader, the file is whole all the same.
+            let _ = writeln!(io::stderr(), "takt-ctl: {}", text::extent(extent));
         }
         Request::Events { follow: true } => {
             takt.send(&Request::Events { follow: true })?;

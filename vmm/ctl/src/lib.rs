@@ -13,7 +13,7 @@ mod text;
 mod top;
 mod trace;
 
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind, Write};
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -56,11 +56,13 @@ fn run_with<C: Parser>(name: &str, run: impl FnOnce(C) -> Result<(), ClientError
             ExitCode::from(READER_GONE)
         }
         Err(error) => {
-            match &error {
+            let text = match &error {
                 // It begins with the file's name, and has several lines.
-                ClientError::File(error) => eprintln!("{error}"),
-                error => eprintln!("{name}: {error}"),
-            }
+                ClientError::File(error) => error.to_string(),
+                error => format!("{name}: {error}"),
+            };
+            // Without a reader, the status still tells.
+            let _ = writeln!(io::stderr(), "{text}");
             ExitCode::from(error.status())
         }
     }

@@ -77,15 +77,19 @@ pub const COLUMNS: [&str; 10] = [
     "overruns",
 ];
 
-/// A row of that table.
-pub fn row(partition: &PartitionStatus) -> [String; 10] {
-    let state = match partition.state {
+/// A state in one word.
+pub fn state(state: State) -> &'static str {
+    match state {
         State::Running => "running",
         State::Stopping => "stopping",
         State::Restarting => "restarting",
         State::Stopped => "stopped",
         State::Ended => "ended",
-    };
+    }
+}
+
+/// A row of that table.
+pub fn row(partition: &PartitionStatus) -> [String; 10] {
     let start = match partition.start_mode {
         Mode::Cold => "cold",
         Mode::Warm => "warm",
@@ -95,7 +99,7 @@ pub fn row(partition: &PartitionStatus) -> [String; 10] {
     [
         plain(&partition.name),
         partition.cpu.to_string(),
-        state.to_owned(),
+        state(partition.state).to_owned(),
         start.to_owned(),
         format!("{:.1} %", partition.cpu_share * 100.0),
         partition.restarts.to_string(),

@@ -415,6 +415,11 @@ fn without_a_takt_the_status_is_3_and_the_message_says_what_to_look_for() {
             "{error}"
         );
     }
+    // The status is the same if the message cannot be written.
+    let full = fs::File::options().write(true).open("/dev/full").unwrap();
+    let mut ctl = Command::new(env!("CARGO_BIN_EXE_takt-ctl"));
+    let ctl = ctl.args(["plant.toml", "status"]).current_dir(&plant.folder).stderr(full);
+    assert_eq!(ctl.status().unwrap().code(), Some(3));
     drop(UnixListener::bind(plant.folder.join("takt.sock")).unwrap());
     let top = env!("CARGO_BIN_EXE_takt-top");
     let (status, _, error) = plant.run(top, &["plant.toml", "--watch", "tank.level"]);

@@ -20,6 +20,9 @@ pub enum JitterError {
     /// A file is of another version of Takt, or of none.
     #[error("{} is a {what} of version {found}; this program reads version {known}", path.display())]
     Version { path: PathBuf, what: &'static str, found: u32, known: u32 },
+    /// A report and samples do not belong together.
+    #[error("{} and {} are not of one run: {text}", report.display(), samples.display())]
+    OtherRun { report: PathBuf, samples: PathBuf, text: String },
     /// A file is larger than anything that Takt writes.
     #[error("{} is too large: {most} bytes are the most", path.display())]
     TooLarge { path: PathBuf, most: u64 },

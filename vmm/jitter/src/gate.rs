@@ -3,7 +3,8 @@
 //! They hold for every partition that has releases. A measurement without figures keeps no limit:
 //! one release that was not recorded may be the one that was too late. Nor does one whose load is not
 //! proved: what it says was not asked. Nor does one of a partition that was started anew or ended before the
-//! run did: releases that it should have had meanwhile are counted nowhere.
+//! run did: releases that it should have had meanwhile are counted nowhere. Nor does one in which the schedule has
+//! changed, for the same reason: it may have left out a partition.
 
 use serde::Serialize;
 use takt_scheduler::time::Nanos;
@@ -114,6 +115,17 @@ impl Limits {
         let asked = asked.filter(|asked| !self.none() && duration < *asked)?;
         partitions.iter().find(|partition| partition.end == STOPPED)?;
         let text = format!("the run ended after {:.3} s of {asked}", duration.0 as f64 / 1e9);
+        Some(Breach { kind: Kind::Limit, partition: String::new(), text })
+    }
+
+    /// That another schedule was active for a part of the run. A report does not tell which partitions have windows in it,
+    /// and one without any has no release that could be late or lost.
+    pub fn schedule_changed(&self, last_switch_ns: Option<u64>) -> Option<Breach> {
+        let at = last_switch_ns.filter(|_| !self.none())?;
+        let text = format!(
+            "the schedule has changed, at {:.3} s for the last time, and a partition may have had no windows meanwhile",
+            at as f64 / 1e9
+        );
         Some(Breach { kind: Kind::Limit, partition: String::new(), text })
     }
 }
@@ -241,6 +253,15 @@ mod tests {
         let mut ended = partitions.clone();
         ended[0].end = "ended itself with code 0".into();
         assert_eq!(STRICT.cut_short(&ended, Nanos::from_millis(3_000), day), None);
+    }
+
+    #[test]
+    fn a_run_in_which_the_schedule_has_changed_keeps_no_limit() {
+        let told = STRICT.schedule_changed(Some(1_500_000_000)).unwrap();
+        assert!(told.text.starts_with("the schedule has changed, at 1.500 s "), "{}", told.text);
+        assert_eq!((told.kind, told.partition.as_str()), (Kind::Limit, ""));
+        assert_eq!(STRICT.schedule_changed(None), None);
+        assert_eq!(Limits::default().schedule_changed(Some(1)), None);
     }
 
     #[test]

@@ -1,13 +1,13 @@
 //! What the Linux guest does while the releases are measured.
 
 use clap::ValueEnum;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// The kernel parameter that tells the guest.
 const PARAMETER: &str = "takt.load";
 
 /// A load. The guest's `/init` makes it; see `docs/jitter.md`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Load {
     /// Compile C sources, in parallel.

@@ -24,7 +24,7 @@ mod plot;
 mod proof;
 mod terminal;
 
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -33,9 +33,11 @@ use takt_plan as config;
 use takt_scheduler::time::Nanos;
 
 use error::JitterError;
+use figures::Figures;
 use gate::Limits;
 use load::Load;
-use measurement::Measurement;
+use measurement::{Manner, Measurement};
+use output::Kept;
 
 /// Exit statuses beside those of `takt run`; `--help` tells them.
 mod status {
@@ -47,7 +49,7 @@ mod status {
 const AFTER_HELP: &str = "\
 Exit status: 0 good; 2 bad partition file or usage; 3 the host cannot; 4 a partition failed;
 5 a limit (--max-...) is exceeded, or one is given and the load is not proved, a partition was not
-there all the time, or the run was ended before the time of --for.
+there all the time, the schedule has changed, or the run was ended before the time of --for.
 Ctrl-C ends the measurement; what was measured until then is shown.";
 
 /// Measures how punctual the releases of a partition file are under a load.
@@ -76,6 +78,9 @@ struct Run {
     /// Measure for this time, such as 60s; otherwise until Ctrl-C.
     #[arg(long = "for", value_name = "DURATION", value_parser = nanos)]
     duration: Option<Nanos>,
+    /// What the Linux guest does meanwhile.
+    #[arg(long, value_enum, default_value_t = Load::None)]
+    load: Load,
     /// Also leave takt's own report here.
     #[arg(long, value_name = "OUT.json")]
     report: Option<PathBuf>,
@@ -94,18 +99,22 @@ struct Render {
     /// The samples.
     #[arg(long, value_name = "SAMPLES.json")]
     samples: PathBuf,
-    /// The command that has measured, for the page.
-    #[arg(long, value_name = "TEXT", default_value = "not known")]
-    command: String,
+    // What these say is also in a report that this program has left.
+    /// The command that has measured, for the page; otherwise that of the report.
+    #[arg(long, value_name = "TEXT")]
+    command: Option<String>,
+    /// What the Linux guest was to do meanwhile; otherwise that of the report.
+    #[arg(long, value_enum)]
+    load: Option<Load>,
+    /// How long the run was to last, such as 60s; otherwise that of the report.
+    #[arg(long = "for", value_name = "DURATION", value_parser = nanos)]
+    duration: Option<Nanos>,
     #[command(flatten)]
     rest: Common,
 }
 
 #[derive(Args)]
 struct Common {
-    /// What the Linux guest does meanwhile.
-    #[arg(long, value_enum, default_value_t = Load::None)]
-    load: Load,
     /// Write report.html, report.json and samples.json into this folder.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -146,7 +155,8 @@ fn main() -> ExitCode {
         (None, None) => Ok(status::USAGE),
     };
     ExitCode::from(outcome.unwrap_or_else(|error| {
-        eprintln!("takt-jitter: {error}");
+        // Without a reader, the status still tells.
+        let _ = writeln!(io::stderr(), "takt-jitter: {}", terminal::plain(&error.to_string()));
         status::HOST_CANNOT
     }))
 }
@@ -158,7 +168,7 @@ fn run(file: &Path, run: &Run) -> Result<u8, JitterError> {
     let measured = measure::run(&measure::Order {
         file,
         duration: run.duration,
-        load: run.rest.load,
+        load: run.load,
         report: &report,
         samples: &samples,
         more: &run.takt,
@@ -167,30 +177,40 @@ fn run(file: &Path, run: &Run) -> Result<u8, JitterError> {
         return Ok(measured.status);
     }
     let command = command::line(std::env::args_os());
-    let gate = show(&run.rest, &report, &samples, command, run.duration)?;
+    let manner = Manner { command, load: run.load, asked: run.duration };
+    let gate = show(&run.rest, figures::read(&report, &samples)?, &samples, manner)?;
     Ok(if measured.status == 0 { gate } else { measured.status })
 }
 
 fn render(render: &Render) -> Result<u8, JitterError> {
-    show(&render.rest, &render.report, &render.samples, render.command.clone(), None)
+    let Render { report, samples, .. } = render;
+    let (raw, figures) = figures::read(report, samples)?;
+    let kept = Kept::of(&raw, report)?;
+    let load = render.load.or(kept.as_ref().map(|kept| kept.load));
+    let asked = render.duration.or(kept.as_ref().and_then(|kept| kept.asked_ns.map(Nanos)));
+    let command = render.command.clone().or(kept.map(|kept| kept.command));
+    let manner = Manner {
+        command: command.unwrap_or_else(|| "not known".into()),
+        load: load.unwrap_or(Load::None),
+        asked,
+    };
+    show(&render.rest, (raw, figures), samples, manner)
 }
 
-/// Shows a measurement, and tells the exit status that follows from its limits. `asked` is how long it was to last.
+/// Shows a measurement, and tells the exit status that follows from its limits.
 fn show(
     common: &Common,
-    report: &Path,
+    (raw, figures): (serde_json::Value, Figures),
     samples: &Path,
-    command: String,
-    asked: Option<Nanos>,
+    manner: Manner,
 ) -> Result<u8, JitterError> {
-    let (raw, figures) = figures::read(report, samples)?;
-    let measurement = Measurement::new(figures, command, common.load, common.limits(), asked);
+    let measurement = Measurement::new(figures, manner, common.limits());
     let text = terminal::text(&measurement);
     // An error is ignored: without a reader, the status and the files still tell.
-    let _ = std::io::stdout().write_all(text.as_bytes());
+    let _ = io::stdout().write_all(text.as_bytes());
     if let Some(folder) = &common.out {
         output::write(folder, &measurement, raw, samples)?;
-        println!("\n{}", folder.join(output::PAGE).display());
+        let _ = writeln!(io::stdout(), "\n{}", folder.join(output::PAGE).display());
     }
     Ok(if measurement.breaches.is_empty() { 0 } else { status::GATE_CLOSED })
 }

@@ -3,14 +3,14 @@
 use std::fs;
 use std::path::Path;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use takt_figures::load::Course;
 
 use crate::error::{JitterError, writing};
 use crate::gate::Breach;
 use crate::load::Load;
-use crate::measurement::Measurement;
+use crate::measurement::{Manner, Measurement};
 use crate::page;
 use crate::proof::Proof;
 
@@ -26,12 +26,35 @@ struct Addition<'a> {
     schema_version: u32,
     command: &'a str,
     load: Load,
+    asked_ns: Option<u64>,
     progress: Option<&'a Course>,
     proof: Option<&'a Proof>,
     max_latency_ns: Option<u64>,
     max_late: Option<u64>,
     max_lost: Option<u64>,
     breaches: &'a [Breach],
+}
+
+/// What a report that is drawn again has of that.
+#[derive(Debug, Deserialize)]
+pub struct Kept {
+    /// The command that has measured.
+    pub command: String,
+    /// What Linux was to do.
+    pub load: Load,
+    /// How long it was to last, if that is known.
+    pub asked_ns: Option<u64>,
+}
+
+impl Kept {
+    /// Of a report from this file; `None` if this program has added nothing to it.
+    ///
+    /// # Errors
+    /// If it has not what this program adds.
+    pub fn of(report: &Value, path: &Path) -> Result<Option<Self>, JitterError> {
+        let format = |source| JitterError::Format { path: path.to_owned(), what: "report", source };
+        report.get("jitter").map(Self::deserialize).transpose().map_err(format)
+    }
 }
 
 /// Writes everything. `report` is Takt's report as it is, `samples` the file with the samples.
@@ -57,11 +80,13 @@ pub fn write(
 }
 
 fn with_addition(mut report: Value, measurement: &Measurement) -> Result<Vec<u8>, JitterError> {
-    let Measurement { command, load, proof, limits, breaches, .. } = measurement;
+    let Measurement { manner, proof, limits, breaches, .. } = measurement;
+    let Manner { command, load, asked } = manner;
     let addition = Addition {
         schema_version: SCHEMA_VERSION,
         command,
         load: *load,
+        asked_ns: asked.map(|ns| ns.0),
         progress: measurement.progress(),
         proof: proof.as_ref(),
         max_latency_ns: limits.latency.map(|ns| ns.0),

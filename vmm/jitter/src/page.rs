@@ -114,20 +114,19 @@ fn circumstances(page: &mut String, measurement: &Measurement) {
         row("Emulated by", emulator);
     }
     row("Duration", &format!("{:.3} s", figures.duration_ns as f64 / 1e9));
-    row("Load", measurement.load.name());
+    row("Load", measurement.manner.load.name());
     if let Some(done) = measurement.meanwhile() {
         row("What Linux got done meanwhile, as it says", &done);
     }
-    let command = Html(&measurement.command);
+    let command = Html(&measurement.manner.command);
     let _ = writeln!(page, "<tr><th>Command</th><td><code>{command}</code></td></tr>\n</table>");
 }
 
 /// What Linux did meanwhile.
 fn load(page: &mut String, measurement: &Measurement) -> Result<(), JitterError> {
-    let Some(Course { load, unit, points, standstill, lines, .. }) = measurement.progress() else {
-        return Ok(());
-    };
-    let _ = writeln!(page, "<h2>Load: {}</h2>", Html(load));
+    let Some(course) = measurement.progress() else { return Ok(()) };
+    let Course { partition, load, unit, points, standstill, lines, .. } = course;
+    let _ = writeln!(page, "<h2>Load of {}: {}</h2>", Html(partition), Html(load));
     let _ = writeln!(page, "<h3>Progress, in {}</h3>", Html(unit));
     page.push_str(&plot::progress(points, measurement.figures.duration_ns)?);
     let _ = writeln!(
@@ -211,10 +210,7 @@ fn plots(
     measurement: &Measurement,
     partition: &Partition,
 ) -> Result<(), JitterError> {
-    let Some(course) = measurement.figures.course(partition) else {
-        page.push_str("<p class=\"note\">There are no samples of it.</p>\n");
-        return Ok(());
-    };
+    let Some(course) = measurement.figures.course(partition) else { return Ok(()) };
     let mut plot = |title: &str, svg: &str| {
         let _ = writeln!(page, "<h3>{title}</h3>\n{svg}");
     };

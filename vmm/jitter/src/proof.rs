@@ -53,7 +53,7 @@ impl Proof {
 /// Why there is no proof that a Linux made a load.
 fn missing(load: &str, figures: &Figures, linux: &Partition) -> Option<String> {
     let run = seconds(figures.duration_ns);
-    let Some(course) = figures.loads.iter().find(|course| course.partition == linux.name) else {
+    let Some(course) = figures.load(&linux.name) else {
         let boot = match linux.boot_to_init_ns.flatten() {
             Some(ns) => format!("its first process started at {}", seconds(ns)),
             None => "nor did it start its first process".into(),

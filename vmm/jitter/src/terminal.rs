@@ -34,7 +34,7 @@ pub fn text(measurement: &Measurement) -> String {
         figures.system,
         figures.duration_ns as f64 / 1e9,
         figures.lane,
-        measurement.load.name(),
+        measurement.manner.load.name(),
         measurement.meanwhile().map_or(String::new(), |done| format!(" ({done})")),
     );
     for partition in &figures.partitions {
@@ -59,6 +59,11 @@ pub fn text(measurement: &Measurement) -> String {
     if measurement.breaches.is_empty() && !measurement.limits.none() {
         text.push_str("\nall limits are kept\n");
     }
+    plain(&text)
+}
+
+/// Without anything that a terminal takes for an order.
+pub fn plain(text: &str) -> String {
     text.chars().map(|c| if c.is_control() && c != '\n' { '?' } else { c }).collect()
 }
 

@@ -56,16 +56,21 @@ pub fn run(cli: &Cli, socket: &Path) -> Result<(), ClientError> {
     let is_typed = console.terminal && !cli.follow;
     let raw = is_typed && io::stdin().is_terminal() && io::stdout().is_terminal();
     if raw {
-        eprintln!("takt-console: attached to {}; Ctrl-] d leaves it", cli.partition);
+        say(&format!("takt-console: attached to {}; Ctrl-] d leaves it", cli.partition));
         enable_raw_mode().map_err(ClientError::Terminal)?;
     }
     let result = attached(&mut takt, cli, &console, is_typed, raw);
     if raw {
         // The terminal may be gone, and then there is none to put back.
         let _ = disable_raw_mode();
-        eprintln!("\ntakt-console: detached from {}", cli.partition);
+        say(&format!("\ntakt-console: detached from {}", cli.partition));
     }
     result
+}
+
+/// Tells the user. One whose terminal is gone does not read it, and that is no reason to end otherwise.
+fn say(text: &str) {
+    let _ = writeln!(io::stderr(), "{text}");
 }
 
 fn attached(

@@ -203,7 +203,7 @@ fn timeline(status: &Status, partition: &PartitionStatus, width: usize) -> Strin
 
 fn draw_latency(frame: &mut Frame<'_>, area: Rect, partition: &PartitionStatus, view: &View) {
     let samples = view.latencies.get(&partition.name);
-    let latest = samples.and_then(|s| s.back()).map_or("-".to_owned(), u64::to_string);
+    let latest = samples.and_then(|s| *s.back()?).map_or("-".to_owned(), |mean| mean.to_string());
     let since_start = text::latency(partition).unwrap_or_default();
     let title = format!("{since_start}; latest mean {latest} ns");
     let [head, bars] = Layout::vertical([Constraint::Length(1), Constraint::Min(0)]).areas(area);
@@ -211,7 +211,7 @@ fn draw_latency(frame: &mut Frame<'_>, area: Rect, partition: &PartitionStatus, 
     // The newest is at the right edge.
     let all = samples.into_iter().flatten().copied();
     let skipped = samples.map_or(0, |s| s.len().saturating_sub(usize::from(bars.width)));
-    let shown = Sparkline::default().data(all.skip(skipped).collect::<Vec<u64>>()).bar_set(BARS);
+    let shown = Sparkline::default().data(all.skip(skipped)).bar_set(BARS);
     frame.render_widget(shown, bars);
 }
 

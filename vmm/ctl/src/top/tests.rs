@@ -295,10 +295,27 @@ fn a_sample_is_the_mean_of_what_came_since_the_last() {
     view.status(status(1, 500, 1_000));
     view.status(status(2, 1_000, 5_000));
     view.status(status(3, 1_000, 5_000));
-    assert_eq!(view.latencies["plc"], [2, 8], "no release, no sample");
+    assert_eq!(view.latencies["plc"], [Some(2), Some(8), None], "no release, no mean");
     // Another run: its figures begin anew.
     view.status(status(1, 100, 300));
-    assert_eq!(view.latencies["plc"], [3]);
+    assert_eq!(view.latencies["plc"], [Some(3)]);
+    // Another one, which is up for longer.
+    view.versions.insert("plc".into(), Vec::new());
+    view.status(Status { pid: 2, ..status(4, 200, 800) });
+    assert_eq!((&view.latencies["plc"], view.versions.len()), (&[Some(4)].into(), 0));
+}
+
+#[test]
+fn a_plc_without_releases_has_no_latest_mean() {
+    let mut view = View::default();
+    view.status(status(500_000_000, 500, 1_000));
+    view.status(status(1_000_000_000, 1_000, 5_000));
+    view.status(status(1_500_000_000, 1_000, 5_000));
+    let since_start = "plc: release latency p50 2, p99 4, p99.9 5, max 9 ns";
+    let rows = |view: &View| shown(view, 80, 15)[10..13].join("\n");
+    assert_eq!(rows(&view), format!("{since_start}; latest mean - ns\n #\n-#"));
+    view.status(status(2_000_000_000, 1_500, 9_000));
+    assert_eq!(rows(&view), format!("{since_start}; latest mean 8 ns\n # #\n-# #"));
 }
 
 #[test]

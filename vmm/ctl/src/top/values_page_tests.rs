@@ -3,7 +3,7 @@
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use takt_points::{Kind, Point};
 use takt_program::{Elementary, Flags};
-use takt_protocol::{Area, ForcedStatus, Range, Values};
+use takt_protocol::{Area, ForcedStatus, Range, State, Values};
 
 use super::tests::{shown, status};
 use super::view::{Page, View, Watched};
@@ -87,6 +87,44 @@ fn before_the_first_line_and_after_a_gap_the_title_says_so() {
     let drawn = shown(&view, 80, 12);
     assert_eq!(drawn[2], "old: refused: values of tank\\u{1b} are watched no longer");
     assert_eq!(drawn[3], title, "the last values stay");
+}
+
+#[test]
+fn values_of_a_plc_that_does_not_run_are_said_to_be_old() {
+    let mut view = page();
+    view.watched[0].latest = Some((values(7), texts(["1", "TRUE", "TRUE", "TRUE"])));
+    let mut title = |state, uptime_ns| {
+        let status = view.status.as_mut().unwrap();
+        (status.partitions[0].state, status.uptime_ns) = (state, uptime_ns);
+        let drawn = shown(&view, 80, 12);
+        let head = if drawn[2].contains("OLD") {
+            "value       type  last"
+        } else {
+            "value       type  now"
+        };
+        assert_eq!(drawn[3], head);
+        drawn[2].clone()
+    };
+    let of_now = "plc: cycle 7, 0.007 s";
+    assert_eq!(title(State::Running, 1), of_now, "the line is newer than the status");
+    // 2 s, and the major frame of 1 ms.
+    assert_eq!(title(State::Running, 2_008_000_000), of_now);
+    let left_out = "plc: OLD, its latest cycle was 2.0 s ago; cycle 7, 0.007 s";
+    assert_eq!(title(State::Running, 2_008_000_001), left_out);
+    for (state, word) in [
+        (State::Stopping, "stopping"),
+        (State::Restarting, "restarting"),
+        (State::Stopped, "stopped"),
+        (State::Ended, "ended"),
+    ] {
+        let expected = format!("plc: OLD, the partition is {word}; cycle 7, 0.007 s");
+        assert_eq!(title(state, 8_000_000), expected);
+    }
+    view.watched[0].latest = None;
+    assert_eq!(
+        shown(&view, 80, 12)[2..4].join("|"),
+        "plc: no line has come yet|value       type  now"
+    );
 }
 
 #[test]

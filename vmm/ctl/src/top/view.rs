@@ -17,8 +17,9 @@ pub struct View {
     pub status: Option<Status>,
     /// The oldest first.
     pub events: VecDeque<Event>,
-    /// Mean release latency between two answers in nanoseconds, by partition; the oldest first.
-    pub latencies: BTreeMap<String, VecDeque<u64>>,
+    /// Mean release latency between two answers in nanoseconds, by partition; the oldest first. `None` where there was no
+    /// release in between.
+    pub latencies: BTreeMap<String, VecDeque<Option<u64>>>,
     /// Versions of programs, by partition.
     pub versions: BTreeMap<String, Vec<VersionStatus>>,
     /// Why the status is old.
@@ -58,8 +59,10 @@ impl View {
     /// A new status has come.
     pub fn status(&mut self, new: Status) {
         self.problem = None;
-        if self.status.as_ref().is_some_and(|old| old.uptime_ns > new.uptime_ns) {
-            // Another run.
+        // Another run may be up for longer than the last answer of the one before; and in an appliance every Takt is
+        // process 1.
+        let another = |old: &Status| old.pid != new.pid || old.uptime_ns > new.uptime_ns;
+        if self.status.as_ref().is_some_and(another) {
             self.latencies.clear();
             self.versions.clear();
             self.status = None;
@@ -72,10 +75,8 @@ impl View {
             let (count, sum) = old.map_or((0, 0), |old| (old.happened, old.latency_sum_ns));
             let count = now.happened.saturating_sub(count);
             let samples = self.latencies.entry(partition.name.clone()).or_default();
-            // A half second without a release has no latency.
-            if let Some(mean) = now.latency_sum_ns.saturating_sub(sum).checked_div(count) {
-                push(samples, mean, SAMPLES);
-            }
+            let mean = now.latency_sum_ns.saturating_sub(sum).checked_div(count);
+            push(samples, mean, SAMPLES);
         }
         self.status = Some(new);
     }

@@ -106,6 +106,8 @@ impl Watcher {
         watched: &mut Vec<Watched>,
     ) -> Result<Connection, ClientError> {
         let mut takt = Connection::open(socket)?;
+        // It may be another Takt, whose PLCs have not told of any value yet.
+        watched.iter_mut().for_each(|watched| watched.latest = None);
         takt.send(&Request::Status)?;
         let status = match takt.receive()?.1.granted()? {
             Answer::Status { status } => status,

@@ -197,6 +197,26 @@ fn another_version_is_watched_by_the_names_of_its_own_image_and_not_before() {
 }
 
 #[test]
+fn a_takt_that_was_started_again_shows_no_value_of_the_run_before() {
+    let image = image(0);
+    let mut page = Page::new(plant("again", &image), &["tank.level"]);
+    let begun = |more: Vec<Vec<Answer>>| {
+        let status = Answer::Status { status: Box::new(running(&image)) };
+        let begun = vec![vec![status], vec![watching()]];
+        [begun, more].concat()
+    };
+    let first = begun(vec![vec![values("0100"), pong()]]);
+    let takt =
+        takt(&page.folder, vec![first, begun(vec![vec![pong()], vec![values("0200"), pong()]])]);
+    assert_eq!(page.update(), "1");
+    assert!(page.update().starts_with("Takt does not answer"));
+    assert!(page.watched[0].latest.is_some(), "while there is none, the last values stay");
+    assert_eq!(page.update(), "nothing yet");
+    assert_eq!(page.update(), "2");
+    takt.join().unwrap();
+}
+
+#[test]
 fn a_name_without_a_value_is_refused_before_anything_is_shown() {
     let folder = plant("names", &image(0));
     let names = |name: &str| vec!["tank.count".to_owned(), name.to_owned()];

@@ -38,6 +38,9 @@ pub struct Course {
     pub points: Vec<(u64, u64)>,
     /// The longest time without progress.
     pub standstill: Standstill,
+    /// The longest of those after which there was progress again: it is in the course wherever that is cut off later.
+    #[serde(default)]
+    pub ended_standstill: Standstill,
 }
 
 /// A time without progress.
@@ -69,19 +72,14 @@ pub struct Recorder {
 
 #[derive(Debug)]
 struct Kept {
-    load: String,
-    unit: String,
-    began: u64,
-    last_line: u64,
-    lines: u64,
+    /// As far as it is known before the end.
+    course: Course,
     /// The greatest count since the load has begun, and what was done before, if it began anew.
     count: u64,
     before: u64,
     /// Lines since the last progress.
     idle_lines: u64,
     progressed: u64,
-    standstill: Standstill,
-    points: Vec<(u64, u64)>,
     /// Points closer together than this are one.
     spacing: u64,
 }
@@ -101,16 +99,8 @@ impl Recorder {
     #[must_use]
     pub fn course(&self, partition: &str, end: Nanos) -> Option<Course> {
         let kept = self.kept.as_ref()?;
-        Some(Course {
-            partition: partition.to_owned(),
-            load: kept.load.clone(),
-            unit: kept.unit.clone(),
-            began_ns: kept.began,
-            last_line_ns: kept.last_line,
-            lines: kept.lines,
-            points: kept.points.clone(),
-            standstill: kept.longest(end.0),
-        })
+        let (partition, standstill) = (partition.to_owned(), kept.longest(end.0));
+        Some(Course { partition, standstill, ..kept.course.clone() })
     }
 }
 
@@ -119,30 +109,34 @@ impl Kept {
         let mut points = Vec::with_capacity(POINTS_MAX);
         points.push((at, word.count));
         Self {
-            load: word.load.to_owned(),
-            unit: word.unit.to_owned(),
-            began: at,
-            last_line: at,
-            lines: 0,
+            course: Course {
+                partition: String::new(),
+                load: word.load.to_owned(),
+                unit: word.unit.to_owned(),
+                began_ns: at,
+                last_line_ns: at,
+                lines: 0,
+                points,
+                standstill: Standstill::default(),
+                ended_standstill: Standstill { from_ns: at, to_ns: at, lines: 0 },
+            },
             count: word.count,
             before: 0,
             idle_lines: 0,
             progressed: at,
-            standstill: Standstill { from_ns: at, to_ns: at, lines: 0 },
-            points,
             spacing: 0,
         }
     }
 
     /// A line of another load than the first is none of this course.
     fn add(&mut self, word: &Word<'_>, at: u64) {
-        if word.load != self.load || word.unit != self.unit {
+        if word.load != self.course.load || word.unit != self.course.unit {
             return;
         }
-        self.lines += 1;
-        self.last_line = at;
+        self.course.lines += 1;
+        self.course.last_line_ns = at;
         if word.count > self.count {
-            self.standstill = self.longest(at);
+            self.course.ended_standstill = self.longest(at);
             (self.count, self.progressed, self.idle_lines) = (word.count, at, 0);
             self.push((at, self.before.saturating_add(self.count)));
             return;
@@ -159,36 +153,39 @@ impl Kept {
     /// The longest time without progress, with the one that lasts at this time.
     fn longest(&self, now: u64) -> Standstill {
         let lasting = Standstill { from_ns: self.progressed, to_ns: now, lines: self.idle_lines };
-        if lasting.duration() > self.standstill.duration() { lasting } else { self.standstill }
+        let ended = self.course.ended_standstill;
+        if lasting.duration() > ended.duration() { lasting } else { ended }
     }
 
     /// The newest point is always the last; it takes the place of one that is too close to the one
     /// before. Sums that do not grow any more have no point.
     fn push(&mut self, point: (u64, u64)) {
-        if let Some(last) = self.points.last_mut()
+        let points = &mut self.course.points;
+        if let Some(last) = points.last_mut()
             && (point.0 <= last.0 || point.1 <= last.1)
         {
             last.1 = last.1.max(point.1);
             return;
         }
-        if let [.., before, last] = &mut self.points[..]
+        if let [.., before, last] = &mut points[..]
             && point.0 - before.0 < self.spacing
         {
             *last = point;
             return;
         }
-        if self.points.len() >= POINTS_MAX {
+        if points.len() >= POINTS_MAX {
             self.thin();
         }
-        self.points.push(point);
+        self.course.points.push(point);
     }
 
     /// Makes room: at most half of the points stay, evenly over the time.
     fn thin(&mut self) {
         let half = POINTS_MAX as u64 / 2;
-        self.spacing = (self.progressed.saturating_sub(self.began) / half).max(self.spacing * 2);
+        self.spacing =
+            (self.progressed.saturating_sub(self.course.began_ns) / half).max(self.spacing * 2);
         let (spacing, mut last) = (self.spacing, None);
-        self.points.retain(|(at, _)| {
+        self.course.points.retain(|(at, _)| {
             let stays = last.is_none_or(|last| at - last >= spacing);
             last = if stays { Some(*at) } else { last };
             stays
