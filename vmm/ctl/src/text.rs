@@ -32,7 +32,7 @@ pub fn of(answer: &Answer) -> String {
 /// How much of its time a trace has, in one line.
 pub fn extent(Extent { windows, dropped }: Extent) -> String {
     match dropped {
-        0 => format!("{windows} windows, all there were"),
+        0 => format!("{windows} windows, all that Takt has recorded"),
         _ => format!(
             "{windows} windows; {dropped} more are missing, for this program read too slowly"
         ),
@@ -118,10 +118,14 @@ pub fn latency(partition: &PartitionStatus) -> Option<String> {
         0 => String::new(),
         count => format!("; in {count} windows tasks went on in the next"),
     };
+    let unrecorded = match releases.unrecorded {
+        0 => String::new(),
+        count => format!("; {count} records of windows are missing in all of these figures"),
+    };
     Some(match releases.release_latency_ns {
-        None => format!("{name}: no release yet"),
+        None => format!("{name}: no release yet{unrecorded}"),
         Some(s) => format!(
-            "{name}: release latency p50 {}, p99 {}, p99.9 {}, max {} ns{tasks}",
+            "{name}: release latency p50 {}, p99 {}, p99.9 {}, max {} ns{tasks}{unrecorded}",
             s.p50, s.p99, s.p999, s.max
         ),
     })

@@ -390,7 +390,7 @@ fn a_trace_is_a_file_for_viewers_or_lines_for_programs() {
     let events: Vec<Value> = serde_json::from_str(&out).unwrap();
     let releases = events.iter().filter(|e| e["name"] == "release").count();
     assert!(releases > 5, "{releases} of 20");
-    assert_eq!(error, format!("takt-ctl: {releases} windows, all there were\n"));
+    assert_eq!(error, format!("takt-ctl: {releases} windows, all that Takt has recorded\n"));
 
     let (status, out, _) = plant.says(&["--json", "plant.toml", "trace", "--for", "20ms"]);
     assert_eq!(status, 0);

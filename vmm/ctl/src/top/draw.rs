@@ -100,8 +100,10 @@ fn draw_head(frame: &mut Frame<'_>, area: Rect, status: &Status, view: &View) {
 
 fn draw_table(frame: &mut Frame<'_>, area: Rect, status: &Status) {
     let style = |partition: &PartitionStatus| {
-        let bad =
-            partition.releases.as_ref().is_some_and(|r| r.lost > 0 || r.late > 0 || r.overruns > 0);
+        let bad = partition
+            .releases
+            .as_ref()
+            .is_some_and(|r| [r.lost, r.unrecorded, r.late, r.overruns].iter().any(|n| *n > 0));
         match partition.state {
             State::Running if bad => Style::new().yellow(),
             State::Running => Style::new(),

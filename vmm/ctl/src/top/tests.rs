@@ -40,6 +40,7 @@ pub fn status(uptime_ns: u64, happened: u64, latency_sum_ns: u64) -> Status {
         happened,
         start_up_windows: 1,
         lost: 0,
+        unrecorded: 0,
         late: 2,
         overruns: 0,
         unfinished_windows: 0,
@@ -303,6 +304,16 @@ fn a_sample_is_the_mean_of_what_came_since_the_last() {
     view.versions.insert("plc".into(), Vec::new());
     view.status(Status { pid: 2, ..status(4, 200, 800) });
     assert_eq!((&view.latencies["plc"], view.versions.len()), (&[Some(4)].into(), 0));
+}
+
+#[test]
+fn windows_that_are_in_no_figure_are_told_with_the_figures() {
+    let mut told = status(1, 1, 1);
+    let line = |told: &Status| crate::text::latency(&told.partitions[0]).unwrap();
+    assert!(line(&told).ends_with("max 9 ns"), "{}", line(&told));
+    told.partitions[0].releases.as_mut().unwrap().unrecorded = 3;
+    let missing = "; 3 records of windows are missing in all of these figures";
+    assert!(line(&told).ends_with(missing), "{}", line(&told));
 }
 
 #[test]
