@@ -32,6 +32,21 @@ fn an_output_of_another_type_is_assigned_only_if_its_function_is_called() {
 }
 
 #[test]
+fn en_of_one_of_several_functions_takes_the_one_that_fits() {
+    let declarations = "PROGRAM Main VAR t : TIME; ok, on : BOOL; w : WORD; END_VAR";
+    let statements = "
+        t := DIV_TIME(EN := TRUE, IN1 := T#10ms, IN2 := 4.0, ENO => on);
+        IF t <> T#2500us OR NOT on THEN wrong := wrong + 1; END_IF;
+        t := DIV_TIME(EN := FALSE, IN1 := T#10ms, IN2 := 2, ENO => on);
+        IF t <> T#2500us OR on THEN wrong := wrong + 2; END_IF;
+        w := TO_BIG_ENDIAN(EN := TRUE, IN := WORD#16#1234);
+        IF w <> WORD#16#3412 THEN wrong := wrong + 4; END_IF;
+        ok := IS_VALID_BCD(EN := TRUE, IN := WORD#16#A000);
+        IF ok THEN wrong := wrong + 8; END_IF;";
+    assert_eq!(wrong(declarations, statements), 0);
+}
+
+#[test]
 fn an_output_of_another_type_comes_before_the_assignment_of_the_value() {
     let declarations = format!(
         "{FUNCTIONS}
