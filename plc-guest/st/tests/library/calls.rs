@@ -113,11 +113,19 @@ fn limit_evaluates_its_arguments_in_their_order() {
             VAR_INPUT digit : INT; END_VAR
             trace := trace * 10 + digit; Note := digit;
         END_FUNCTION
-        PROGRAM Main VAR n : INT; END_VAR";
+        FUNCTION Noted : LREAL
+            VAR_INPUT digit : INT; END_VAR
+            Noted := INT_TO_LREAL(Note(digit));
+        END_FUNCTION
+        PROGRAM Main VAR n : INT; r : LREAL; END_VAR";
     let statements = "
         n := LIMIT(Note(1), Note(2), Note(3)); IF trace <> 123 OR n <> 2 THEN wrong := wrong + 1; END_IF;
         trace := 0;
-        n := LIMIT(MX := Note(3), IN := Note(9), MN := Note(1)); IF trace <> 193 OR n <> 3 THEN wrong := wrong + 2; END_IF;";
+        n := LIMIT(MX := Note(3), IN := Note(9), MN := Note(1)); IF trace <> 193 OR n <> 3 THEN wrong := wrong + 2; END_IF;
+        trace := 0;
+        r := LIMIT(Noted(1), Noted(2), Noted(3)); IF trace <> 123 OR r <> 2.0 THEN wrong := wrong + 4; END_IF;
+        trace := 0;
+        r := LIMIT(MX := Noted(3), IN := Noted(9), MN := Noted(1)); IF trace <> 193 OR r <> 3.0 THEN wrong := wrong + 8; END_IF;";
     assert_eq!(wrong(declarations, statements), 0);
 }
 
