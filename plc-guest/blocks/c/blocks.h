@@ -242,6 +242,8 @@ struct takt_scale {
 
 static inline double takt_scale_update(const struct takt_scale *b, double value) {
     const double span = b->in_high - b->in_low;
+    if (value != value)
+        return value;
     if (span == 0.0)
         return b->out_low;
     return b->out_low + (value - b->in_low) / span * (b->out_high - b->out_low);
@@ -529,7 +531,7 @@ struct takt_pid_tuning {
     double integral;          /* output per unit of deviation and second */
     double derivative;        /* output per unit per second */
     double derivative_filter; /* time constant in seconds; 0 is none */
-    double low, high;         /* limits of the output */
+    double low, high;         /* limits of the output; NaN is none */
 };
 
 struct takt_pid {
@@ -579,8 +581,8 @@ static inline double takt_pid_update(struct takt_pid *b, double set, double meas
     direct = takt_pid_direct(b, set, measured, seconds);
     change = b->tuning.integral * (set - measured) * seconds;
     /* An integral that came from manual control may be out of range: it may return, not go further. */
-    integral = takt_limit(low < b->integral_part ? low : b->integral_part, b->integral_part + change,
-                          high > b->integral_part ? high : b->integral_part);
+    integral = takt_limit(b->integral_part < low ? b->integral_part : low, b->integral_part + change,
+                          b->integral_part > high ? b->integral_part : high);
     output = direct + integral;
     if (!(output > high && change > 0.0) && !(output < low && change < 0.0) && takt_is_finite(integral))
         b->integral_part = integral;

@@ -33,9 +33,9 @@ pub struct Tuning {
     pub derivative: f64,
     /// Time constant of the derivative's filter in seconds; 0 is none. Usual is `D / P / 10`.
     pub derivative_filter: f64,
-    /// Least output.
+    /// Least output; NaN is no limit.
     pub low: f64,
-    /// Greatest output.
+    /// Greatest output; NaN is no limit.
     pub high: f64,
 }
 
@@ -88,8 +88,10 @@ impl Pid {
         let Tuning { integral: gain, low, high, .. } = self.tuning;
         let change = gain * (set - measured) * seconds;
         // An integral that came from manual control may be out of range: it may return, not go further.
-        let integral =
-            limit(low.min(self.integral), self.integral + change, high.max(self.integral));
+        // Not `f64::min` and `f64::max`: of a limit that is NaN, which is none, they would make one.
+        let least = if self.integral < low { self.integral } else { low };
+        let most = if self.integral > high { self.integral } else { high };
+        let integral = limit(least, self.integral + change, most);
         let output = direct + integral;
         let at_stop = (output > high && change > 0.0) || (output < low && change < 0.0);
         if !at_stop && integral.is_finite() {

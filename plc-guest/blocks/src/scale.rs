@@ -30,6 +30,9 @@ impl Scale {
     #[must_use]
     pub fn update(&self, value: f64) -> f64 {
         let span = self.in_high - self.in_low;
+        if value.is_nan() {
+            return value;
+        }
         if span == 0.0 {
             return self.out_low;
         }

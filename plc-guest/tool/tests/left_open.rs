@@ -145,6 +145,41 @@ VAR low, value, high : INT; END_VAR
 low := 10; value := 5; high := 0;
 ASSERT(LIMIT(low, value, high) = 0);
 END_TEST
+TEST 'LIMIT with NaN'
+VAR zero, nan : LREAL; END_VAR
+nan := zero / zero;
+ASSERT(LIMIT(nan, 5.0, 100.0) = LREAL#5.0);
+ASSERT(LIMIT(nan, 500.0, 100.0) = LREAL#100.0);
+ASSERT(LIMIT(0.0, -5.0, nan) = LREAL#0.0);
+ASSERT(LIMIT(0.0, 5.0, nan) = LREAL#5.0);
+ASSERT(NOT IS_VALID(LIMIT(0.0, nan, 100.0)));
+END_TEST
+TEST 'MAX and MIN with NaN'
+VAR zero, nan : LREAL; END_VAR
+nan := zero / zero;
+ASSERT(MAX(nan, 1.0) = LREAL#1.0);
+ASSERT(MIN(nan, 1.0) = LREAL#1.0);
+ASSERT(NOT IS_VALID(MAX(1.0, nan)));
+ASSERT(NOT IS_VALID(MIN(1.0, nan)));
+ASSERT(MAX(1.0, nan, 0.5) = LREAL#0.5);
+END_TEST
+TEST 'MUX'
+VAR k : INT := -1; END_VAR
+ASSERT(MUX(k, 10, 20, 30) = 10);
+k := 9;
+ASSERT(MUX(k, 10, 20, 30) = 30);
+END_TEST
+TEST 'a time before 1970'
+VAR t : DT; END_VAR
+t := t - T#5h;
+ASSERT(DT_TO_TOD(t) = TOD#19:00:00);
+ASSERT(DATE_TO_LINT(DT_TO_DATE(t)) = -86400000000000);
+END_TEST
+TEST 'a number with a sign to a longer bit string'
+VAR s : SINT := -1; END_VAR
+ASSERT(SINT_TO_WORD(s) = 16#FFFF);
+ASSERT(BYTE_TO_WORD(SINT_TO_BYTE(s)) = 16#00FF);
+END_TEST
 TEST 'parts of strings'
 VAR s : STRING := 'abc'; n : INT := -1; large : ULINT := 16#8000_0000_0000_0000; END_VAR
 ASSERT(LEFT(s, large) = 'abc');
@@ -181,5 +216,16 @@ fn what_the_standard_leaves_open_is_as_the_page_says() {
     folder.write("main.st", MAIN);
     folder.write("t.st", TESTS);
     let ended = folder.takt_plc(&["test", "main.st", "t.st"]);
-    ended.expect(0, "test: 17 tests, all as expected");
+    ended.expect(0, "test: 22 tests, all as expected");
+}
+
+#[test]
+fn a_remainder_by_zero_is_a_trap() {
+    let folder = Folder::new();
+    folder.write("main.st", MAIN);
+    folder.write(
+        "t.st",
+        "TEST 'MOD'\nVAR x, zero : INT; END_VAR\nx := 7 MOD zero;\nASSERT(x = 0);\nEND_TEST\n",
+    );
+    folder.takt_plc(&["test", "main.st", "t.st"]).expect(1, "t.st:3: division by zero");
 }

@@ -35,6 +35,8 @@ pub enum Intrinsic {
     Min,
     /// The greater of two scalars or strings of the same type. If one real is NaN, the second operand.
     Max,
+    /// `LIMIT(mn, in, mx)` of reals. NaN of `in` is handed on; a limit that is NaN is none. Same type.
+    Limit,
     /// `SEL(g, in0, in1)`: in0 if the BOOL is FALSE, else in1. Both are evaluated. Same type.
     Select,
     /// `SHL(in, n)`: bits shifted left; n is LINT. All bits gone from the width of the type on; n below 0 shifts

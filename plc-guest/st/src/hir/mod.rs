@@ -10,7 +10,7 @@
 //!   parameter instead, as its bounds belong to the call.
 //! - EN and ENO are an `IF` around the call.
 //! - A task is a routine without parameters that invokes its program instances.
-//! - `LIMIT` and `MUX` are made of [`Intrinsic::Min`], [`Intrinsic::Max`] and [`Intrinsic::Select`].
+//! - `MUX`, and `LIMIT` of all but reals, are made of [`Intrinsic::Min`], [`Intrinsic::Max`] and [`Intrinsic::Select`].
 
 mod constant;
 mod elementary;

@@ -192,6 +192,16 @@ impl Lower<'_> {
                 };
                 self.builder.ins().select(first, left, right)
             }
+            Limit => {
+                let least = self.in_register(&arguments[0]);
+                let value = self.in_register(&arguments[1]);
+                let most = self.in_register(&arguments[2]);
+                // Forms of which Cranelift knows the instructions, too. They give the second operand if one is NaN.
+                let low = self.builder.ins().fcmp(FloatCC::LessThan, value, least);
+                let raised = self.builder.ins().select(low, least, value);
+                let high = self.builder.ins().fcmp(FloatCC::LessThan, most, raised);
+                self.builder.ins().select(high, most, raised)
+            }
             Abs => {
                 let value = self.expr(&arguments[0]);
                 match self.scalar(expr.ty).class() {

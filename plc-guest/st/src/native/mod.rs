@@ -116,9 +116,9 @@ pub enum NativeError {
         /// Two of the tasks.
         tasks: [String; 2],
     },
-    /// An output that two tasks write, whole, in part or in a byte that it shares.
+    /// An output that two tasks write, whole, in part or through another variable at its address.
     #[error(
-        "the tasks `{}` and `{}` both write the output `{output}`, or its byte: it would never leave the program",
+        "the tasks `{}` and `{}` both write the output `{output}`, or a part of it: it would never leave the program",
         tasks[0],
         tasks[1]
     )]

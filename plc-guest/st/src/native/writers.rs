@@ -13,13 +13,13 @@ use super::effects::{Base, Target, target};
 use super::walk;
 use crate::hir::{
     Area, Argument, Expr, ExprKind, Global, GlobalId, Intrinsic, LocalId, LocalKind, Location,
-    Place, Program, Root, Routine, RoutineId, Section, Statement, StatementKind, Step, Type,
-    TypeId,
+    Place, Program, Root, Routine, RoutineId, Section, Statement, StatementKind, Step, Storage,
+    Type, TypeId,
 };
 
-/// Which tasks write each byte of `%Q`: a bit for each task.
+/// Which tasks write each bit of `%Q`: a bit for each task.
 pub struct Writers {
-    bytes: Vec<u16>,
+    bits: Vec<u16>,
 }
 
 impl Writers {
@@ -37,12 +37,12 @@ impl Writers {
         for (whole, part) in facts.iter().flat_map(|facts| &facts.derived) {
             derived.entry(*whole).or_default().insert(*part);
         }
-        let mut bytes = vec![0; program.area_size(Area::Output) as usize];
+        let mut bits = vec![0; 8 * program.area_size(Area::Output) as usize];
         let mut firsts: Vec<Vec<(Stretch, Location)>> = vec![Vec::new(); tasks.len()];
         let mut add = |stretch: Stretch, task: usize, location: Location| {
-            let end = bytes.len().min(stretch.1 as usize);
-            if let Some(part) = bytes.get_mut(stretch.0 as usize..end) {
-                part.iter_mut().for_each(|byte| *byte |= 1u16 << task);
+            let end = bits.len().min(stretch.1 as usize);
+            if let Some(part) = bits.get_mut(stretch.0 as usize..end) {
+                part.iter_mut().for_each(|bit| *bit |= 1u16 << task);
                 firsts[task].push((stretch, location));
             }
         };
@@ -66,7 +66,7 @@ impl Writers {
                 writing.iter().for_each(|task| add(*stretch, *task, *location));
             }
         }
-        let writers = Writers { bytes };
+        let writers = Writers { bits };
         match program.globals.iter().find_map(|global| writers.shared(program, global, &firsts)) {
             Some(error) => Err(error),
             None => Ok(writers),
@@ -105,16 +105,29 @@ impl Writers {
     /// The tasks that write an output or a part of it.
     fn tasks(&self, program: &Program, global: &Global) -> Option<u16> {
         let (start, end) = stretch(program, global)?;
-        let bytes = self.bytes.get(start as usize..end as usize)?;
-        Some(bytes.iter().fold(0, |all, byte| all | byte))
+        let bits = self.bits.get(start as usize..end as usize)?;
+        Some(bits.iter().fold(0, |all, bit| all | bit))
     }
 }
 
 /// The stretch of `%Q` in which an output lies; none of another variable.
 fn stretch(program: &Program, global: &Global) -> Option<Stretch> {
-    let start = global.storage.offset;
-    let output = global.storage.area == Area::Output;
-    output.then(|| (start, start + program.types.size(global.ty)))
+    let Storage { area, offset, bit } = global.storage;
+    let stretch = match bit {
+        Some(bit) => one_bit(offset, bit),
+        None => bytes(offset, offset + program.types.size(global.ty)),
+    };
+    (area == Area::Output).then_some(stretch)
+}
+
+/// The bits from the byte `start` to the one in front of `end`.
+fn bytes(start: u32, end: u32) -> Stretch {
+    (8 * start, 8 * end)
+}
+
+fn one_bit(byte: u32, bit: u8) -> Stretch {
+    let first = 8 * byte + u32::from(bit);
+    (first, first + 1)
 }
 
 /// The types to which a reference may refer that was made from one to `ty`: such as to an element of an array.
@@ -128,7 +141,7 @@ fn reached(ty: TypeId, derived: &BTreeMap<TypeId, BTreeSet<TypeId>>) -> BTreeSet
     found
 }
 
-/// Bytes of `%Q`: from the first, up to the one behind the last.
+/// Bits of `%Q`: from the first, up to the one behind the last.
 type Stretch = (u32, u32);
 
 /// Outputs of which REF is taken, by their stretch of `%Q` and the type of the reference: which, and where first.
@@ -309,11 +322,18 @@ impl Collector<'_> {
 
     /// The stretch of `%Q` in which a place lies.
     fn output(&self, place: &Place) -> Option<Stretch> {
+        if let Root::Global(id) = &place.root
+            && self.program.global(*id).storage.bit.is_some()
+        {
+            return stretch(self.program, self.program.global(*id));
+        }
         match target(self.program, self.routine, place) {
             Target::Cell(cell) if cell.base == Base::Area(Area::Output) => {
-                Some((cell.offset, cell.offset + cell.ty.size()))
+                Some(bytes(cell.offset, cell.offset + cell.ty.size()))
             }
-            Target::Range { base: Base::Area(Area::Output), start, end, .. } => Some((start, end)),
+            Target::Range { base: Base::Area(Area::Output), start, end, .. } => {
+                Some(bytes(start, end))
+            }
             _ => None,
         }
     }

@@ -47,7 +47,7 @@ fn assert_writers(before: &str, a: &str, b: &str, expected: [Option<&str>; 2]) {
 #[track_caller]
 fn assert_shared(before: &str, a: &str, b: &str, output: &str) {
     let told = outcome(before, a, b, &[]).map(|image| image.len()).unwrap_err();
-    let says = format!("the tasks `f` and `s` both write the output `{output}`, or its byte");
+    let says = format!("the tasks `f` and `s` both write the output `{output}`, or a part of it");
     assert!(told.starts_with(&says), "{told}");
 }
 
@@ -129,14 +129,24 @@ fn the_only_task_that_assigns_through_references_writes_what_is_referred_to() {
 #[test]
 fn an_output_that_two_tasks_write_is_refused() {
     assert_shared("", "motor := motor + 1;", "motor := motor + 1;", "motor");
-    // In part, or in its byte.
+    // In part.
     assert_shared("", "outs[0] := 1;", "outs[1] := 1;", "outs");
-    let bits = "VAR_GLOBAL left AT %QX3.0 : BOOL; right AT %QX3.1 : BOOL; END_VAR\n";
-    assert_shared(bits, "left := TRUE;", "right := TRUE;", "left");
+    let byte = "VAR_GLOBAL lamps AT %QB2 : BYTE; END_VAR\n";
+    assert_shared(byte, "lamps.0 := TRUE;", "lamps.1 := TRUE;", "lamps");
     // A test is no task of the program.
     let test = "TEST 'one' VAR r : REF_TO INT; END_VAR motor := 1; r := REF(motor); END_TEST";
     let b = "VAR n : INT; r : REF_TO INT; END_VAR r := REF(n); r^ := 1;";
     assert!(outcome("", "motor := 1;", b, &[test]).is_ok());
+}
+
+#[test]
+fn each_bit_of_a_byte_has_a_writer_for_itself() {
+    let bits =
+        "VAR_GLOBAL left AT %QX3.0 : BOOL; right AT %QX3.1 : BOOL; end AT %QX3.7 : BOOL; END_VAR\n";
+    let bytes = outcome(bits, "left := TRUE; end := left;", "right := left;", &[]).unwrap();
+    let image = takt_program::Image::verify(&bytes).unwrap();
+    let writer = |name| image.task(image.variable(name).unwrap().writer?).map(|task| task.name);
+    assert_eq!(["left", "right", "end"].map(writer), [F, S, F]);
 }
 
 #[test]

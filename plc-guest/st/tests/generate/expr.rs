@@ -212,8 +212,9 @@ impl Generator {
             }
             3 => {
                 use Intrinsic::*;
-                let two = *self.random.pick(&[Atan2, Power, Min, Max]);
-                ExprKind::Intrinsic(two, vec![self.expr(ty, depth), self.expr(ty, depth)])
+                let of = *self.random.pick(&[Atan2, Power, Min, Max, Limit]);
+                let count = if of == Limit { 3 } else { 2 };
+                ExprKind::Intrinsic(of, (0..count).map(|_| self.expr(ty, depth)).collect())
             }
             4 => self.select(ty, depth),
             _ => {

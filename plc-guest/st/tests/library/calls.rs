@@ -32,6 +32,21 @@ fn an_output_of_another_type_is_assigned_only_if_its_function_is_called() {
 }
 
 #[test]
+fn en_of_one_of_several_functions_takes_the_one_that_fits() {
+    let declarations = "PROGRAM Main VAR t : TIME; ok, on : BOOL; w : WORD; END_VAR";
+    let statements = "
+        t := DIV_TIME(EN := TRUE, IN1 := T#10ms, IN2 := 4.0, ENO => on);
+        IF t <> T#2500us OR NOT on THEN wrong := wrong + 1; END_IF;
+        t := DIV_TIME(EN := FALSE, IN1 := T#10ms, IN2 := 2, ENO => on);
+        IF t <> T#2500us OR on THEN wrong := wrong + 2; END_IF;
+        w := TO_BIG_ENDIAN(EN := TRUE, IN := WORD#16#1234);
+        IF w <> WORD#16#3412 THEN wrong := wrong + 4; END_IF;
+        ok := IS_VALID_BCD(EN := TRUE, IN := WORD#16#A000);
+        IF ok THEN wrong := wrong + 8; END_IF;";
+    assert_eq!(wrong(declarations, statements), 0);
+}
+
+#[test]
 fn an_output_of_another_type_comes_before_the_assignment_of_the_value() {
     let declarations = format!(
         "{FUNCTIONS}
@@ -98,11 +113,19 @@ fn limit_evaluates_its_arguments_in_their_order() {
             VAR_INPUT digit : INT; END_VAR
             trace := trace * 10 + digit; Note := digit;
         END_FUNCTION
-        PROGRAM Main VAR n : INT; END_VAR";
+        FUNCTION Noted : LREAL
+            VAR_INPUT digit : INT; END_VAR
+            Noted := INT_TO_LREAL(Note(digit));
+        END_FUNCTION
+        PROGRAM Main VAR n : INT; r : LREAL; END_VAR";
     let statements = "
         n := LIMIT(Note(1), Note(2), Note(3)); IF trace <> 123 OR n <> 2 THEN wrong := wrong + 1; END_IF;
         trace := 0;
-        n := LIMIT(MX := Note(3), IN := Note(9), MN := Note(1)); IF trace <> 193 OR n <> 3 THEN wrong := wrong + 2; END_IF;";
+        n := LIMIT(MX := Note(3), IN := Note(9), MN := Note(1)); IF trace <> 193 OR n <> 3 THEN wrong := wrong + 2; END_IF;
+        trace := 0;
+        r := LIMIT(Noted(1), Noted(2), Noted(3)); IF trace <> 123 OR r <> 2.0 THEN wrong := wrong + 4; END_IF;
+        trace := 0;
+        r := LIMIT(MX := Noted(3), IN := Noted(9), MN := Noted(1)); IF trace <> 193 OR r <> 3.0 THEN wrong := wrong + 8; END_IF;";
     assert_eq!(wrong(declarations, statements), 0);
 }
 

@@ -85,6 +85,36 @@ fn powers_are_computed_in_lreal_unless_a_side_or_the_target_is_a_real() {
 }
 
 #[test]
+fn a_time_before_1970_lies_in_the_day_before() {
+    let declarations = "PROGRAM Main VAR year, month, day, hour, minute : INT; END_VAR";
+    let statements = "
+        SPLIT_DT(IN := DT#1970-01-01-00:00:00 - T#5h, YEAR => year, MONTH => month, DAY => day, HOUR => hour);
+        IF year <> 1969 OR month <> 12 OR day <> 31 OR hour <> 19 THEN wrong := wrong + 1; END_IF;
+        SPLIT_LDT(IN := LINT_TO_LDT(-86400000000000), YEAR => year, MONTH => month, DAY => day, HOUR => hour);
+        IF year <> 1969 OR month <> 12 OR day <> 31 OR hour <> 0 THEN wrong := wrong + 2; END_IF;
+        SPLIT_DT(IN := LINT_TO_DT(-9223372036854775808), YEAR => year, MONTH => month, DAY => day, MINUTE => minute);
+        IF year <> 1677 OR month <> 9 OR day <> 21 OR minute <> 12 THEN wrong := wrong + 4; END_IF;
+        SPLIT_DATE(IN := LINT_TO_DATE(-1), YEAR => year, MONTH => month, DAY => day);
+        IF year <> 1969 OR month <> 12 OR day <> 31 THEN wrong := wrong + 8; END_IF;";
+    assert_eq!(wrong(declarations, statements), 0);
+}
+
+#[test]
+fn an_exponent_that_a_real_does_not_hold_keeps_its_value() {
+    let declarations = "PROGRAM Main
+        VAR minus, r : REAL := -1.0; d : DINT := 16777217; u : UDINT := 16777217; l : LINT := -16777217; w : ULINT := 16777217; END_VAR";
+    let statements = "
+        r := (-1.0) ** d; IF r <> REAL#-1.0 THEN wrong := wrong + 1; END_IF;
+        r := minus ** d; IF r <> REAL#-1.0 THEN wrong := wrong + 2; END_IF;
+        r := EXPT(minus, u); IF r <> REAL#-1.0 THEN wrong := wrong + 4; END_IF;
+        r := minus ** l; IF r <> REAL#-1.0 THEN wrong := wrong + 8; END_IF;
+        r := minus ** w; IF r <> REAL#-1.0 THEN wrong := wrong + 16; END_IF;
+        r := minus ** 16777217; IF r <> REAL#-1.0 THEN wrong := wrong + 32; END_IF;
+        d := 3; r := 2.0 ** d; IF r <> REAL#8.0 THEN wrong := wrong + 64; END_IF;";
+    assert_eq!(wrong(declarations, statements), 0);
+}
+
+#[test]
 fn a_time_of_day_stays_within_its_day() {
     let declarations = "PROGRAM Main
         VAR t : TOD := TOD#23:00:00; lt : LTOD := LTOD#01:00:00; h : TIME := T#2h; far : TIME := T#106751d23h; END_VAR";

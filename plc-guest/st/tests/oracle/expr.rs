@@ -238,6 +238,11 @@ impl Machine<'_> {
                 };
                 if less { left } else { right }
             }
+            Limit => {
+                let (least, value, most) = (next().real(), next().real(), next().real());
+                let raised = if value < least { least } else { value };
+                Value::Real(if most < raised { most } else { raised })
+            }
             Select => {
                 let (choice, zero, one) = (next(), next(), next());
                 if choice.is_true() { one } else { zero }

@@ -6,7 +6,7 @@ use super::super::expression::Operand;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Elementary, ExprKind, Statement, StatementKind};
 use crate::source::Span;
-use crate::syntax::ast::{Argument, Expression, Name, UnitKind};
+use crate::syntax::ast::{Argument, Binding, Expression, Name, UnitKind};
 
 /// EN and ENO of a call.
 #[derive(Clone, Copy, Default)]
@@ -21,6 +21,23 @@ impl Enable<'_> {
     /// Whether the call needs more than its arguments.
     pub(super) fn is_used(&self) -> bool {
         self.en.is_some() || self.eno.is_some() && !self.by_body
+    }
+}
+
+impl<'a> Enable<'a> {
+    /// EN and ENO of a call of one of several functions, none of which declares them; and the other arguments.
+    fn split(arguments: &'a [Argument]) -> (Self, Vec<&'a Argument>) {
+        let mut enable = Self::default();
+        let mut others = Vec::new();
+        for argument in arguments {
+            let formal = argument.name.as_ref().map(|(name, binding)| (&*name.key, binding));
+            match formal {
+                Some(("EN", Binding::Input)) => enable.en = argument.value.as_ref(),
+                Some(("ENO", Binding::Output)) => enable.eno = argument.value.as_ref(),
+                _ => others.push(argument),
+            }
+        }
+        (enable, others)
     }
 }
 
@@ -40,18 +57,26 @@ impl<'a> Body<'_, 'a> {
             self.arguments_apart(arguments);
             return None;
         };
-        let unit = units[0];
-        if self.checker.units[unit].ast.kind != UnitKind::Function {
+        if self.checker.units[units[0]].ast.kind != UnitKind::Function {
             self.not_callable(name, &Entry::Units(units));
             self.arguments_apart(arguments);
             return None;
         }
         let mut enable = Enable::default();
         self.around = Some(Around::default());
-        let list = self.function_arguments(unit, name, arguments, span, Some(&mut enable));
+        let called = match units[..] {
+            [unit] => self
+                .function_arguments(unit, name, arguments, span, Some(&mut enable))
+                .map(|list| (unit, list)),
+            _ => {
+                let (found, others) = Enable::split(arguments);
+                enable = found;
+                self.overloaded(&units, name, others, span)
+            }
+        };
         let Around { before: mut run, behind } = self.around.take().unwrap_or_default();
         let place = self.write_place(target);
-        let (list, place) = (list?, place?);
+        let ((unit, list), place) = (called?, place?);
         let ty = self.result_type(unit, name, span)?;
         let routine = self.checker.units[unit].routine?;
         let call = Operand::typed(self.expr(ty, ExprKind::Call(routine, list), span));

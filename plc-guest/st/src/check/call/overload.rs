@@ -9,7 +9,7 @@ use super::bind::Parameter;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{self, Constant, Expr, TypeId};
 use crate::source::Span;
-use crate::syntax::ast::{Argument, Name, SectionKind};
+use crate::syntax::ast::{Argument, Binding, Name, SectionKind};
 
 impl<'a> Body<'_, 'a> {
     /// The first function of a library whose inputs the arguments fit: without any conversion if there
@@ -18,11 +18,18 @@ impl<'a> Body<'_, 'a> {
         &mut self,
         units: &[usize],
         name: &Name,
-        arguments: &'a [Argument],
+        arguments: impl IntoIterator<Item = &'a Argument>,
         span: Span,
     ) -> Option<(usize, Vec<hir::Argument>)> {
+        // A call within an argument is one within an expression.
+        self.around = None;
         let mut operands = Vec::new();
         for argument in arguments {
+            if let Some((formal, Binding::Output | Binding::NegatedOutput)) = &argument.name {
+                let found = format!("`{}` is no output of `{}`", formal.text, name.text);
+                self.error(Code::WrongArguments, argument.span, found);
+                return None;
+            }
             let formal = argument.name.as_ref().map(|(name, _)| name.text.to_string());
             let value = argument.value.as_ref();
             let checked = value.and_then(|value| Some((self.operand(value, None)?, value.span)));

@@ -106,7 +106,11 @@ impl<'a> Body<'_, 'a> {
         let in_real = (needed || sides.contains(&Some(Elementary::Real)))
             && fits
             && sides[1] != Some(Elementary::Lreal);
-        let ty = self.elementary(if in_real { Elementary::Real } else { Elementary::Lreal });
+        let result = self.elementary(if in_real { Elementary::Real } else { Elementary::Lreal });
+        // An odd exponent that REAL does not hold would become an even one, and the power lose its sign.
+        let exact = exponent
+            .is_none_or(|exponent| !is_integer(exponent) || widens(exponent, Elementary::Real));
+        let ty = if exact { result } else { self.elementary(Elementary::Lreal) };
         let as_number = |body: &mut Self, operand: (Operand, Span)| match operand.0.untyped {
             true => body.converted(operand.0, ty, operand.1),
             false if operand.0.expr.ty == ty => Some(operand.0.expr),
@@ -115,6 +119,10 @@ impl<'a> Body<'_, 'a> {
         let left = as_number(self, left)?;
         let right = as_number(self, right)?;
         let kind = ExprKind::Intrinsic(Intrinsic::Power, vec![left, right]);
-        Some(Operand::typed(self.expr(ty, kind, written.span)))
+        let power = self.expr(ty, kind, written.span);
+        Some(Operand::typed(match ty == result {
+            true => power,
+            false => self.convert(Conversion::Value, power, result, written.span),
+        }))
     }
 }

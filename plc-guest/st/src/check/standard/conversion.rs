@@ -10,13 +10,16 @@ use crate::check::names::elementary;
 use crate::check::types::{is_bit_string, is_date, is_duration, is_integer, is_real};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
-    Argument as HirArgument, Arithmetic, Conversion, Elementary, ExprKind, Type, TypeId,
+    Argument as HirArgument, Arithmetic, Conversion, Elementary, Expr, ExprKind, Type,
 };
 use crate::source::Span;
 use crate::syntax::ast::{Argument, Name};
 
 /// The nanoseconds of a day.
 const DAY: i128 = 86_400_000_000_000;
+
+/// How far before 1970 the first whole day of DT begins, in nanoseconds.
+const FIRST_DAY: i128 = (1 << 63) / DAY * DAY;
 
 /// How a value becomes one of another type.
 enum Way {
@@ -108,31 +111,33 @@ impl<'a> Body<'_, 'a> {
             self.tell(hinted);
             return None;
         };
-        let day = |body: &Self, ty: TypeId| Box::new(body.integer(ty, DAY, span));
         Some(Operand::typed(match way {
             Way::Node(conversion) => self.convert(conversion, operand.expr, ty, span),
             Way::Date => {
-                let days = ExprKind::Arithmetic(
-                    Arithmetic::Divide,
-                    Box::new(operand.expr),
-                    day(self, from),
-                );
-                let days = self.expr(from, days, span);
-                let start =
-                    ExprKind::Arithmetic(Arithmetic::Multiply, Box::new(days), day(self, from));
-                let start = self.expr(from, start, span);
+                // Counted from the first whole day, without a sign: so a time before 1970 is rounded down too.
+                let unsigned = self.elementary(Elementary::Ulint);
+                let moved = self.with_number(Arithmetic::Add, operand.expr, FIRST_DAY, span);
+                let moved = self.convert(Conversion::Value, moved, unsigned, span);
+                let days = self.with_number(Arithmetic::Divide, moved, DAY, span);
+                let start = self.with_number(Arithmetic::Multiply, days, DAY, span);
+                let start = self.with_number(Arithmetic::Subtract, start, FIRST_DAY, span);
                 self.convert(Conversion::Value, start, ty, span)
             }
             Way::Clock => {
-                let rest = ExprKind::Arithmetic(
-                    Arithmetic::Modulo,
-                    Box::new(operand.expr),
-                    day(self, from),
-                );
-                let rest = self.expr(from, rest, span);
+                // Of a time before 1970 the rest is not above zero: it is taken from a day.
+                let rest = self.with_number(Arithmetic::Modulo, operand.expr, DAY, span);
+                let rest = self.with_number(Arithmetic::Add, rest, DAY, span);
+                let rest = self.with_number(Arithmetic::Modulo, rest, DAY, span);
                 self.convert(Conversion::Value, rest, ty, span)
             }
         }))
+    }
+
+    /// An operation of an expression and a number of its type.
+    fn with_number(&self, operation: Arithmetic, left: Expr, number: i128, span: Span) -> Expr {
+        let ty = left.ty;
+        let right = Box::new(self.integer(ty, number, span));
+        self.expr(ty, ExprKind::Arithmetic(operation, Box::new(left), right), span)
     }
 
     /// A conversion from or to a string: the library's function of the name with both types.

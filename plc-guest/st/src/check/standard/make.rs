@@ -5,7 +5,6 @@ use super::super::expression::Operand;
 use super::super::operator::Written;
 use super::super::types::{is_integer, is_real, is_shiftable};
 use super::Given;
-use super::repeated::has_call;
 use super::table::{Function, Make};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Conversion, Elementary, Expr, Intrinsic, Type, TypeId};
@@ -47,18 +46,11 @@ impl<'a> Body<'_, 'a> {
             Make::Limit => {
                 let ty = self.same(&given, function, hint)?;
                 let [least, value, most] = <[Expr; 3]>::try_from(self.all_as(given, ty)?).ok()?;
-                // Of NaN the bound is the limit, which the second operand is: so a REAL comes first.
-                let bounds = match self.plain(ty).is_some_and(is_real) {
-                    true if has_call(&least) && has_call(&value) => {
-                        let found = "calls for MN and IN of a `LIMIT` of reals";
-                        let one = Diagnostic::new(Code::NotSupported, span, found);
-                        self.tell(one.hint("assign their results to variables first"));
-                        return None;
-                    }
-                    true => vec![value, least],
-                    false => vec![least, value],
-                };
-                let above = self.intrinsic(Intrinsic::Max, bounds, ty, span).expr;
+                if self.plain(ty).is_some_and(is_real) {
+                    let list = vec![least, value, most];
+                    return Some(self.intrinsic(Intrinsic::Limit, list, ty, span));
+                }
+                let above = self.intrinsic(Intrinsic::Max, vec![least, value], ty, span).expr;
                 Some(self.intrinsic(Intrinsic::Min, vec![above, most], ty, span))
             }
             Make::Move => {

@@ -161,7 +161,7 @@ fn parts_of_place(place: &Place) -> Vec<&Expr> {
 }
 
 /// Whether an expression calls anything, which must not happen twice.
-pub(super) fn has_call(expr: &Expr) -> bool {
+fn has_call(expr: &Expr) -> bool {
     match &expr.kind {
         ExprKind::Call(..) => true,
         ExprKind::Constant(_) => false,
