@@ -1,6 +1,6 @@
 # What is kept of a run in an emulated machine: the files that takt has left there, and what is drawn from them.
 # Sourced by scripts/run. The caller sets:
-#   command_line, jitter_options  how it was called
+#   command_line, duration, jitter_options  how it was called
 #   records                       what channels have recorded, as `takt check --needs` tells it
 #   status                        the exit status so far
 #   takt                          the program
@@ -16,7 +16,7 @@ draw() {
     # The status tells why there is none.
     [[ -e $work/report.json && -e $work/samples.json ]] || return 0
     "$takt" jitter render --report "$work/report.json" --samples "$work/samples.json" \
-        --command "$command_line" "${jitter_options[@]}" || outcome=$?
+        --command "$command_line" ${duration:+--for "$duration"} "${jitter_options[@]}" || outcome=$?
     ((status)) || status=$outcome
 }
 
