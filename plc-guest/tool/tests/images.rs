@@ -71,6 +71,37 @@ fn a_private_key_is_readable_by_its_owner_only() {
     assert_eq!(mode & 0o777, 0o600);
 }
 
+/// What a path leads to is written, and stays what it is.
+#[test]
+fn links_permissions_and_pipes_stay_as_they_are() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let folder = built();
+    let path = |name: &str| folder.path().join(name);
+    folder.takt_plc(&["keygen", "a"]).expect(0, "");
+    std::fs::set_permissions(path("p.plc"), PermissionsExt::from_mode(0o640)).unwrap();
+    symlink("p.plc", path("current.plc")).unwrap();
+    folder.takt_plc(&["sign", "current.plc", "--key", "a.key"]).expect(0, "signed by");
+    assert!(path("current.plc").is_symlink());
+    folder.takt_plc(&["verify", "p.plc", "--key", "a.pub"]).expect(0, "signed by");
+    let mode = std::fs::metadata(path("p.plc")).unwrap().permissions().mode();
+    assert_eq!(mode & 0o7777, 0o640);
+    // To a file that is not there yet, from another folder.
+    std::fs::create_dir(path("links")).unwrap();
+    symlink("../new.plc", path("links/new.plc")).unwrap();
+    let build = |output: &str| folder.takt_plc(&["build", "p.o", "takt.o", "-o", output]);
+    build("links/new.plc").expect(0, "");
+    folder.takt_plc(&["verify", "new.plc"]).expect(0, "whole");
+    symlink("round", path("round")).unwrap();
+    build("round").expect(2, "cannot write round: ");
+
+    symlink("/dev/null", path("null")).unwrap();
+    build("null").expect(0, "");
+    assert_eq!(std::fs::read_link(path("null")).unwrap(), std::path::Path::new("/dev/null"));
+    let words = "mkfifo pipe; timeout 60 cat pipe >out.plc 2>&1 & \"$TAKT\" plc build p.o takt.o -o pipe; test -p pipe || exit 9; wait";
+    folder.run("sh", &["-c", words]).expect(0, "");
+    folder.takt_plc(&["verify", "out.plc"]).expect(0, "whole");
+}
+
 #[test]
 fn tables_set_inputs_and_compare_outputs() {
     let folder = built();
