@@ -46,6 +46,14 @@ pub fn successor(path: &Path) -> io::Result<Option<(NamedTempFile, PathBuf)>> {
     Ok(Some((file, place)))
 }
 
+/// Makes a folder with what `fill` writes there, or none.
+pub fn folder(path: &Path, fill: impl FnOnce() -> Result<(), Failure>) -> Result<(), Failure> {
+    fs::create_dir(path)
+        .map_err(|error| Failure::input(format!("cannot make {}: {error}", path.display())))?;
+    // Half of it would be in the way of the next try.
+    fill().inspect_err(|_| drop(fs::remove_dir_all(path)))
+}
+
 fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
