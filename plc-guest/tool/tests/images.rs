@@ -112,6 +112,9 @@ fn tables_set_inputs_and_compare_outputs() {
     ended.expect(1, "1 values are not as expected").expect(1, "line 3: y is 0.1");
     folder.write("t.csv", "x,on,y\n");
     folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(2, "t.csv has no row");
+    // Empty lines where no row can be meant, and a row of empty cells.
+    folder.write("t.csv", "\n\njobs,#\n0\n,\n2\n\n# the end\n\n");
+    folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(0, "3 cycles, 6 ms");
     folder.write("t.csv", "x,on,y +-inf\n1,1,0.1\n");
     folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(2, "found `inf` after +-");
 }
@@ -191,6 +194,8 @@ fn tables_that_are_wrong_are_told_with_line_and_column() {
         ("y +-z\n", "line 1, column 1: found `z` after +-"),
         ("x +-1\n", "line 1, column 1: a value that is set has no tolerance"),
         ("y[1]\n", "`y[1]` has no part `[1]`"),
+        ("y\n0\n\n0\n", "line 3, column 1: found an empty line, which is no row"),
+        ("x,y\n\n \n# why\n1,0.1\n", "line 2, column 1: found an empty line"),
     ] {
         folder.write("t.csv", table);
         folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(2, says);
