@@ -180,6 +180,18 @@ fn a_row_can_be_longer_than_a_period() {
     folder.write("t.csv", "jobs\n4\n9\n");
     folder.takt_plc(&["test", "p.plc", "t.csv", "--step", "10000"]).expect(0, "2 cycles, 20 ms");
     folder.takt_plc(&["test", "p.plc", "--cycles", "100"]).expect(0, "100 cycles, 200 ms");
+    folder.takt_plc(&["test", "p.plc", "--cycles", "0"]).expect(2, "--cycles");
+}
+
+#[test]
+fn cycles_without_a_table_take_no_memory() {
+    let folder = Folder::new();
+    let source = "#include \"takt.h\"\nTAKT_PROGRAM(\"p\", 1, 0, 0, 0);\nvolatile int zero;\n\
+        static void run(const takt_job *job) { zero = (int)job->cycle / zero; }\n\
+        TAKT_CYCLIC(run, .period = TAKT_MS(1));\n";
+    folder.c_program("p", source).expect(0, "");
+    let most = u64::MAX.to_string();
+    folder.takt_plc(&["test", "p.plc", "--cycles", &most]).expect(3, "division by zero");
 }
 
 #[test]
