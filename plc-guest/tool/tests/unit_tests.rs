@@ -167,6 +167,39 @@ fn log_lines_are_shown_with_task_and_time() {
     folder.takt_plc(&["test", "main.plc", "t.csv"]).expect(0, "[0 ns often] level is one\n");
 }
 
+/// They say why.
+#[test]
+fn log_lines_of_tests_that_fail_and_break_are_shown() {
+    let body = "IF level = 1 THEN LOG_LINE('level is one'); level := level / (level - 1); END_IF;";
+    let folder = Folder::with_tests(
+        &FILL.replace("pump := delay.q;", body).replace("AT %IW0", ""),
+        "TEST 'fails'
+LOG_LINE('before it fails');
+ASSERT(FALSE);
+END_TEST
+TEST 'breaks in a job'
+LOG_LINE('before the job');
+level := 1;
+RUN(T#10ms);
+END_TEST
+TEST 'breaks itself'
+VAR i : INT; END_VAR
+LOG_LINE('first');
+LOG_LINE('second');
+i := 1 / i;
+END_TEST
+",
+    );
+    let mut ended = folder.takt_plc(&["test", "main.st", "t.st"]);
+    for line in [
+        "[0 ns test-block] before it fails\nFAILED",
+        "[0 ns test-block] before the job\n[0 ns often] level is one\nBROKEN",
+        "[0 ns test-block] first\n[0 ns test-block] second\nBROKEN",
+    ] {
+        ended = ended.expect(1, line);
+    }
+}
+
 #[test]
 fn a_body_that_declares_eno_decides_what_it_is() {
     let folder = Folder::with_tests(

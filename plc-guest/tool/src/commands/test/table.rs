@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use takt_program::{Area, Image, Nanoseconds};
 
 use super::{Options, failed, host, read};
-use crate::run::{Logged, Machine, Schedule};
+use crate::run::{Failed, Logged, Machine, Schedule};
 use crate::table::{Cell, Column, Kind, Row, Table};
 use crate::{Failure, status};
 
@@ -33,13 +33,18 @@ pub fn run(image: Image<'_>, path: Option<&PathBuf>, options: &Options) -> Resul
     if let Some(row) = table.rows.first() {
         set(&table, row, &machine, |column| column.place.area == Area::Input);
     }
-    let lines = machine.init().map_err(failed)?;
-    let logged = lines.into_iter().map(|line| Logged { task: "init".into(), now: 0, line });
-    options.say(&logged.collect::<Vec<_>>());
+    // Also of a job that ends in a fault: its lines may say why.
+    let said = |ran: Result<(), Failed>, logged: Vec<Logged>| {
+        options.say(&logged);
+        ran.map_err(failed)
+    };
+    let mut logged = Vec::new();
+    said(machine.init(&mut logged), logged)?;
     let mut wrong = Vec::new();
     for row in rows {
         set(&table, row, &machine, |_| true);
-        options.say(&schedule.step(&mut machine, step).map_err(failed)?);
+        let mut logged = Vec::new();
+        said(schedule.step(&mut machine, step, &mut logged), logged)?;
         compare(&table, row, &machine, &mut wrong);
     }
     let time = Nanoseconds(schedule.now());
