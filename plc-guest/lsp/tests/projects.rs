@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::os::unix::fs::symlink;
 use std::path::Path;
 
 use lsp_server::{Message, Notification, Request};
@@ -147,4 +148,57 @@ fn messages_go_when_a_project_file_says_what_belongs_together() {
     fs::remove_file(editor.path("takt-plc.toml")).unwrap();
     editor.look();
     assert!(!editor.shown.is_empty());
+}
+
+#[test]
+fn the_sources_are_known_though_the_project_file_has_a_mistake() {
+    let files = [("tank/takt-plc.toml", TANK), ("tank/main.st", MAIN), ("lib/twice.st", TWICE)];
+    let mut editor = Editor::new(&files, "tank");
+    editor.open("tank/main.st", MAIN);
+    editor.shows(&[]);
+    editor.write("tank/takt-plc.toml", &format!("{TANK}versoin = \"1.0.0\"\n"));
+    editor.look();
+    editor.shows(&[("tank/takt-plc.toml", &["project-file"])]);
+    let place = json!({ "line": 0, "character": 8 });
+    let document = json!({ "uri": editor.uri("tank/main.st") });
+    let params = json!({ "textDocument": document, "position": place, "newName": "Other" });
+    let refused = editor.ask("textDocument/rename", params).unwrap_err();
+    assert!(refused.starts_with("not all uses can be seen: "), "{refused}");
+}
+
+#[test]
+fn a_text_that_the_project_file_leaves_out_is_no_part_of_the_project() {
+    let files = [
+        ("takt-plc.toml", "name = \"tank\"\nsources = [\"src\"]\n"),
+        ("src/main.st", MAIN),
+        ("src/twice.st", TWICE),
+        ("old/twice_2023.st", TWICE),
+    ];
+    let mut editor = Editor::new(&files, "");
+    editor.open("src/main.st", MAIN);
+    editor.open("old/twice_2023.st", TWICE);
+    editor.shows(&[]);
+    // Nor does it hide what the build finds.
+    editor.open("old/thrice.st", &TWICE.replace("Twice", "Thrice"));
+    editor.open("src/more.st", &MAIN.replace("Main", "More").replace("Twice", "Thrice"));
+    // A source that is not saved yet is a part.
+    editor.shows(&[("src/more.st", &["unknown-name"])]);
+    editor.open("src/thrice.st", &TWICE.replace("Twice", "Thrice"));
+    editor.shows(&[]);
+}
+
+#[test]
+fn a_library_beside_a_folder_that_a_link_leads_to_is_found() {
+    let files = [
+        ("data/tank/takt-plc.toml", TANK),
+        ("data/tank/main.st", MAIN),
+        ("data/lib/twice.st", TWICE),
+    ];
+    let mut editor = Editor::new(&files, "tank");
+    symlink(editor.path("data/tank"), editor.path("tank")).unwrap();
+    editor.look();
+    editor.open("tank/main.st", MAIN);
+    editor.shows(&[]);
+    editor.open("data/lib/twice.st", &TWICE.replace("Twice", "Triple"));
+    editor.shows(&[("tank/main.st", &["unknown-name"])]);
 }

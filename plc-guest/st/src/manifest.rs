@@ -145,6 +145,11 @@ impl Project {
         Ok(own.map(|(path, _)| path).collect())
     }
 
+    /// The files and folders that the project file names, in which its sources are.
+    pub fn roots(&self) -> impl Iterator<Item = &Path> {
+        [&self.sources, &self.tests, &self.libraries].into_iter().flatten().map(PathBuf::as_path)
+    }
+
     /// The tables of tests, in the order of their names.
     ///
     /// # Errors

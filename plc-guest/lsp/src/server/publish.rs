@@ -85,7 +85,7 @@ impl Server {
             None => drop(self.problems.remove(project)),
             Some(problem) if self.problems.get(project) == Some(&problem) => {}
             Some(problem) => {
-                self.show(&format!("not all files are checked: {problem}"));
+                self.show(&format!("messages may be missing: {problem}"));
                 self.problems.insert(project.clone(), problem);
             }
         }
