@@ -29,6 +29,16 @@ pub enum Project {
 }
 
 impl Project {
+    /// As messages show it.
+    pub fn shown(&self) -> String {
+        match self {
+            Self::Described(folder) | Self::Tree(folder) | Self::Folder(folder) => {
+                folder.display().to_string()
+            }
+            Self::Text(text) => text.clone(),
+        }
+    }
+
     /// The project file, if it has one.
     pub fn file(&self) -> Option<Uri> {
         match self {

@@ -95,6 +95,18 @@ impl Editor {
         self.tell("workspace/didChangeWatchedFiles", json!({ "changes": [] }));
     }
 
+    fn rename(&mut self, name: &str, at: (u32, u32), new: &str) -> Result<Value, String> {
+        let mut params = json!({
+            "textDocument": { "uri": self.uri(name) },
+            "position": { "line": at.0, "character": at.1 },
+        });
+        let prepared = self.ask("textDocument/prepareRename", params.clone());
+        params["newName"] = new.into();
+        let renamed = self.ask("textDocument/rename", params);
+        assert_eq!(prepared.is_ok(), renamed.is_ok(), "{prepared:?} {renamed:?}");
+        renamed
+    }
+
     #[track_caller]
     fn shows(&self, expected: &[(&str, &[&str])]) {
         let found: Vec<(&str, Vec<&str>)> = self
@@ -185,6 +197,26 @@ fn a_text_that_the_project_file_leaves_out_is_no_part_of_the_project() {
     editor.shows(&[("src/more.st", &["unknown-name"])]);
     editor.open("src/thrice.st", &TWICE.replace("Twice", "Thrice"));
     editor.shows(&[]);
+}
+
+#[test]
+fn a_name_of_a_library_that_another_project_uses_stays() {
+    let files = [("tank/takt-plc.toml", TANK), ("tank/main.st", MAIN), ("lib/twice.st", TWICE)];
+    let mut editor = Editor::new(&files, "tank");
+    editor.open("lib/twice.st", TWICE);
+    let refused = editor.rename("lib/twice.st", (0, 9), "Double").unwrap_err();
+    let says = format!(
+        "not all uses can be seen: {} is also a source of the project {}, which is open",
+        editor.path("lib/twice.st").display(),
+        editor.path("tank").display()
+    );
+    assert_eq!(refused, says);
+    // The project's own names are its own.
+    editor.open("tank/main.st", MAIN);
+    editor.rename("tank/main.st", (0, 8), "Other").unwrap();
+    // Nobody else has it open.
+    let mut editor = Editor::new(&[("lib/twice.st", TWICE)], "lib");
+    editor.rename("lib/twice.st", (0, 9), "Double").unwrap();
 }
 
 #[test]
