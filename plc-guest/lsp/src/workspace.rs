@@ -2,17 +2,18 @@
 //!
 //! A folder with a project file (`takt-plc.toml`) is a project of the files that this file names. Of what is left, a
 //! folder that the editor has opened is a project with all files below it that end with `.st`: both are as `takt plc
-//! check FOLDER` takes them. Any other file is a project with the files beside it, and a text that is no file is alone.
+//! check FOLDER` takes them. Any other file, also one that a project file leaves out, is a project with the files beside
+//! it, and a text that is no file is alone.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use lsp_types::Uri;
 use takt_st::files::{self, FilesError};
 use takt_st::manifest::{self, Mistakes};
 
 use crate::documents::Documents;
-use crate::uri::Name;
+use crate::uri::{self, Name};
 
 /// A project.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -28,6 +29,16 @@ pub enum Project {
 }
 
 impl Project {
+    /// As messages show it.
+    pub fn shown(&self) -> String {
+        match self {
+            Self::Described(folder) | Self::Tree(folder) | Self::Folder(folder) => {
+                folder.display().to_string()
+            }
+            Self::Text(text) => text.clone(),
+        }
+    }
+
     /// The project file, if it has one.
     pub fn file(&self) -> Option<Uri> {
         match self {
@@ -77,17 +88,20 @@ impl Workspace {
         })
     }
 
-    /// The project of a text: that of the nearest project file above it, else of the innermost folder.
+    /// The project of a text: that of the nearest project file above it which takes it, else of the innermost folder.
     pub fn project_of(&self, name: &Name) -> Project {
         let path = match name {
             Name::Other(text) => return Project::Text(text.clone()),
             Name::File(path) => path,
         };
-        let above = path.ancestors().skip(1);
-        if let Some(folder) = above.into_iter().find(|folder| manifest::Project::is_in(folder)) {
+        let described = || path.ancestors().skip(1).filter(|one| manifest::Project::is_in(one));
+        if let Some(folder) = described().find(|folder| takes(folder, path)) {
             return Project::Described(folder.to_owned());
         }
-        let around = self.folders.iter().filter(|folder| path.starts_with(folder));
+        // What a project file leaves out is not of the folders around it either.
+        let around = self.folders.iter().filter(|folder| {
+            path.starts_with(folder) && !described().any(|inner| inner.starts_with(folder))
+        });
         match around.max_by_key(|folder| folder.components().count()) {
             Some(folder) => Project::Tree(folder.clone()),
             None => Project::Folder(path.parent().unwrap_or(Path::new("/")).to_owned()),
@@ -99,47 +113,70 @@ impl Workspace {
         let ours = |name: &Name| self.project_of(name) == *project;
         let open = documents.names().filter(|name| ours(name)).cloned();
         let mut texts: BTreeMap<Name, bool> = open.map(|name| (name, false)).collect();
-        let mut mistakes = None;
+        let (mut problem, mut mistakes) = (None, None);
         let listed = match project {
-            Project::Described(folder) => described(folder, &mut mistakes),
+            Project::Described(folder) => match manifest::Project::read(folder) {
+                Ok(project) => described(&project),
+                Err(found) => {
+                    problem = Some(found.to_string());
+                    let known = found.project.as_deref().map_or_else(|| Ok(Vec::new()), described);
+                    mistakes = Some(found);
+                    known
+                }
+            },
             Project::Tree(folder) => {
-                let all = files::list(std::slice::from_ref(folder));
-                all.all().map(without_libraries).map_err(|error| match error {
-                    FilesError::Empty { .. } => String::new(),
-                    error => error.to_string(),
-                })
+                files::list(std::slice::from_ref(folder)).all().map(without_libraries)
             }
             Project::Folder(folder) => Ok(without_libraries(beside(folder))),
             Project::Text(_) => Ok(Vec::new()),
         };
-        let problem = match listed {
+        let whole = matches!(project, Project::Described(_));
+        match listed {
             Ok(paths) => {
-                let whole = matches!(project, Project::Described(_));
                 let names = paths.into_iter().map(|(path, library)| (Name::File(path), library));
                 // A file of a folder within may be of another project.
                 texts.extend(names.filter(|(name, _)| whole || ours(name)));
-                None
             }
-            Err(problem) => Some(problem).filter(|problem| !problem.is_empty()),
-        };
+            Err(FilesError::Empty { .. }) if !whole => {}
+            Err(error) => problem = problem.or_else(|| Some(error.to_string())),
+        }
         let mut names: Vec<(Name, bool)> = texts.into_iter().collect();
         names.sort_by_key(|(_, library)| *library);
         Texts { names, problem, mistakes }
     }
 }
 
-/// The files that a project file names. What is wrong with it is told at its places too.
-fn described(
-    folder: &Path,
-    mistakes: &mut Option<Box<Mistakes>>,
-) -> Result<Vec<(PathBuf, bool)>, String> {
-    let project = manifest::Project::read(folder).map_err(|found| {
-        let text = found.to_string();
-        *mistakes = Some(found);
-        text
-    })?;
-    let files = project.files().map_err(|error| error.to_string())?;
-    Ok(files.into_iter().map(|(path, library)| (crate::uri::normal(&path), library)).collect())
+/// Whether the project file of a folder takes a file: as a source, or as one that is not saved yet. A project file that
+/// does not tell where its sources are leaves nothing out.
+fn takes(folder: &Path, path: &Path) -> bool {
+    let project = match manifest::Project::read(folder) {
+        Ok(project) => project,
+        Err(mistakes) => match mistakes.project {
+            Some(project) => *project,
+            None => return true,
+        },
+    };
+    let is_source = files::has_extension(path, "st");
+    let mut roots = project.roots().map(called);
+    roots.any(|root| path == root || is_source && path.starts_with(root))
+}
+
+/// The files that a project file names, each with whether it is of a library.
+fn described(project: &manifest::Project) -> Result<Vec<(PathBuf, bool)>, FilesError> {
+    let files = project.files()?.into_iter();
+    Ok(files.map(|(path, library)| (called(&path), library)).collect())
+}
+
+/// What an editor calls a path. Behind a link, `..` leads elsewhere than the words say.
+fn called(path: &Path) -> PathBuf {
+    let short = uri::normal(path);
+    if !path.components().any(|part| part == Component::ParentDir) {
+        return short;
+    }
+    match path.canonicalize() {
+        Ok(real) if short.canonicalize().ok().as_ref() != Some(&real) => real,
+        _ => short,
+    }
 }
 
 fn without_libraries(paths: Vec<PathBuf>) -> Vec<(PathBuf, bool)> {

@@ -135,17 +135,19 @@ impl Project {
         (files, refused)
     }
 
-    /// The files in Structured Text that are the author's own, for the formatter.
+    /// The files in Structured Text that are the author's own, for the formatter: a library is of other projects too.
     ///
     /// # Errors
     ///
-    /// As of [`Project::sources`].
+    /// As of [`Project::files`].
     pub fn own_files(&self) -> Result<Vec<PathBuf>, FilesError> {
-        let mut seen = HashSet::new();
-        let mut own = files::list(&self.sources).all()?;
-        own.extend(self.test_files("st").all()?);
-        own.extend(files::list(&self.libraries).all()?);
-        Ok(distinct(own, &mut seen))
+        let own = self.files()?.into_iter().filter(|(_, library)| !library);
+        Ok(own.map(|(path, _)| path).collect())
+    }
+
+    /// The files and folders that the project file names, in which its sources are.
+    pub fn roots(&self) -> impl Iterator<Item = &Path> {
+        [&self.sources, &self.tests, &self.libraries].into_iter().flatten().map(PathBuf::as_path)
     }
 
     /// The tables of tests, in the order of their names.

@@ -49,6 +49,9 @@ fn sources_libraries_and_tests_are_told_apart_and_each_is_taken_once() {
     let expected = [("main.st", false), ("tests/a.st", false), ("lib/filters.st", true)];
     assert_eq!(shown, expected.map(|(name, library)| (name.to_owned(), library)));
     assert_eq!(project.tables().unwrap(), [folder.path().join("tests/a.csv")]);
+    // A library is not the author's, also where it is within the sources.
+    let own = ["main.st", "tests/a.st"].map(|name| folder.path().join(name));
+    assert_eq!(project.own_files().unwrap(), own);
 }
 
 #[test]

@@ -3,11 +3,15 @@
 //! The first row has the names. A column of a point of the input image, or of a part of one, sets it; any other column is an
 //! expectation. `set NAME` sets a variable that is no input, `NAME +-0.01` has a tolerance. An empty cell
 //! sets nothing and expects nothing; an input keeps its value. Lines that begin with `#` are comments, and so are
-//! columns whose name does.
+//! columns whose name does. Empty lines may stand before the names and at the end.
 
 use takt_program::{Area, Image};
 
 use crate::value::{Place, Value};
+
+/// Of an empty line before a row.
+const EMPTY_LINE: &str = "found an empty line, which is no row; a row of empty cells is written `,` (a table of one column needs \
+                          another for that, which may be called #), and a line that only divides begins with #";
 
 /// What is wrong with a table: line, column (both from 1), and what.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
@@ -60,8 +64,10 @@ impl Table {
     /// Reads a table for this program.
     pub fn parse(image: &Image<'_>, text: &str) -> Result<Self, TableError> {
         let mut lines = (1..).zip(text.trim_start_matches('\u{feff}').lines());
-        let wanted = |line: &(usize, &str)| !line.1.trim().is_empty() && !line.1.starts_with('#');
-        let (line, names) = lines.find(wanted).ok_or_else(|| TableError {
+        let is_empty = |text: &str| text.trim().is_empty();
+        let is_comment = |text: &str| text.starts_with('#');
+        let is_names = |line: &(usize, &str)| !is_empty(line.1) && !is_comment(line.1);
+        let (line, names) = lines.find(is_names).ok_or_else(|| TableError {
             line: 1,
             column: 1,
             what: "the table is empty; its first row has the names of points".into(),
@@ -81,7 +87,16 @@ impl Table {
             });
         }
         let mut rows = Vec::new();
-        for (line, text) in lines.filter(wanted) {
+        // In a table of one column it may be an empty cell, so it is not passed over.
+        let mut empty = None;
+        for (line, text) in lines.filter(|line| !is_comment(line.1)) {
+            if is_empty(text) {
+                empty = empty.or(Some(line));
+                continue;
+            }
+            if let Some(line) = empty {
+                return Err(TableError { line, column: 1, what: EMPTY_LINE.into() });
+            }
             let mut row = Row { line, cells: Vec::new() };
             for (at, (cell, text)) in cells(text).enumerate() {
                 let error = |what| TableError { line, column: cell, what };

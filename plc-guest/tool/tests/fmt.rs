@@ -64,6 +64,27 @@ fn links_stay_links_and_what_is_read_only_stays_as_it_is() {
 }
 
 #[test]
+fn a_project_leaves_its_libraries_as_they_are() {
+    let folder = Folder::new();
+    for name in ["plant", "plant/parts", "lib"] {
+        fs::create_dir(folder.path().join(name)).unwrap();
+    }
+    folder.write("plant/takt-plc.toml", "name = \"a\"\nlibraries = [\"../lib\", \"parts\"]\n");
+    let libraries = ["lib/a.st", "plant/parts/b.st"];
+    for library in libraries {
+        folder.write(library, UGLY);
+    }
+    folder.write("plant/main.st", UGLY);
+    let ended = folder.takt_plc(&["fmt", "plant"]).expect(0, "plant/main.st\n");
+    assert_eq!(ended.text.lines().count(), 1, "{}", ended.text);
+    for library in libraries {
+        assert_eq!(text(&folder, library), UGLY);
+    }
+    folder.takt_plc(&["fmt", "--check", "plant"]).expect(0, "");
+    folder.takt_plc(&["fmt", "lib"]).expect(0, "lib/a.st");
+}
+
+#[test]
 fn what_is_no_source_is_refused_by_name() {
     let folder = Folder::new();
     fs::create_dir(folder.path().join("empty")).unwrap();

@@ -71,6 +71,37 @@ fn a_private_key_is_readable_by_its_owner_only() {
     assert_eq!(mode & 0o777, 0o600);
 }
 
+/// What a path leads to is written, and stays what it is.
+#[test]
+fn links_permissions_and_pipes_stay_as_they_are() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let folder = built();
+    let path = |name: &str| folder.path().join(name);
+    folder.takt_plc(&["keygen", "a"]).expect(0, "");
+    std::fs::set_permissions(path("p.plc"), PermissionsExt::from_mode(0o640)).unwrap();
+    symlink("p.plc", path("current.plc")).unwrap();
+    folder.takt_plc(&["sign", "current.plc", "--key", "a.key"]).expect(0, "signed by");
+    assert!(path("current.plc").is_symlink());
+    folder.takt_plc(&["verify", "p.plc", "--key", "a.pub"]).expect(0, "signed by");
+    let mode = std::fs::metadata(path("p.plc")).unwrap().permissions().mode();
+    assert_eq!(mode & 0o7777, 0o640);
+    // To a file that is not there yet, from another folder.
+    std::fs::create_dir(path("links")).unwrap();
+    symlink("../new.plc", path("links/new.plc")).unwrap();
+    let build = |output: &str| folder.takt_plc(&["build", "p.o", "takt.o", "-o", output]);
+    build("links/new.plc").expect(0, "");
+    folder.takt_plc(&["verify", "new.plc"]).expect(0, "whole");
+    symlink("round", path("round")).unwrap();
+    build("round").expect(2, "cannot write round: ");
+
+    symlink("/dev/null", path("null")).unwrap();
+    build("null").expect(0, "");
+    assert_eq!(std::fs::read_link(path("null")).unwrap(), std::path::Path::new("/dev/null"));
+    let words = "mkfifo pipe; timeout 60 cat pipe >out.plc 2>&1 & \"$TAKT\" plc build p.o takt.o -o pipe; test -p pipe || exit 9; wait";
+    folder.run("sh", &["-c", words]).expect(0, "");
+    folder.takt_plc(&["verify", "out.plc"]).expect(0, "whole");
+}
+
 #[test]
 fn tables_set_inputs_and_compare_outputs() {
     let folder = built();
@@ -81,6 +112,9 @@ fn tables_set_inputs_and_compare_outputs() {
     ended.expect(1, "1 values are not as expected").expect(1, "line 3: y is 0.1");
     folder.write("t.csv", "x,on,y\n");
     folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(2, "t.csv has no row");
+    // Empty lines where no row can be meant, and a row of empty cells.
+    folder.write("t.csv", "\n\njobs,#\n0\n,\n2\n\n# the end\n\n");
+    folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(0, "3 cycles, 6 ms");
     folder.write("t.csv", "x,on,y +-inf\n1,1,0.1\n");
     folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(2, "found `inf` after +-");
 }
@@ -146,6 +180,18 @@ fn a_row_can_be_longer_than_a_period() {
     folder.write("t.csv", "jobs\n4\n9\n");
     folder.takt_plc(&["test", "p.plc", "t.csv", "--step", "10000"]).expect(0, "2 cycles, 20 ms");
     folder.takt_plc(&["test", "p.plc", "--cycles", "100"]).expect(0, "100 cycles, 200 ms");
+    folder.takt_plc(&["test", "p.plc", "--cycles", "0"]).expect(2, "--cycles");
+}
+
+#[test]
+fn cycles_without_a_table_take_no_memory() {
+    let folder = Folder::new();
+    let source = "#include \"takt.h\"\nTAKT_PROGRAM(\"p\", 1, 0, 0, 0);\nvolatile int zero;\n\
+        static void run(const takt_job *job) { zero = (int)job->cycle / zero; }\n\
+        TAKT_CYCLIC(run, .period = TAKT_MS(1));\n";
+    folder.c_program("p", source).expect(0, "");
+    let most = u64::MAX.to_string();
+    folder.takt_plc(&["test", "p.plc", "--cycles", &most]).expect(3, "division by zero");
 }
 
 #[test]
@@ -160,6 +206,8 @@ fn tables_that_are_wrong_are_told_with_line_and_column() {
         ("y +-z\n", "line 1, column 1: found `z` after +-"),
         ("x +-1\n", "line 1, column 1: a value that is set has no tolerance"),
         ("y[1]\n", "`y[1]` has no part `[1]`"),
+        ("y\n0\n\n0\n", "line 3, column 1: found an empty line, which is no row"),
+        ("x,y\n\n \n# why\n1,0.1\n", "line 2, column 1: found an empty line"),
     ] {
         folder.write("t.csv", table);
         folder.takt_plc(&["test", "p.plc", "t.csv"]).expect(2, says);

@@ -40,6 +40,24 @@ fn nothing_that_is_there_is_written_over() {
 }
 
 #[test]
+fn what_cannot_be_written_as_a_whole_leaves_no_folder() {
+    let folder = Folder::new();
+    folder.write("plant.xml", PROJECT);
+    // As if the disk were full.
+    let full = |words: &str| {
+        let words = format!("trap '' XFSZ; ulimit -f 0; exec \"$TAKT\" plc {words}");
+        folder.run("sh", &["-c", &words])
+    };
+    full("import plant.xml plant").expect(2, "cannot write plant/");
+    assert!(!folder.path().join("plant").exists());
+    full("new around/tank --lang st").expect(2, "cannot write around/tank/");
+    assert!(!folder.path().join("around/tank").exists());
+    // So the next try finds nothing in its way.
+    folder.takt_plc(&["import", "plant.xml", "plant"]).expect(1, "plant/Good.st");
+    folder.takt_plc(&["new", "around/tank", "--lang", "st"]).expect(0, "");
+}
+
+#[test]
 fn what_is_no_project_makes_no_folder() {
     let folder = Folder::new();
     folder.write("plant.xml", "<svg/>");

@@ -178,6 +178,16 @@ fn no_output_replaces_what_is_read() {
     inside(&["test", "tank.plc", table, "--junit", table]).expect(2, "would be overwritten");
     inside(&["test", "tank.plc", "--junit", "tank.plc"]).expect(2, "would be overwritten");
     inside(&["build", "-o", "tests"]).expect(2, "cannot write tests: it is a folder");
+    let of_running = |words: &[&str]| {
+        let before = folder.read("tank/tank.plc");
+        inside(words).expect(2, "tank.plc would be overwritten");
+        assert!(before == folder.read("tank/tank.plc"));
+    };
+    of_running(&["build", "--previous", "tank.plc"]);
+    let project = String::from_utf8(folder.read("tank/takt-plc.toml")).unwrap();
+    folder.write("tank/takt-plc.toml", &format!("previous = \"tank.plc\"\n{project}"));
+    of_running(&["build"]);
+    inside(&["build", "-o", "next.plc"]).expect(0, "next.plc");
     inside(&["test"]).expect(0, "tank: 3 tests, all as expected");
 }
 

@@ -23,13 +23,6 @@ PROGRAM a WITH f : A;
 END_CONFIGURATION
 ";
 
-fn folder(main: &str, tests: &str) -> Folder {
-    let folder = Folder::new();
-    folder.write("main.st", main);
-    folder.write("t.st", tests);
-    folder
-}
-
 #[test]
 fn each_event_in_a_long_time_releases_its_task() {
     let test = "TEST 'a second'
@@ -40,7 +33,7 @@ ASSERT(count = 50);
 ASSERT(jobs = 100, 'one in each period');
 END_TEST
 ";
-    let folder = folder(TICKS, test);
+    let folder = Folder::with_tests(TICKS, test);
     folder.takt_plc(&["test", "main.st", "t.st"]).expect(0, "1 tests, all as expected");
     folder.takt_plc(&["build", "main.st"]).expect(0, "");
     folder.write("t.csv", "count,jobs\n5,1\n10,2\n");
@@ -57,14 +50,14 @@ PROGRAM c : Always;
 END_CONFIGURATION
 ";
     let test = "TEST 'a while'\nRUN(T#0s);\nRUN(T#5ms);\nASSERT(jobs = 5);\nEND_TEST\n";
-    let folder = folder(main, test);
+    let folder = Folder::with_tests(main, test);
     folder.takt_plc(&["test", "main.st", "t.st"]).expect(0, "1 tests, all as expected");
 }
 
 #[test]
 fn a_test_that_lets_no_time_pass_ends_at_the_limit() {
     let test = "TEST 'waits'\nWHILE TRUE DO\nRUN(T#0s);\nEND_WHILE;\nEND_TEST\n";
-    let folder = folder(TICKS, test);
+    let folder = Folder::with_tests(TICKS, test);
     let ended = folder.takt_plc(&["test", "main.st", "t.st", "--time-limit", "200"]);
     ended.expect(1, "did not end in time");
 }
@@ -83,7 +76,7 @@ TASK f (INTERVAL := T#1ms, PRIORITY := 1); TASK s (INTERVAL := T#9ms, PRIORITY :
 PROGRAM a WITH f : A; PROGRAM b WITH s : B;
 END_CONFIGURATION
 ";
-    let folder = folder(main, "TEST 'both'\nRUN(T#9ms);\nASSERT(n = 10);\nEND_TEST\n");
+    let folder = Folder::with_tests(main, "TEST 'both'\nRUN(T#9ms);\nASSERT(n = 10);\nEND_TEST\n");
     for words in [&["check", "main.st"][..], &["build", "main.st"], &["test", "main.st", "t.st"]] {
         let ended = folder.takt_plc(words);
         let ended = ended.expect(2, "main.st:6:1: the tasks `f` and `s` both write the output `n`");
@@ -103,13 +96,13 @@ END_CONFIGURATION
 ";
     // A task of the program may have the name `test`.
     let test = "TEST 'goes on'\nn := 7;\nRUN(T#2ms);\nASSERT(n = 9);\nASSERT(m = 2);\nEND_TEST\n";
-    let folder = folder(main, test);
+    let folder = Folder::with_tests(main, test);
     folder.takt_plc(&["test", "main.st", "t.st"]).expect(0, "1 tests, all as expected");
 }
 
 #[test]
 fn what_would_test_nothing_is_told() {
-    let folder = folder(SUMS, "TEST 'nothing'\nRUN(T#2ms);\nEND_TEST\n");
+    let folder = Folder::with_tests(SUMS, "TEST 'nothing'\nRUN(T#2ms);\nEND_TEST\n");
     let ended = folder.takt_plc(&["test", "main.st", "t.st"]);
     ended.expect(0, "warning[no-effect]: t.st:1:6: a TEST without an assertion");
     folder.takt_plc(&["build", "main.st"]).expect(0, "");
@@ -119,7 +112,7 @@ fn what_would_test_nothing_is_told() {
 
 #[test]
 fn no_value_stands_in_a_column_without_a_name() {
-    let folder = folder(SUMS, "");
+    let folder = Folder::with_tests(SUMS, "");
     folder.takt_plc(&["build", "main.st"]).expect(0, "");
     folder.write("t.csv", "level,n,\n1.0,1,1\n");
     let ended = folder.takt_plc(&["test", "main.plc", "t.csv"]);

@@ -23,17 +23,10 @@ PROGRAM one WITH often : Main;
 END_CONFIGURATION
 ";
 
-/// A folder with the program and these tests.
-fn folder(tests: &str) -> Folder {
-    let folder = Folder::new();
-    folder.write("main.st", FILL);
-    folder.write("t.st", tests);
-    folder
-}
-
 #[test]
 fn tests_pass_fail_and_break_each_for_itself() {
-    let folder = folder(
+    let folder = Folder::with_tests(
+        FILL,
         "TEST 'a block alone'
 VAR delay : Delay; END_VAR
 delay(on := TRUE);
@@ -116,16 +109,20 @@ fn a_comparison_is_told_with_both_values() {
             "found 10, expected less than 10",
         ),
     ] {
-        let folder = folder(&format!(
-            "TYPE Colour : (Red, Green); END_TYPE\nTEST 'one'\nVAR {declaration} END_VAR\n\n{assertion}\nEND_TEST\n"
-        ));
+        let folder = Folder::with_tests(
+            FILL,
+            &format!(
+                "TYPE Colour : (Red, Green); END_TYPE\nTEST 'one'\nVAR {declaration} END_VAR\n\n{assertion}\nEND_TEST\n"
+            ),
+        );
         folder.takt_plc(&["test", "main.st", "t.st"]).expect(1, says);
     }
 }
 
 #[test]
 fn a_test_that_does_not_end_or_lets_too_much_time_pass_is_broken() {
-    let folder = folder(
+    let folder = Folder::with_tests(
+        FILL,
         "TEST 'endless'
 VAR i : DINT; b : BOOL; END_VAR
 WHILE NOT b DO FOR i := 1 TO 1000000 DO IF i < 0 THEN b := TRUE; END_IF; END_FOR; END_WHILE;
@@ -142,7 +139,8 @@ END_TEST
 
 #[test]
 fn tests_are_no_part_of_the_image_and_the_program_cannot_use_what_they_declare() {
-    let folder = folder(
+    let folder = Folder::with_tests(
+        FILL,
         "FUNCTION Helper : INT\nHelper := 1;\nEND_FUNCTION\nTEST 'a'\nASSERT(Helper() = 1);\nEND_TEST\n",
     );
     folder.takt_plc(&["build", "main.st", "-o", "plain.plc"]).expect(0, "");
@@ -169,9 +167,43 @@ fn log_lines_are_shown_with_task_and_time() {
     folder.takt_plc(&["test", "main.plc", "t.csv"]).expect(0, "[0 ns often] level is one\n");
 }
 
+/// They say why.
+#[test]
+fn log_lines_of_tests_that_fail_and_break_are_shown() {
+    let body = "IF level = 1 THEN LOG_LINE('level is one'); level := level / (level - 1); END_IF;";
+    let folder = Folder::with_tests(
+        &FILL.replace("pump := delay.q;", body).replace("AT %IW0", ""),
+        "TEST 'fails'
+LOG_LINE('before it fails');
+ASSERT(FALSE);
+END_TEST
+TEST 'breaks in a job'
+LOG_LINE('before the job');
+level := 1;
+RUN(T#10ms);
+END_TEST
+TEST 'breaks itself'
+VAR i : INT; END_VAR
+LOG_LINE('first');
+LOG_LINE('second');
+i := 1 / i;
+END_TEST
+",
+    );
+    let mut ended = folder.takt_plc(&["test", "main.st", "t.st"]);
+    for line in [
+        "[0 ns test-block] before it fails\nFAILED",
+        "[0 ns test-block] before the job\n[0 ns often] level is one\nBROKEN",
+        "[0 ns test-block] first\n[0 ns test-block] second\nBROKEN",
+    ] {
+        ended = ended.expect(1, line);
+    }
+}
+
 #[test]
 fn a_body_that_declares_eno_decides_what_it_is() {
-    let folder = folder(
+    let folder = Folder::with_tests(
+        FILL,
         "FUNCTION divided : REAL
 VAR_INPUT a, b : REAL; END_VAR
 VAR_OUTPUT ENO : BOOL := TRUE; END_VAR

@@ -1,5 +1,7 @@
 //! A new name for what is declared.
 
+use std::collections::BTreeMap;
+
 use lsp_types::{
     DocumentChanges, OneOf, OptionalVersionedTextDocumentIdentifier, PrepareRenameResponse,
     TextDocumentEdit, TextEdit, WorkspaceEdit,
@@ -7,19 +9,35 @@ use lsp_types::{
 use takt_st::query::rename;
 
 use crate::analysis::{Analysis, File};
+use crate::uri::Name;
+
+/// Texts of other projects, each with one that has it.
+pub type Others = BTreeMap<Name, String>;
 
 /// The name at a byte, if it can be changed.
 pub fn prepare(
     analysis: &Analysis,
     file: &File,
     offset: u32,
+    others: &Others,
 ) -> Result<PrepareRenameResponse, String> {
+    alone(file, others)?;
     let (one, _) = rename::prepare(&analysis.sources, &analysis.index, file.id, offset)
         .map_err(|error| error.to_string())?;
     // As it is written here: case does not count, and may differ.
     let placeholder = analysis.sources.text(one.span).to_owned();
     let range = analysis.range(file, one.span);
     Ok(PrepareRenameResponse::RangeWithPlaceholder { range, placeholder })
+}
+
+/// Refuses a text that another project has too, where uses are that would stay as they are.
+fn alone(file: &File, others: &Others) -> Result<(), String> {
+    others.get(&file.name).map_or(Ok(()), |project| {
+        Err(format!(
+            "not all uses can be seen: {} is also a source of the project {project}, which is open",
+            file.name.shown()
+        ))
+    })
 }
 
 /// The changes that give the name at a byte another text. With `versions` the editor refuses them for texts that it
@@ -30,6 +48,7 @@ pub fn edit(
     offset: u32,
     new: &str,
     versions: bool,
+    others: &Others,
 ) -> Result<WorkspaceEdit, String> {
     if let Some((uri, reason)) = analysis.left_out.first() {
         return Err(format!("not all uses can be seen: {}: {reason}", uri.as_str()));
@@ -41,6 +60,8 @@ pub fn edit(
     let place = (file.id, offset);
     let places = rename::rename(&analysis.sources, own, &analysis.index, place, new)
         .map_err(|error| error.to_string())?;
+    let is_changed = |file: &&File| places.iter().any(|span| span.file == file.id);
+    analysis.files.iter().filter(is_changed).try_for_each(|file| alone(file, others))?;
     let changed = analysis.files.iter().filter_map(|file| {
         let places = places.iter().filter(|span| span.file == file.id);
         let edits: Vec<TextEdit> = places

@@ -36,8 +36,8 @@ impl Server {
     /// Something may have changed on the disk, or which text is of which project.
     fn changed_all(&mut self) {
         let open = self.documents.names().map(|name| self.workspace.project_of(name));
-        let known: BTreeSet<Project> =
-            open.chain(self.workspace.projects()).chain(self.published.keys().cloned()).collect();
+        let read = self.published.keys().chain(self.analyses.keys()).cloned();
+        let known: BTreeSet<Project> = open.chain(self.workspace.projects()).chain(read).collect();
         known.into_iter().for_each(|project| self.changed(project));
     }
 

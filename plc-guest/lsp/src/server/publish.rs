@@ -1,6 +1,6 @@
 //! What the server tells by itself: the messages about each text of a project.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use lsp_types::PublishDiagnosticsParams;
 use lsp_types::notification as notify;
@@ -25,14 +25,15 @@ impl Server {
     /// Checks a project and tells the client what is new.
     pub(super) fn publish(&mut self, project: &Project) {
         let mut now = BTreeMap::new();
-        if self.wanted(project) {
+        let wanted = self.wanted();
+        if wanted.contains(project) {
             // It is read first, for what follows looks at all of the server.
             let failed = self.analysis(project).err();
             let (all, problem) = match self.analyses.get(project) {
                 Some(analysis) => {
                     let tells = |name: &Name| {
                         let own = self.workspace.project_of(name);
-                        own == *project || !self.wanted(&own)
+                        own == *project || !wanted.contains(&own)
                     };
                     (diagnostics::all(analysis, tells), analysis.problem.clone())
                 }
@@ -44,32 +45,38 @@ impl Server {
             self.analyses.remove(project);
             self.problems.remove(project);
         }
-        let before = self.published.remove(project).unwrap_or_default();
-        for (uri, one) in &now {
-            // What the client has already, and no messages about a text that it never heard of.
-            let known = before.get(uri);
+        let mut before = self.published.remove(project).unwrap_or_default();
+        now.retain(|uri, one| {
+            let (one, known) = (&*one, before.remove(uri));
+            // What the client has already, and no messages about a text that this project has told nothing of.
             let nothing = known.is_none() && one.diagnostics.is_empty() && one.version.is_none();
-            if !nothing && known != Some(one) {
+            if !nothing && known.as_ref() != Some(one) {
                 self.notify::<notify::PublishDiagnostics>(one);
+                // The client has the last messages about a text only.
+                self.published.values_mut().for_each(|others| drop(others.remove(uri)));
             }
-        }
-        for (uri, old) in &before {
-            // A text may belong to another project now.
-            let moved = self.published.values().any(|others| others.contains_key(uri));
-            if !now.contains_key(uri) && !moved && !old.diagnostics.is_empty() {
+            !nothing
+        });
+        for (uri, old) in before {
+            if !old.diagnostics.is_empty() {
                 let none = PublishDiagnosticsParams::new(old.uri.clone(), Vec::new(), None);
                 self.notify::<notify::PublishDiagnostics>(&none);
             }
+            // Others may have messages about it, which these had taken the place of.
+            let has =
+                |analysis: &Analysis| analysis.files.iter().any(|one| one.uri.as_str() == uri);
+            let others = self.analyses.iter().filter(|(other, all)| *other != project && has(all));
+            self.waiting.extend(others.map(|(other, _)| other.clone()));
         }
         if !now.is_empty() {
             self.published.insert(project.clone(), now);
         }
     }
 
-    /// Whether the editor has opened anything of a project.
-    fn wanted(&self, project: &Project) -> bool {
-        self.workspace.projects().any(|known| known == *project)
-            || self.documents.names().any(|name| self.workspace.project_of(name) == *project)
+    /// The projects of which the editor has opened anything.
+    pub(super) fn wanted(&self) -> BTreeSet<Project> {
+        let open = self.documents.names().map(|name| self.workspace.project_of(name));
+        self.workspace.projects().chain(open).collect()
     }
 
     /// Tells the user once why messages of a project may be missing.
@@ -78,7 +85,7 @@ impl Server {
             None => drop(self.problems.remove(project)),
             Some(problem) if self.problems.get(project) == Some(&problem) => {}
             Some(problem) => {
-                self.show(&format!("not all files are checked: {problem}"));
+                self.show(&format!("messages may be missing: {problem}"));
                 self.problems.insert(project.clone(), problem);
             }
         }

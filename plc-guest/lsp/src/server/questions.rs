@@ -32,14 +32,21 @@ impl Server {
             ask::Completion::METHOD => {
                 self.at(read(params)?, |all, file, offset| written(complete::at(all, file, offset)))
             }
-            ask::PrepareRenameRequest::METHOD => self.at(read(params)?, |all, file, offset| {
-                written(rename::prepare(all, file, offset).map_err(Refused::failed)?)
-            }),
+            ask::PrepareRenameRequest::METHOD => {
+                let params: TextDocumentPositionParams = read(params)?;
+                let others = self.others(&params.text_document.uri)?;
+                self.at(params, |all, file, offset| {
+                    let one = rename::prepare(all, file, offset, &others);
+                    written(one.map_err(Refused::failed)?)
+                })
+            }
             ask::Rename::METHOD => {
                 let params: lsp_types::RenameParams = read(params)?;
+                let others = self.others(&params.text_document_position.text_document.uri)?;
                 let versions = self.client.versioned_changes;
                 self.at(params.text_document_position, |all, file, offset| {
-                    let edit = rename::edit(all, file, offset, &params.new_name, versions);
+                    let new = &params.new_name;
+                    let edit = rename::edit(all, file, offset, new, versions, &others);
                     written(edit.map_err(Refused::failed)?)
                 })
             }
@@ -70,6 +77,18 @@ impl Server {
         self.of(&params.text_document.uri, |all, file| {
             answer(all, file, all.offset(file, position))
         })
+    }
+
+    /// The texts of all other projects than that of a text.
+    fn others(&mut self, uri: &Uri) -> Result<rename::Others, Refused> {
+        let own = self.workspace.project_of(&Name::new(uri));
+        let mut others = rename::Others::new();
+        for project in self.wanted().into_iter().filter(|project| *project != own) {
+            let analysis = self.analysis(&project).map_err(Refused::failed)?;
+            let names = analysis.files.iter().map(|file| file.name.clone());
+            others.extend(names.map(|name| (name, project.shown())));
+        }
+        Ok(others)
     }
 
     /// Answers a question about a text.

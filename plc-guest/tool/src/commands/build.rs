@@ -82,7 +82,8 @@ impl Build {
         let name = self.name(&origin)?;
         let mut good = self.messages.program(&name, &origin)?;
         let of_project = origin.project().and_then(|project| project.previous.as_ref());
-        if let Some(path) = self.previous.as_ref().or(of_project) {
+        let previous = self.previous.as_ref().or(of_project);
+        if let Some(path) = previous {
             let bytes = read(path)?;
             layout::keep(&mut good.program, &image(path, &bytes)?);
         }
@@ -101,7 +102,8 @@ impl Build {
             }
             None => {
                 let output = self.output.clone().unwrap_or_else(|| format!("{name}.plc").into());
-                spare(&output, good.files(&origin).iter().map(PathBuf::as_path))?;
+                let files = good.files(&origin);
+                spare(&output, files.iter().chain(previous).map(PathBuf::as_path))?;
                 let built = self.messages.build(&good)?;
                 finish(&output, &built.image)
             }

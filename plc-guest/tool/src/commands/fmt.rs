@@ -10,7 +10,7 @@ use takt_st::files;
 use takt_st::format::{self, FormatError};
 
 use super::structured_text::{Messages, Origin};
-use super::write_as;
+use super::write;
 use crate::{Failure, status};
 
 /// Arguments of `fmt`.
@@ -74,14 +74,11 @@ impl Fmt {
     }
 }
 
-/// Writes the file that a path leads to, also through a symbolic link, and keeps its permissions.
+/// Writes a file in place, unless it is read-only: to replace it asks for no permission to write it.
 fn replace(path: &Path, bytes: &[u8]) -> Result<(), String> {
-    let cannot = |error| format!("cannot write {}: {error}", path.display());
-    let target = path.canonicalize().map_err(cannot)?;
-    let permissions = target.metadata().map_err(cannot)?.permissions();
-    // Replacing a file asks for no permission to write it, so this has to.
-    if permissions.readonly() {
+    let there = path.metadata();
+    if there.is_ok_and(|there| there.permissions().readonly()) {
         return Err(format!("{} is read-only", path.display()));
     }
-    write_as(&target, bytes, permissions).map_err(|failure| failure.message)
+    write(path, bytes).map_err(|failure| failure.message)
 }

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use super::output::folder;
 use super::{read, write};
 use crate::{Failure, status};
 
@@ -25,15 +26,13 @@ impl Import {
             let message = format!("{project}: found no types, units, variables or configurations");
             return Err(Failure::input(message));
         }
-        let folder = self.folder.display();
-        // Nothing of what is there can be lost.
-        std::fs::create_dir(&self.folder)
-            .map_err(|error| Failure::input(format!("cannot make {folder}: {error}")))?;
-        for file in &import.files {
-            let path = self.folder.join(&file.name);
-            write(&path, file.text.as_bytes())?;
-            println!("{}", path.display());
-        }
+        let paths = || import.files.iter().map(|file| self.folder.join(&file.name));
+        // It is a new one: nothing of what is there can be lost.
+        folder(&self.folder, || {
+            let mut files = paths().zip(&import.files);
+            files.try_for_each(|(path, file)| write(&path, file.text.as_bytes()))
+        })?;
+        paths().for_each(|path| println!("{}", path.display()));
         for name in &import.ignored {
             eprintln!("takt plc: {project}: ignored: {}", name.escape_debug());
         }
@@ -48,7 +47,8 @@ impl Import {
             refused => Err(Failure {
                 status: status::NOT_AS_EXPECTED,
                 message: format!(
-                    "{project}: {refused} parts were refused, the rest is in {folder}"
+                    "{project}: {refused} parts were refused, the rest is in {}",
+                    self.folder.display()
                 ),
             }),
         }

@@ -13,6 +13,7 @@ pub mod live;
 pub mod lsp;
 pub mod new;
 mod next_start;
+mod output;
 pub mod record;
 pub mod shadow;
 pub mod sign;
@@ -22,23 +23,17 @@ pub mod verify;
 pub mod versions;
 mod worst;
 
-use std::fs::Permissions;
-use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use takt_program::Image;
 
 use crate::Failure;
+use output::write;
 
 /// The bytes of a file.
 fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     std::fs::read(path)
         .map_err(|error| Failure::input(format!("cannot read {}: {error}", path.display())))
-}
-
-/// Writes a file as a whole: what was there stays until the new one is complete.
-fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    write_as(path, bytes, PermissionsExt::from_mode(0o644))
 }
 
 /// Refuses to write a file over one that is read: a slip of the pen would cost its author the source.
@@ -51,23 +46,6 @@ fn spare<'p>(output: &Path, inputs: impl IntoIterator<Item = &'p Path>) -> Resul
         ))),
         None => Ok(()),
     }
-}
-
-/// [`write()`], with these permissions.
-fn write_as(path: &Path, bytes: &[u8], permissions: Permissions) -> Result<(), Failure> {
-    if path.is_dir() {
-        return Err(Failure::input(format!("cannot write {}: it is a folder", path.display())));
-    }
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let written =
-        tempfile::NamedTempFile::new_in(folder.unwrap_or(Path::new("."))).and_then(|mut file| {
-            std::io::Write::write_all(&mut file, bytes)?;
-            file.as_file().set_permissions(permissions)?;
-            file.persist(path).map_err(|error| error.error)
-        });
-    written
-        .map(drop)
-        .map_err(|error| Failure::input(format!("cannot write {}: {error}", path.display())))
 }
 
 /// The image in these bytes, checked.

@@ -6,6 +6,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use super::output::folder;
 use crate::Failure;
 
 /// Arguments of `new`.
@@ -113,15 +114,21 @@ impl New {
         if self.path.exists() {
             return Err(Failure::input(format!("{} is there already", self.path.display())));
         }
-        for (file, text) in files {
-            // The SDK is taken as it is.
-            let text = if file.starts_with("takt-sdk/") {
-                (*text).into()
-            } else {
-                text.replace("NAME", name)
-            };
-            write(&self.path.join(file), &text)?;
-        }
+        let around = self.path.parent().unwrap_or(Path::new(""));
+        fs::create_dir_all(around).map_err(|error| {
+            Failure::input(format!("cannot make {}: {error}", around.display()))
+        })?;
+        folder(&self.path, || {
+            files.iter().try_for_each(|(file, text)| {
+                // The SDK is taken as it is.
+                let text = if file.starts_with("takt-sdk/") {
+                    (*text).into()
+                } else {
+                    text.replace("NAME", name)
+                };
+                write(&self.path.join(file), &text)
+            })
+        })?;
         println!("{}: see README.md there", self.path.display());
         Ok(())
     }

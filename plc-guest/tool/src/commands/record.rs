@@ -1,14 +1,16 @@
 //! `takt plc record`: values of a PLC that runs, in each cycle around a trigger, in a file.
 
-use std::fs::File;
+use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use takt_plan::parse_duration;
 use takt_points::{Plc, Point, cut, not_asked_for, ranges};
 use takt_protocol::{Request, Values, from_hex};
 use takt_scheduler::time::Nanos;
+use tempfile::TempPath;
 
+use super::output::successor;
 use crate::Failure;
 use crate::live::interrupt;
 use crate::live::output::{Form, Writer};
@@ -68,8 +70,8 @@ impl Record {
         interrupt::ends(connected.descriptor())
             .map_err(|error| Failure::input(format!("cannot take Ctrl-C: {error}")))?;
         // Not before Takt has granted it: the file may be a recording that somebody keeps.
-        let out = BufWriter::new(File::create(&self.out).map_err(failed)?);
-        let mut out = Writer::new(form, out, &points, [self.pre, self.duration]);
+        let (file, mut waiting) = open(&self.out).map_err(failed)?;
+        let mut out = Writer::new(form, BufWriter::new(file), &points, [self.pre, self.duration]);
         out.begin(&connected.name()).map_err(failed)?;
         let mut recording = Recording::new(self.pre, self.duration);
         let holds = |bytes: &[u8]| {
@@ -80,15 +82,36 @@ impl Record {
             let Some(values) = values(&mut connected, left)? else { return Ok(None) };
             of_takt(values, &watched).map(Some).ok_or_else(|| not_asked_for().into())
         };
-        let write = |row: &Row, triggered_ns| out.row(row, triggered_ns).map_err(failed);
+        let write = |row: &Row, triggered_ns| {
+            if let Some((new, place)) = waiting.take() {
+                new.persist(place).map_err(|error| failed(error.error))?;
+            }
+            out.row(row, triggered_ns).map_err(failed)
+        };
         let ended = record(&mut recording, next, holds, write);
         let extent = recording.extent();
         // Whatever has ended it, what is recorded is a whole file.
         let finished = out.end(&extent).map_err(failed);
         tell(&extent);
+        if waiting.is_some() {
+            eprintln!("takt plc: {} stays as it was", self.out.display());
+        }
         let ended = if interrupt::came() { Err(interrupted()) } else { ended };
         finished.and(ended)
     }
+}
+
+/// The file of a recording. If it is to take the place of an earlier one, that stays until there is a row to keep.
+fn open(path: &Path) -> io::Result<(File, Option<(TempPath, PathBuf)>)> {
+    if path.is_file() {
+        // To replace a file asks for no permission to write it.
+        OpenOptions::new().write(true).open(path)?;
+        if let Some((file, place)) = successor(path)? {
+            let (file, new) = file.into_parts();
+            return Ok((file, Some((new, place))));
+        }
+    }
+    Ok((File::create(path)?, None))
 }
 
 /// A line of values, if it has as many bytes as were asked for.
@@ -116,7 +139,7 @@ fn record(
 
 /// The status is what a shell tells of a process that SIGINT ended.
 fn interrupted() -> Failure {
-    let message = "interrupted: the file has what was recorded until then".to_owned();
+    let message = "interrupted: what was recorded until then is kept".to_owned();
     Failure { status: 128 + libc::SIGINT as u8, message }
 }
 

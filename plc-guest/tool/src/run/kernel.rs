@@ -43,7 +43,7 @@ pub struct Kernel {
     ports: Vec<Port>,
     /// Lines that may be logged, and since when.
     lines: (u32, u64),
-    /// Lines logged in this job.
+    /// Lines logged and not taken yet.
     pub log: Vec<String>,
 }
 

@@ -14,6 +14,7 @@ use super::fault::{Failed, Fault, Place, describe, place_of_call};
 use super::kernel::{Kernel, Outcome};
 use super::memory::{Memory, Rights};
 use super::outputs::Outputs;
+use super::schedule::Logged;
 
 /// The flags register as a function finds it: interrupts on, direction up, no single step. Bit 1 is always set.
 const FLAGS: u64 = 0x202;
@@ -37,8 +38,8 @@ pub struct Machine<'a> {
 
 /// Why a job is not running.
 pub(super) enum Paused {
-    /// It is done; what it logged.
-    Ended(Vec<String>),
+    /// It is done.
+    Ended,
     /// It asks for a simulation, with an argument, and goes on with these registers.
     Asks(Simulation, u64, Box<Registers>),
 }
@@ -88,28 +89,30 @@ impl<'a> Machine<'a> {
         self.memory.put(at, bytes)
     }
 
-    /// Runs `init` for a cold start, if the program has one. Gives what it logged.
-    pub fn init(&mut self) -> Result<Vec<String>, Failed> {
+    /// Runs `init` for a cold start, if the program has one. What it logs is added, also if it ends in a fault.
+    pub fn init(&mut self, logged: &mut Vec<Logged>) -> Result<(), Failed> {
         let (Some(entry), Some(task)) = (self.image.init(), self.image.task(TaskId(0))) else {
-            return Ok(Vec::new());
+            return Ok(());
         };
         let information =
             TaskInformation { task: TaskInformation::INIT, ..self.information(0, 0, 0) };
-        self.run("init", &task, entry, information, &Caller::init(0))
+        let ran = self.run("init", &task, entry, information, &Caller::init(0));
+        self.take_log("init", 0, logged);
+        ran
     }
 
-    /// Runs a job. Gives what it logged.
-    pub fn job(&mut self, job: &Job<'_>) -> Result<Vec<String>, Failed> {
+    /// Runs a job. What it has logged is taken with [`Self::take_log`].
+    pub fn job(&mut self, job: &Job<'_>) -> Result<(), Failed> {
         let task = job.task.id.0.into();
         let information =
             TaskInformation { task, ..self.information(job.cycle, job.now, job.period) };
         let before = self.outputs.get(&self.memory);
         let caller = Caller::task(&job.task, job.now);
-        let lines = self.run(job.task.name, &job.task, job.task.entry, information, &caller)?;
+        self.run(job.task.name, &job.task, job.task.entry, information, &caller)?;
         match self.outputs.foreign(&self.memory, &before, job.task.id) {
             None => {
                 self.outputs.restore(&self.memory, &before);
-                Ok(lines)
+                Ok(())
             }
             Some(name) => {
                 let what = format!("it changed the output `{name}`, which another task writes");
@@ -135,12 +138,12 @@ impl<'a> Machine<'a> {
         entry: CodeOffset,
         information: TaskInformation,
         caller: &Caller,
-    ) -> Result<Vec<String>, Failed> {
+    ) -> Result<(), Failed> {
         let mut registers = self.enter(task, entry, &information)?;
         let deadline = self.deadline();
         loop {
             match self.go(name, &information, caller, registers, deadline)? {
-                Paused::Ended(lines) => return Ok(lines),
+                Paused::Ended => return Ok(()),
                 // Only tests ask, and a kernel knows no such call.
                 Paused::Asks(_, _, at) => {
                     registers = *at;
@@ -209,7 +212,7 @@ impl<'a> Machine<'a> {
                     }
                     Outcome::End => {
                         self.kernel.job_ended(caller);
-                        return Ok(Paused::Ended(self.take_log()));
+                        return Ok(Paused::Ended);
                     }
                     Outcome::Stop(code) => {
                         let (_, place) = describe(&self.image, &self.memory, &stop);
@@ -242,9 +245,10 @@ impl<'a> Machine<'a> {
         at.map_or(0, |at| self.kernel.waiting(at))
     }
 
-    /// What was logged and not taken yet.
-    pub(super) fn take_log(&mut self) -> Vec<String> {
-        std::mem::take(&mut self.kernel.log)
+    /// Takes what was logged since the last time, by this task.
+    pub(super) fn take_log(&mut self, task: &str, now: u64, logged: &mut Vec<Logged>) {
+        let lines = std::mem::take(&mut self.kernel.log).into_iter();
+        logged.extend(lines.map(|line| Logged { task: task.to_owned(), now, line }));
     }
 
     /// The state of FPU and SSE.
@@ -259,7 +263,7 @@ impl<'a> Machine<'a> {
 
     /// A fault by a call that the program makes with these registers.
     pub(super) fn fault_here(
-        &mut self,
+        &self,
         name: &str,
         information: TaskInformation,
         what: String,
@@ -283,8 +287,8 @@ impl<'a> Machine<'a> {
         }
     }
 
-    fn fault(&mut self, task: &str, job: TaskInformation, what: String, place: Place) -> Failed {
-        let last_words = std::mem::take(&mut self.kernel.log).pop();
+    fn fault(&self, task: &str, job: TaskInformation, what: String, place: Place) -> Failed {
+        let last_words = self.kernel.log.last().cloned();
         let (cycle, now, task) = (job.cycle, job.now, task.to_owned());
         Failed::Program(Fault { task, cycle, now, what, place, last_words })
     }

@@ -104,38 +104,47 @@ impl<'a> Schedule<'a> {
     }
 
     /// Runs all jobs that are released in the next `step` nanoseconds: by release time, then by priority. As in the
-    /// guest, events are looked for at the begin and behind each job. Freewheeling tasks run once, last.
-    pub fn step(&mut self, machine: &mut Machine<'_>, step: u64) -> Result<Vec<Logged>, Failed> {
-        let mut logged = Vec::new();
+    /// guest, events are looked for at the begin and behind each job. Freewheeling tasks run once, last. What the jobs
+    /// log is added, also by one that ends in a fault.
+    pub fn step(
+        &mut self,
+        machine: &mut Machine<'_>,
+        step: u64,
+        logged: &mut Vec<Logged>,
+    ) -> Result<(), Failed> {
         let end = self.now.saturating_add(step);
         self.look(machine);
         while let Some((release, index)) = self.first(machine).filter(|(first, _)| *first < end) {
             self.now = release;
             self.tasks[index].released(release);
-            logged.extend(self.run(machine, index, release)?);
+            self.run(machine, index, release, logged)?;
             self.look(machine);
         }
         // Nothing of a step that takes no time is left to them.
         for index in 0..self.tasks.len() {
             if self.now < end && self.tasks[index].task.kind == TaskKind::Freewheeling {
-                logged.extend(self.run(machine, index, end - 1)?);
+                self.run(machine, index, end - 1, logged)?;
             }
         }
         self.now = end;
-        Ok(logged)
+        Ok(())
     }
 
     /// Runs what is released in this time, in pieces of the shortest period (of 1 ms if there is none), of which the last may
     /// be shorter. Freewheeling tasks have a job in each piece, as they have in each window of the guest.
-    pub fn pass(&mut self, machine: &mut Machine<'_>, time: u64) -> Result<Vec<Logged>, Failed> {
+    pub fn pass(
+        &mut self,
+        machine: &mut Machine<'_>,
+        time: u64,
+        logged: &mut Vec<Logged>,
+    ) -> Result<(), Failed> {
         const WINDOW: u64 = 1_000_000;
         let window = self.shortest_period().unwrap_or(WINDOW);
         let end = self.now.saturating_add(time);
-        let mut logged = Vec::new();
         while self.now < end {
-            logged.extend(self.step(machine, window.min(end - self.now))?);
+            self.step(machine, window.min(end - self.now), logged)?;
         }
-        Ok(logged)
+        Ok(())
     }
 
     fn look(&mut self, machine: &Machine<'_>) {
@@ -157,14 +166,15 @@ impl<'a> Schedule<'a> {
         machine: &mut Machine<'_>,
         index: usize,
         now: u64,
-    ) -> Result<Vec<Logged>, Failed> {
+        logged: &mut Vec<Logged>,
+    ) -> Result<(), Failed> {
         let scheduled = &mut self.tasks[index];
         let period = scheduled.last.map_or(0, |last| now - last);
         let (task, cycle) = (scheduled.task, scheduled.cycle);
         (scheduled.last, scheduled.cycle) = (Some(now), cycle + 1);
-        let lines = machine.job(&Job { task, cycle, now, period })?;
-        let logged = |line| Logged { task: task.name.to_owned(), now, line };
-        Ok(lines.into_iter().map(logged).collect())
+        let ran = machine.job(&Job { task, cycle, now, period });
+        machine.take_log(task.name, now, logged);
+        ran
     }
 }
 

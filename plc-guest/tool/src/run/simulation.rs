@@ -44,30 +44,25 @@ impl<'m, 'a> TestRun<'m, 'a> {
         Self { machine, schedule, task, information, most }
     }
 
-    /// Runs it to its end. Gives what it and the tasks logged.
-    pub fn run(mut self) -> Result<(Verdict, Vec<Logged>), Failed> {
-        let mut logged = Vec::new();
+    /// Runs it to its end. What it and the tasks log is added, however it ends.
+    pub fn run(mut self, logged: &mut Vec<Logged>) -> Result<Verdict, Failed> {
         let mut registers = self.machine.enter(&self.task, self.task.entry, &self.information)?;
         let mut deadline = self.machine.deadline();
         loop {
             let caller = Caller::task(&self.task, self.information.now);
             let name = self.task.name;
-            let paused = self.machine.go(name, &self.information, &caller, registers, deadline)?;
-            match paused {
-                Paused::Ended(lines) => {
-                    self.take(lines, &mut logged);
-                    return Ok((Verdict::Passed, logged));
-                }
+            let paused = self.machine.go(name, &self.information, &caller, registers, deadline);
+            self.machine.take_log(name, self.information.now, logged);
+            match paused? {
+                Paused::Ended => return Ok(Verdict::Passed),
                 Paused::Asks(Simulation::Fail, number, _) => {
-                    return Ok((Verdict::Failed(number as usize), logged));
+                    return Ok(Verdict::Failed(number as usize));
                 }
                 Paused::Asks(request @ (Simulation::Take | Simulation::Give), _, at) => {
                     registers = self.machine.exchange(request, *at);
                 }
                 Paused::Asks(request, nanoseconds, at) => {
-                    let lines = self.machine.take_log();
-                    self.take(lines, &mut logged);
-                    registers = self.pass(request, nanoseconds, *at, &mut logged)?;
+                    registers = self.pass(request, nanoseconds, *at, logged)?;
                     // One that lets no time pass goes on with what it has left.
                     if nanoseconds > 0 {
                         deadline = self.machine.deadline();
@@ -75,11 +70,6 @@ impl<'m, 'a> TestRun<'m, 'a> {
                 }
             }
         }
-    }
-
-    fn take(&self, lines: Vec<String>, logged: &mut Vec<Logged>) {
-        let (task, now) = (self.task.name, self.information.now);
-        logged.extend(lines.into_iter().map(|line| Logged { task: task.to_owned(), now, line }));
     }
 
     /// Lets time pass. Gives the registers with which the test goes on.
@@ -103,7 +93,7 @@ impl<'m, 'a> TestRun<'m, 'a> {
         }
         if request == Simulation::Run {
             let vectors = self.machine.vectors()?;
-            logged.extend(self.schedule.pass(self.machine, nanoseconds)?);
+            self.schedule.pass(self.machine, nanoseconds, logged)?;
             self.machine.set_vectors(&vectors)?;
         } else {
             self.schedule.skip(nanoseconds);

@@ -87,7 +87,7 @@ impl<'a> Twin<'a> {
     /// Runs the jobs that are released in this time, with these inputs.
     pub fn run(&mut self, inputs: &[u8], nanoseconds: u64) -> Result<(), Failed> {
         self.machine.put(address::INPUT, inputs);
-        self.schedule.step(&mut self.machine, nanoseconds).map(drop)
+        self.schedule.step(&mut self.machine, nanoseconds, &mut Vec::new())
     }
 
     pub fn outputs(&self) -> Vec<u8> {

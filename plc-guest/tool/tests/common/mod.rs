@@ -34,6 +34,14 @@ impl Folder {
         Self(tempfile::tempdir().unwrap())
     }
 
+    /// One with a program, `main.st`, and its tests, `t.st`.
+    pub fn with_tests(main: &str, tests: &str) -> Self {
+        let folder = Self::new();
+        folder.write("main.st", main);
+        folder.write("t.st", tests);
+        folder
+    }
+
     pub fn path(&self) -> &Path {
         self.0.path()
     }

@@ -38,7 +38,7 @@ pub struct Test {
 #[derive(clap::Args)]
 struct Options {
     /// Of an image without a table: how many cycles to run.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     cycles: u64,
     /// Simulated time of a row in microseconds, if not the shortest period of the cyclic tasks.
     #[arg(long, value_name = "MICROSECONDS", value_parser = clap::value_parser!(u64).range(1..=3_600_000_000))]

@@ -1,11 +1,12 @@
 //! A program against a table.
 
-use std::path::PathBuf;
+use std::iter::repeat;
+use std::path::{Path, PathBuf};
 
 use takt_program::{Area, Image, Nanoseconds};
 
 use super::{Options, failed, host, read};
-use crate::run::{Logged, Machine, Schedule};
+use crate::run::{Failed, Logged, Machine, Schedule};
 use crate::table::{Cell, Column, Kind, Row, Table};
 use crate::{Failure, status};
 
@@ -14,7 +15,14 @@ const TOLD: usize = 20;
 
 /// Runs the program with a table, or for some cycles without one. Gives what to say if all is as expected.
 pub fn run(image: Image<'_>, path: Option<&PathBuf>, options: &Options) -> Result<String, Failure> {
-    let table = table(&image, path, options.cycles)?;
+    let table = match path {
+        Some(path) => read_table(&image, path)?,
+        None => Table { columns: Vec::new(), rows: Vec::new() },
+    };
+    // Those without a table are only counted: there may be as many as one has time for.
+    let empty = Row { line: 0, cells: Vec::new() };
+    let cycles = if path.is_some() { table.rows.len() as u64 } else { options.cycles };
+    let rows = table.rows.iter().chain(repeat(&empty)).take(cycles as usize);
     let mut schedule = Schedule::new(&image);
     let step =
         options.step.map(|us| us * 1000).or(schedule.shortest_period()).ok_or_else(|| {
@@ -25,16 +33,21 @@ pub fn run(image: Image<'_>, path: Option<&PathBuf>, options: &Options) -> Resul
     if let Some(row) = table.rows.first() {
         set(&table, row, &machine, |column| column.place.area == Area::Input);
     }
-    let lines = machine.init().map_err(failed)?;
-    let logged = lines.into_iter().map(|line| Logged { task: "init".into(), now: 0, line });
-    options.say(&logged.collect::<Vec<_>>());
+    // Also of a job that ends in a fault: its lines may say why.
+    let said = |ran: Result<(), Failed>, logged: Vec<Logged>| {
+        options.say(&logged);
+        ran.map_err(failed)
+    };
+    let mut logged = Vec::new();
+    said(machine.init(&mut logged), logged)?;
     let mut wrong = Vec::new();
-    for row in &table.rows {
+    for row in rows {
         set(&table, row, &machine, |_| true);
-        options.say(&schedule.step(&mut machine, step).map_err(failed)?);
+        let mut logged = Vec::new();
+        said(schedule.step(&mut machine, step, &mut logged), logged)?;
         compare(&table, row, &machine, &mut wrong);
     }
-    let (cycles, time) = (table.rows.len(), Nanoseconds(schedule.now()));
+    let time = Nanoseconds(schedule.now());
     // Behind the run: a table may be there to show a fault, which has ended this by now.
     if let Some(path) = path.filter(|_| !expects(&table)) {
         let message =
@@ -54,12 +67,7 @@ pub fn run(image: Image<'_>, path: Option<&PathBuf>, options: &Options) -> Resul
     Err(Failure { status: status::NOT_AS_EXPECTED, message })
 }
 
-/// The table, or one with empty rows.
-fn table(image: &Image<'_>, path: Option<&PathBuf>, cycles: u64) -> Result<Table, Failure> {
-    let Some(path) = path else {
-        let rows = (0..cycles).map(|_| Row { line: 0, cells: Vec::new() }).collect();
-        return Ok(Table { columns: Vec::new(), rows });
-    };
+fn read_table(image: &Image<'_>, path: &Path) -> Result<Table, Failure> {
     let text = String::from_utf8(read(path)?)
         .map_err(|_| Failure::input(format!("{} is not UTF-8", path.display())))?;
     let table = Table::parse(image, &text)

@@ -53,23 +53,21 @@ fn one(
     let (Some(task), Some(wanted)) = (task, wanted) else {
         return Ok(Outcome::Broken("the tests have no task".into()));
     };
-    let ended = machine.init().and_then(|_| {
+    let mut logged = Vec::new();
+    let ended = machine.init(&mut logged).and_then(|()| {
         let wanted = takt_program::address::STATE + u64::from(wanted);
         machine.put(wanted, &(number as u64).to_le_bytes());
         let schedule = Schedule::new(&image).without(task.name);
-        TestRun::new(&mut machine, schedule, task, MOST).run()
+        TestRun::new(&mut machine, schedule, task, MOST).run(&mut logged)
     });
+    // However it ended: the lines are there to say why.
+    options.say(&logged);
     match ended {
-        Ok((verdict, logged)) => {
-            options.say(&logged);
-            Ok(match verdict {
-                Verdict::Passed => Outcome::Passed,
-                Verdict::Failed(number) => match program.tests.assertions.get(number) {
-                    Some(assertion) => Outcome::Failed(told(program, assertion, &machine)),
-                    None => Outcome::Broken(format!("there is no assertion {number}")),
-                },
-            })
-        }
+        Ok(Verdict::Passed) => Ok(Outcome::Passed),
+        Ok(Verdict::Failed(number)) => Ok(match program.tests.assertions.get(number) {
+            Some(assertion) => Outcome::Failed(told(program, assertion, &machine)),
+            None => Outcome::Broken(format!("there is no assertion {number}")),
+        }),
         Err(Failed::Host(error)) => Err(host(error)),
         Err(Failed::Program(fault)) => Ok(Outcome::Broken(fault.to_string())),
     }
