@@ -214,7 +214,7 @@ fn a_name_of_a_library_that_another_project_uses_stays() {
     // The project's own names are its own.
     editor.open("tank/main.st", MAIN);
     editor.rename("tank/main.st", (0, 8), "Other").unwrap();
-    // Nobody else has it open.
+    // No other project has it open.
     let mut editor = Editor::new(&[("lib/twice.st", TWICE)], "lib");
     editor.rename("lib/twice.st", (0, 9), "Double").unwrap();
 }
