@@ -40,9 +40,13 @@ pub enum InsideError {
 pub fn run(line: &Path, socket: &Path) -> Result<(), InsideError> {
     let mut line = Line::open(line, Side::Inside)?;
     let mut pace = connect(socket)?;
-    let (mut connections, mut told) = (Connections::new(), false);
+    let mut connections = Connections::new();
     while wait_for_turn(&mut pace).is_ok() {
-        told = told || line.send(Frame::Ready);
+        // The other end may open the line later, and does not receive then what was sent before. So there is always
+        // something for it to take; to be told again changes nothing.
+        if line.is_taken() {
+            line.send(Frame::Ready);
+        }
         connections.turn(&mut line, Instant::now(), || UnixStream::connect(socket).ok());
     }
     for _ in 0..LAST_TURNS {

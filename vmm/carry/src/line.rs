@@ -119,6 +119,11 @@ impl Line {
         status.waiting < status.depth
     }
 
+    /// Whether the other end has taken all that was sent.
+    pub fn is_taken(&mut self) -> bool {
+        self.out.status().waiting == 0
+    }
+
     /// Sends a frame; false if there is no room.
     pub fn send(&mut self, frame: Frame<'_>) -> bool {
         frame.message().is_some_and(|message| self.out.send(&message, Tsc(0)).is_ok())

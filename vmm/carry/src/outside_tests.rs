@@ -80,6 +80,38 @@ fn takt(socket: &Path) -> thread::JoinHandle<()> {
 }
 
 #[test]
+fn an_end_that_opens_the_line_late_is_told_that_takt_answers() {
+    let folder = folder("late");
+    let (line, socket) = (folder.join("line"), folder.join("outside.sock"));
+    let takts = folder.join("takt.sock");
+    prepare(&line, &socket).unwrap();
+    let takt = UnixListener::bind(&takts).unwrap();
+    let inside = thread::spawn({
+        let line = line.clone();
+        move || inside::run(&line, &takts)
+    });
+    let (mut pace, _) = takt.accept().unwrap();
+    let mut pings = BufReader::new(pace.try_clone().unwrap()).lines();
+    let mut answer = || pace.write_all((pings.next().unwrap().unwrap() + "\n").as_bytes()).unwrap();
+    // With the third ping the turn after the first is over, and all that the inside end says by itself is said.
+    (0..3).for_each(|_| answer());
+    let (end, ends) = UnixStream::pair().unwrap();
+    let outside = thread::spawn({
+        let (mut end, socket) = (end, socket.clone());
+        move || run(&line, &socket, &mut end)
+    });
+    while !socket.exists() {
+        assert!(!outside.is_finished(), "the outside end has ended");
+        answer();
+    }
+    drop(ends);
+    outside.join().unwrap().unwrap();
+    drop((pace, pings));
+    inside.join().unwrap().unwrap();
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
 fn both_ends_carry_a_client_to_takt_and_the_socket_goes_at_the_end() {
     let folder = folder("both");
     let (line, socket) = (folder.join("line"), folder.join("outside.sock"));
