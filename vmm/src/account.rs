@@ -158,7 +158,7 @@ impl Account {
         Some(self.samples.as_ref()?.course(&self.name, self.releases.as_ref()?))
     }
 
-    /// What the load of its Linux has got done until the end of the run.
+    /// What the load of its Linux has got done until it was asked to switch itself off, or until the end of the run.
     #[must_use]
     pub fn load_course(&self, end: Nanos) -> Option<load::Course> {
         self.load.as_ref()?.course(&self.name, end)
@@ -228,6 +228,10 @@ impl Account {
         let (up, runs) = (self.life.is_up(), self.control.has_guest());
         if up && runs {
             button.press(now);
+            // A Linux that switches itself off makes no load any more, and the run waits for it.
+            if let Some(load) = &mut self.load {
+                load.end(now);
+            }
         }
         let patience = runs.then(|| button.patience());
         self.step(Event::RunOver);
