@@ -9,10 +9,7 @@ use std::sync::atomic::Ordering;
 
 use crate::dialogue::converse;
 use crate::emulator_fault::unless_qemu_failed;
-use crate::{
-    BUILT, LONG_TIMEOUT_S, Outcome, TIMEOUT_S, Value, built, long, read_json, root, say_end,
-    scratch,
-};
+use crate::{BUILT, Outcome, Value, built, read_json, root, say_end, scratch, timeout_s};
 
 /// A script of `tests/host`, and what it needs.
 #[derive(Debug)]
@@ -23,7 +20,7 @@ impl Host {
     #[must_use]
     pub fn new() -> Self {
         let mut command = Command::new(root().join("scripts/host"));
-        command.env("TAKT_TIMEOUT", if long() { LONG_TIMEOUT_S } else { TIMEOUT_S });
+        command.env("TAKT_TIMEOUT", timeout_s(0));
         Self(command)
     }
 
@@ -41,10 +38,10 @@ impl Host {
         self
     }
 
-    /// Given up after this much real time, in seconds, if not after a quarter of an hour, or an hour in the long form.
+    /// Not given up before so much real time, in seconds; see [`timeout_s`].
     #[must_use]
-    pub fn given_up_after(mut self, timeout_s: &str) -> Self {
-        self.0.env("TAKT_TIMEOUT", timeout_s);
+    pub fn given_up_after(mut self, least_timeout_s: u32) -> Self {
+        self.0.env("TAKT_TIMEOUT", timeout_s(least_timeout_s));
         self
     }
 

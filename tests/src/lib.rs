@@ -29,9 +29,12 @@ pub use initrd::{archive, initrd_and, initrd_of, initrd_with};
 pub use kernel::{Aim, aiming_kernel, erring_kernel, restarting_kernel, silent_kernel};
 pub use serde_json::Value;
 
-/// Real time after which a run is given up, and one of the long form. It is never what a test waits for.
-const TIMEOUT_S: &str = "900";
-const LONG_TIMEOUT_S: &str = "3600";
+/// For `TAKT_TIMEOUT`: after how much real time, in seconds, a run is given up. It is at least this much, a quarter of an hour, and
+/// an hour in the long form. It is never what a test waits for.
+#[must_use]
+pub fn timeout_s(at_least: u32) -> String {
+    at_least.max(if long() { 3_600 } else { 900 }).to_string()
+}
 
 /// How many lines of a failed run come before all of it.
 const LAST_LINES: usize = 20;
@@ -147,15 +150,34 @@ impl Outcome {
         let at_least = if long() { 40 } else { 1 };
         let objects = self.compiled();
         assert!(objects >= at_least, "Linux has compiled {objects} objects\n{}", self.output);
+        self.assert_loaded_until_the_end("compile");
     }
 
     /// Objects that a Linux of [`File::compiling_linux`] has compiled.
     #[must_use]
     pub fn compiled(&self) -> u64 {
+        self.done("compile").into_iter().max().unwrap_or(0)
+    }
+
+    /// Fails unless a load of Linux went on in its last 10 s, or since it began, and no kernel stood still.
+    pub fn assert_loaded_until_the_end(&self, load: &str) {
+        // A load tells twice a second what it has done.
+        const LINES: usize = 20;
+        let done = self.done(load);
+        let last = &done[done.len().saturating_sub(LINES + 1)..];
+        assert!(last.first() < last.last(), "{load}: {last:?}\n{}", self.output);
+        for partition in self.report["partitions"].as_array().into_iter().flatten() {
+            assert!(partition["stuck"].is_null(), "{partition:#}\n{}", self.output);
+        }
+    }
+
+    /// What a load of Linux said again and again that it had done.
+    fn done(&self, load: &str) -> Vec<u64> {
+        let before = format!("takt-load: {load} ");
         let told = |line: &str| -> Option<u64> {
-            line.split_once("takt-load: compile ")?.1.split(' ').next()?.parse().ok()
+            line.split_once(&before)?.1.split(' ').next()?.parse().ok()
         };
-        self.output.lines().filter_map(told).max().unwrap_or(0)
+        self.output.lines().filter_map(told).collect()
     }
 
     /// Fails unless a PLC kept every release, and there were at least so many.
@@ -242,7 +264,8 @@ pub struct Run<'a> {
     options: Vec<&'a str>,
     dialogue: Vec<(&'a str, &'a str)>,
     traced: bool,
-    timeout_s: &'a str,
+    /// See [`timeout_s`].
+    least_timeout_s: u32,
 }
 
 impl<'a> Run<'a> {
@@ -257,7 +280,7 @@ impl<'a> Run<'a> {
             options: Vec::new(),
             dialogue: Vec::new(),
             traced: false,
-            timeout_s: if long() { LONG_TIMEOUT_S } else { TIMEOUT_S },
+            least_timeout_s: 0,
         }
     }
 
@@ -295,10 +318,10 @@ impl<'a> Run<'a> {
         self.with("--hook").with(option)
     }
 
-    /// Given up after this much real time, in seconds, if not after a quarter of an hour.
+    /// Not given up before so much real time, in seconds; see [`timeout_s`].
     #[must_use]
-    pub fn given_up_after(self, timeout_s: &'a str) -> Self {
-        Self { timeout_s, ..self }
+    pub fn given_up_after(self, least_timeout_s: u32) -> Self {
+        Self { least_timeout_s, ..self }
     }
 
     /// As `scripts/run jitter`.
@@ -353,7 +376,7 @@ impl<'a> Run<'a> {
         if self.traced {
             command.arg("--trace").arg(&trace);
         }
-        command.args(&self.options).env("TAKT_TIMEOUT", self.timeout_s);
+        command.args(&self.options).env("TAKT_TIMEOUT", timeout_s(self.least_timeout_s));
         built(&mut command);
         let stdin = if self.dialogue.is_empty() { Stdio::null() } else { Stdio::piped() };
         let mut child = command

@@ -10,7 +10,7 @@ fn draw(status: u8, readable: &[&str]) -> (String, String) {
         "set -euo pipefail; source {source}; work=$(mktemp -d); trap 'rm -rf \"$work\"' EXIT
          result() {{ [[ \" {} \" == *\" $1 \"* ]] && echo '{{}}'; }}
          drawn() {{ echo \"$@\" >&2; return 5; }}
-         takt=drawn; jitter_options=(--max-lost 0); command_line=run; status={status}
+         takt=drawn; jitter_options=(--max-lost 0); command_line=run; duration=60s; status={status}
          draw; echo $status",
         readable.join(" ")
     );
@@ -69,5 +69,7 @@ fn a_run_that_failed_keeps_its_status_with_and_without_figures() {
         let (status, said) = draw(status, &both);
         assert_eq!(status, expected, "{said}");
         assert!(said.contains("jitter render") && said.contains("--max-lost 0"), "{said}");
+        // A run that was cut short keeps no limit, and what draws has to know.
+        assert!(said.contains("--for 60s"), "{said}");
     }
 }

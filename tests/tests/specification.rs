@@ -65,3 +65,19 @@ fn the_specification_tells_which_tests_run_in_the_long_form_only() {
     assert!(rows > 5, "{rows} rows");
     assert!(untold.is_empty(), "{untold:#?}");
 }
+
+/// Without the option cargo runs none that takes long, and ends well.
+#[test]
+fn each_command_for_a_test_of_a_whole_machine_runs_it() {
+    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("it has one").join("docs");
+    let mut commands = 0;
+    for page in fs::read_dir(docs).expect("the pages are there") {
+        let path = page.expect("it can be listed").path();
+        let text = if path.is_file() { fs::read_to_string(&path).expect("a text") } else { continue };
+        for line in text.lines().filter(|line| line.contains("--test nested ")) {
+            commands += 1;
+            assert!(line.contains("--include-ignored"), "{}: {line}", path.display());
+        }
+    }
+    assert!(commands > 3, "{commands}");
+}

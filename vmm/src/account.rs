@@ -23,6 +23,7 @@ use crate::life::{Effects, Event, Finished, Life};
 use crate::live::Banks;
 use crate::load;
 use crate::power_button::PowerButton;
+use crate::report;
 use crate::restart::Restart;
 use crate::samples::{Course, Recorder};
 use crate::screen::Screen;
@@ -158,7 +159,7 @@ impl Account {
         Some(self.samples.as_ref()?.course(&self.name, self.releases.as_ref()?))
     }
 
-    /// What the load of its Linux has got done until the end of the run.
+    /// What the load of its Linux has got done until it was asked to switch itself off, or until the end of the run.
     #[must_use]
     pub fn load_course(&self, end: Nanos) -> Option<load::Course> {
         self.load.as_ref()?.course(&self.name, end)
@@ -205,10 +206,11 @@ impl Account {
         }
     }
 
-    /// Records of its windows for which there was no room since the epoch: its figures lack them.
+    /// The figures of its releases up to now, with the count of windows that they lack; `None` if it has none.
     #[must_use]
-    pub fn unrecorded(&self) -> u64 {
-        self.records.as_ref().map_or(0, RecordReader::unrecorded)
+    pub fn figures(&self) -> Option<report::Releases> {
+        let unrecorded = self.records.as_ref().map_or(0, RecordReader::unrecorded);
+        Some(self.releases.as_ref()?.report(unrecorded))
     }
 
     /// Time in its windows that no other partition could use. A guest that does not say when it is done stays in them, and
@@ -228,6 +230,10 @@ impl Account {
         let (up, runs) = (self.life.is_up(), self.control.has_guest());
         if up && runs {
             button.press(now);
+            // A Linux that switches itself off makes no load any more, and the run waits for it.
+            if let Some(load) = &mut self.load {
+                load.end(now);
+            }
         }
         let patience = runs.then(|| button.patience());
         self.step(Event::RunOver);

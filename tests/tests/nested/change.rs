@@ -14,7 +14,7 @@ use std::process::Command;
 
 use takt_program::build::{Builder, Task, Variable};
 use takt_program::{Area, CodeOffset, Elementary, Nanoseconds, Version, signature};
-use takt_tests::{Value, root, target};
+use takt_tests::{Value, root, target, timeout_s};
 
 const PRIVATE: [u8; 32] = [3; 32];
 
@@ -232,7 +232,7 @@ fn run() -> (Vec<Value>, String, Value) {
         .arg(root().join("tests/host/change"))
         .arg(folder.join("change.toml"))
         .arg(&folder)
-        .env("TAKT_TIMEOUT", "900")
+        .env("TAKT_TIMEOUT", timeout_s(0))
         .output()
         .unwrap();
     let read = |name: &str| fs::read_to_string(out.join(name)).unwrap_or_default();

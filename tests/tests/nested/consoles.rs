@@ -140,7 +140,7 @@ fn consoles_are_attached_and_detached_under_load_and_no_release_moves() {
     let log = plant.file.with_extension("log");
     fs::write(&log, "before\n").unwrap();
     let outcome = thread::scope(|scope| {
-        let run = plant.text.run("consoles").until("the end is 7").given_up_after("3000");
+        let run = plant.text.run("consoles").until("the end is 7").given_up_after(3_000);
         let run = scope.spawn(move || run.run());
         let mut second = plant.attach("second");
         second.until("linux# ");
@@ -182,7 +182,7 @@ fn hostile_clients_of_a_console_move_no_release_and_hold_up_no_guest() {
     let plant = Plant::new("consoles-hostile");
     let over = AtomicBool::new(false);
     let (outcome, flood) = thread::scope(|scope| {
-        let run = plant.text.run("consoles-hostile").until("the end is 7").given_up_after("3000");
+        let run = plant.text.run("consoles-hostile").until("the end is 7").given_up_after(3_000);
         let run = scope.spawn(move || run.run());
         let mut second = plant.attach("second");
         second.until("linux# ");

@@ -3,7 +3,7 @@
 use std::fs;
 use std::process::Command;
 
-use takt_tests::{Value, plc_image, root, target};
+use takt_tests::{Value, plc_image, root, target, timeout_s};
 
 /// Two PLCs that send each other a record in each cycle, in a state and in a queue.
 const FILE: &str = r#"
@@ -90,7 +90,7 @@ fn run() -> (Vec<Value>, Value) {
         .arg(root().join("tests/host/control"))
         // The path that the file has there, too.
         .arg(fs::canonicalize(&file).unwrap())
-        .env("TAKT_TIMEOUT", "900")
+        .env("TAKT_TIMEOUT", timeout_s(0))
         .output()
         .unwrap();
     let read = |name: &str| fs::read_to_string(out.join(name)).unwrap_or_default();

@@ -66,7 +66,7 @@ fn live_of(
     build_clients();
     let shell = root().join("target/x86_64-unknown-linux-gnu/debug/takt-shell");
     let host = Host::new()
-        .given_up_after(&(3_000 + 300 * lives).to_string())
+        .given_up_after(6_000 + 300 * lives as u32)
         .with("--module", "tun")
         .with("--module", "vhost_net")
         .with("--module", "vhost_vsock")

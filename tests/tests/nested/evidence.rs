@@ -68,6 +68,7 @@ pub fn assert_stressed(outcome: &Outcome, end: u64) {
     let forks = largest(outcome, "takt-load: stress ");
     // Processes that fork have what the timers leave: 28 a second on Linux 6.12.
     assert!(forks > 10 * (end + 1), "{forks} forks\n{}", outcome.output);
+    outcome.assert_loaded_until_the_end("stress");
     assert!(!outcome.output.contains("stress-ng has ended"), "{}", outcome.output);
     // Of 20,000 a second, some fall together while Linux starts processes.
     let timers = largest(outcome, "LOC: ");

@@ -188,7 +188,7 @@ fn a_debian_that_restarts_a_hundred_times_costs_a_neighbour_nothing_and_takt_doe
     for quarter in [0, 4_000, 8_000, 12_000] {
         file = file.window("good", quarter, 200);
     }
-    let outcome = file.run("debian-restarts").lasting("200s").given_up_after("5400").run();
+    let outcome = file.run("debian-restarts").lasting("200s").given_up_after(5_400).run();
     assert_eq!(outcome.status, 4, "{}", outcome.output);
     for name in ["turns", "linux"] {
         assert_eq!(outcome.number(name, "restarts"), starts, "{}", outcome.output);
@@ -196,7 +196,7 @@ fn a_debian_that_restarts_a_hundred_times_costs_a_neighbour_nothing_and_takt_doe
     let ends = |error: &str| outcome.number("linux", &format!("events.totals.{error}"));
     let (resets, faults) = (ends("partition-reset"), ends("processor-shutdown"));
     assert_eq!(resets + faults, starts + 1, "{}", outcome.output);
-    let said = |what: &str| outcome.output.matches(&format!("{what} under 6.1.0-")).count() as u64;
+    let said = |what: &str| outcome.output.matches(&format!("{what} under ")).count() as u64;
     let (reset, fault, panic) = (said("a reset"), said("a triple fault"), said("a panic"));
     assert_eq!((reset + panic, fault), (resets, faults), "{}", outcome.output);
     outcome.assert_kept_its_time("turns", 100 * starts);

@@ -6,7 +6,7 @@ use std::fs;
 use std::process::Command;
 
 use takt_test_programs::{Entry, Program, cyclic, us};
-use takt_tests::{Value, long, plc_image, root, save_bytes, target};
+use takt_tests::{Value, long, plc_image, root, save_bytes, target, timeout_s};
 
 /// Two programs, of which the first publishes counters that agree after each job.
 const FILE: &str = r#"
@@ -76,7 +76,7 @@ fn run(time: &str, lines: usize) -> Told {
         // The path that the file has there, too.
         .arg(fs::canonicalize(&file).unwrap())
         .args([time, &lines.to_string()])
-        .env("TAKT_TIMEOUT", "3000")
+        .env("TAKT_TIMEOUT", timeout_s(3_000))
         .output()
         .unwrap();
     let read = |name: &str| fs::read_to_string(out.join(name)).unwrap_or_default();

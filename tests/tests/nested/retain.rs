@@ -11,7 +11,7 @@ use std::process::Command;
 use takt_program::build::{Builder, Task, Variable};
 use takt_program::{Area, CodeOffset, Elementary, Flags, Nanoseconds};
 use takt_retain::Generation;
-use takt_tests::{File, Value, plc_image, root, save_bytes, target};
+use takt_tests::{File, Value, plc_image, root, save_bytes, target, timeout_s};
 
 use super::st;
 
@@ -153,7 +153,7 @@ fn what_is_retained_outlives_restarts_and_the_death_of_takt() {
         .arg(&out)
         .arg(root().join("tests/host/retain"))
         .arg(&folder)
-        .env("TAKT_TIMEOUT", "900")
+        .env("TAKT_TIMEOUT", timeout_s(0))
         .output()
         .unwrap();
     let read = |name: &str| fs::read_to_string(out.join(name)).unwrap_or_default();

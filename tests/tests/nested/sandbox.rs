@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use takt_tests::{File, Host, Value, long, parse, plc_image, root, target};
+use takt_tests::{File, Host, Value, long, parse, plc_image, root, target, timeout_s};
 
 use crate::devices::PRINTER;
 
@@ -33,7 +33,8 @@ impl Looked {
         }
         command.args(options).arg("--out").arg(&folder);
         command.arg(root().join("tests/host").join(script)).arg(&file).args(arguments);
-        let output = command.env("TAKT_TIMEOUT", "900").output().expect("scripts/host starts");
+        let output = command.env("TAKT_TIMEOUT", timeout_s(0)).output();
+        let output = output.expect("scripts/host starts");
         let this = Self { folder };
         let told =
             String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);

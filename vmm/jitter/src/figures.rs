@@ -9,8 +9,8 @@ use std::path::Path;
 
 use serde::Deserialize;
 use serde::de::{DeserializeOwned, Error as _, IgnoredAny};
-use takt_figures::load::{self, Standstill};
-use takt_figures::report::{self, Host, Partition, PowerOff, Releases, Report};
+use takt_figures::load;
+use takt_figures::report::{self, Host, Partition, Releases, Report};
 use takt_figures::samples::{self, Course, POINTS_MAX, Samples};
 
 use crate::error::{JitterError, reading};
@@ -37,7 +37,7 @@ pub struct Figures {
     pub partitions: Vec<Partition>,
     /// Of partitions with releases, by their names.
     pub courses: Vec<Course>,
-    /// What loads have got done until their Linux was asked to switch itself off.
+    /// What loads have got done.
     pub loads: Vec<load::Course>,
 }
 
@@ -82,11 +82,6 @@ pub fn read(report: &Path, samples: &Path) -> Result<(serde_json::Value, Figures
     }
     for load in &mut loads {
         load.points.truncate(load::POINTS_MAX);
-        let linux = partitions.iter().find(|partition| partition.name == load.partition);
-        // A Linux that switches itself off makes no load any more, and the run waits for it.
-        if let Some(PowerOff { asked_ns, .. }) = linux.and_then(|linux| linux.power_off) {
-            end_at(load, asked_ns);
-        }
     }
     let last_switch_ns = schedule.last_switch_ns;
     let figures = Figures {
@@ -101,15 +96,6 @@ pub fn read(report: &Path, samples: &Path) -> Result<(serde_json::Value, Figures
         loads,
     };
     Ok((raw, figures))
-}
-
-/// Leaves out what a load did, and did not do, after this time.
-fn end_at(load: &mut load::Course, end: u64) {
-    let cut =
-        |standstill: Standstill| Standstill { to_ns: standstill.to_ns.min(end), ..standstill };
-    let (longest, ended) = (cut(load.standstill), cut(load.ended_standstill));
-    load.standstill = if ended.duration() > longest.duration() { ended } else { longest };
-    load.points.retain(|point| point.0 <= end);
 }
 
 /// Every PLC has releases. Where one of their keys is missing or wrong, [`Report`] takes the partition for one without

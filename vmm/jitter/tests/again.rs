@@ -164,34 +164,6 @@ fn a_run_in_which_the_schedule_has_changed_keeps_no_limit() {
 }
 
 #[test]
-fn a_load_may_end_when_its_linux_is_asked_to_switch_itself_off() {
-    let progressed = |from: u64, to: u64| json!({ "from_ns": from, "to_ns": to, "lines": 0 });
-    let run = |name: &str, asked: Option<u64>, before: (u64, u64)| {
-        changed(name, |report, samples| {
-            report["duration_ns"] = 8_000_000_000_u64.into();
-            if let Some(asked_ns) = asked {
-                report["partitions"][1]["power_off"] =
-                    json!({ "asked_ns": asked_ns, "took_ns": 5_000_000_000_u64 });
-            }
-            let load = &mut samples["loads"][0];
-            load["standstill"] = progressed(1_840_000_000, 8_000_000_000);
-            load["ended_standstill"] = progressed(before.0, before.1);
-        })
-    };
-    let asked = Some(3_000_000_000);
-    let options = [&KEPT[..], &["--load", "compile"]].concat();
-    let (short, long) = ((0, 1), (900_000_000, 2_900_000_000));
-    shown(&run("off", asked, short), &options, 0);
-    let told = |folder: PathBuf, expected: &str| {
-        let shown = shown(&folder, &options, 5);
-        assert!(shown.contains(expected), "{shown}");
-    };
-    told(run("on", None, short), "the load compile stood still for 6.160 s");
-    told(run("off-late", Some(3_840_000_000), short), "the load compile stood still for 2.000 s");
-    told(run("off-before", asked, long), "the load compile stood still for 2.000 s, from 0.900 s");
-}
-
-#[test]
 fn the_progress_that_is_shown_is_that_of_the_linux_without_proof() {
     let folder = changed("two-linuxes", |report, samples| {
         add_partition(report, 1, "second");

@@ -191,6 +191,7 @@ pub struct ReleaseStatus {
     /// Releases that never happened.
     pub lost: u64,
     /// Records of windows that Takt had no room for: the figures here lack them.
+    #[serde(default)]
     pub unrecorded: u64,
     /// Wake-ups that came later than the guard can absorb: their releases were late, or lost as well.
     pub late: u64,

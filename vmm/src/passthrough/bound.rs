@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use super::error::DeviceError;
 use crate::appliance::{self, Role};
+use crate::terminal::tell;
 
 /// The file of a function that names the only driver which may be bound to it.
 pub(super) const OVERRIDE: &str = "driver_override";
@@ -127,7 +128,10 @@ impl Drop for Bound {
     fn drop(&mut self) {
         if let Err(error) = self.give_back() {
             let driver = self.driver.file_name().unwrap_or_default().to_string_lossy();
-            eprintln!("takt: cannot take the driver {driver} from {}: {error}", self.name);
+            tell(format_args!(
+                "takt: cannot take the driver {driver} from {}: {error}",
+                self.name
+            ));
         }
     }
 }

@@ -58,7 +58,7 @@ fn changes_beside_a_linux_that_compiles_take_10_us_and_move_no_release() {
         .into_iter()
         .fold(host, |host, path| host.with_file(path));
     let arguments = [file.to_str().unwrap(), folder.to_str().unwrap(), &times.to_string(), longest];
-    let outcome = host.given_up_after("3000").run("change-often", &arguments);
+    let outcome = host.given_up_after(3_000).run("change-often", &arguments);
     assert_eq!(outcome.status, 0, "{}", outcome.output);
 
     let read = |name: &str| fs::read_to_string(out.join(name)).unwrap();

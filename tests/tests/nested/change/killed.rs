@@ -37,7 +37,7 @@ fn after_a_kill_at_any_instant_of_a_change_the_old_or_the_new_version_starts_who
     let host = [&file, &image, &old, &new, &kernel].into_iter().fold(host, |h, p| h.with_file(p));
     let paths = [&file, &image, &old, &new].map(|path| path.to_str().unwrap());
     let arguments = [&paths[..], &[&hashes[0], &hashes[1], kills]].concat();
-    let outcome = host.given_up_after("3000").run("change-killed", &arguments);
+    let outcome = host.given_up_after(3_000).run("change-killed", &arguments);
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     assert!(!outcome.output.contains("wrong: "), "{}", outcome.output);
     outcome.assert_shows(&format!("killed {kills} times: "));

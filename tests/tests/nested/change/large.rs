@@ -238,7 +238,7 @@ fn a_megabyte_gets_another_layout_and_no_cycle_is_lost() {
         .fold(host, |host, path| host.with_file(path));
     let (file, folder) = (file.to_str().unwrap(), folder.to_str().unwrap());
     let arguments = [file, folder, longest, "compiling"];
-    let outcome = host.given_up_after("3000").run("change-large", &arguments);
+    let outcome = host.given_up_after(3_000).run("change-large", &arguments);
     let read = |name: &str| fs::read_to_string(out.join(name)).unwrap_or_default();
     assert_eq!(outcome.status, 0, "{}\n{}", outcome.output, read("answer"));
     let load: Vec<u64> = read("load").lines().map(|line| line.parse().unwrap()).collect();
@@ -376,7 +376,7 @@ fn run_busy(test: &str, order: &str) -> (Told, Outcome) {
     let needed = [&file, &folder, &first, &kernel];
     let host = needed.into_iter().fold(host, |host, path| host.with_file(path));
     let arguments = [file.to_str().unwrap(), folder.to_str().unwrap(), "20s"];
-    let outcome = host.given_up_after("600").run_as(test, "change-large", &arguments);
+    let outcome = host.given_up_after(600).run_as(test, "change-large", &arguments);
     let answer = fs::read_to_string(out.join("answer")).unwrap_or_default();
     assert_eq!(outcome.status, 0, "{}\n{answer}", outcome.output);
     (Told::read(&out), outcome)

@@ -309,7 +309,7 @@ fn ten_versions_follow_each_other_and_each_value_is_that_of_the_model() {
     let host =
         [&file, &folder, &image, &kernel].into_iter().fold(host, |host, path| host.with_file(path));
     let arguments = [file.to_str().unwrap(), folder.to_str().unwrap(), longest];
-    let outcome = host.given_up_after("6000").run("change-versions", &arguments);
+    let outcome = host.given_up_after(6_000).run("change-versions", &arguments);
     let read = |name: &str| fs::read_to_string(out.join(name)).unwrap_or_default();
     assert_eq!(outcome.status, 0, "{}\n{}", outcome.output, read("takt"));
 

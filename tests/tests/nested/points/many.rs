@@ -128,7 +128,7 @@ fn ten_thousand_values_and_a_hundred_forced_ones_move_no_release() {
     let arguments = [file, folder, alone, time, &lines.to_string()];
     let out = target("tests").join("many-points.out");
     let _ = fs::remove_dir_all(&out);
-    let outcome = host.given_up_after("3000").run("many-points", &arguments);
+    let outcome = host.given_up_after(3_000).run("many-points", &arguments);
     let said = fs::read_to_string(out.join("takt")).unwrap_or_default();
     assert_eq!(outcome.status, 0, "{}\n{said}", outcome.output);
 

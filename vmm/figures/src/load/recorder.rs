@@ -38,9 +38,6 @@ pub struct Course {
     pub points: Vec<(u64, u64)>,
     /// The longest time without progress.
     pub standstill: Standstill,
-    /// The longest of those after which there was progress again: it is in the course wherever that is cut off later.
-    #[serde(default)]
-    pub ended_standstill: Standstill,
 }
 
 /// A time without progress.
@@ -48,7 +45,7 @@ pub struct Course {
 pub struct Standstill {
     /// When the count had grown last.
     pub from_ns: u64,
-    /// When it grew again, or the end of the run.
+    /// When it grew again, or the end of the course.
     pub to_ns: u64,
     /// Lines of the load in between: a load that speaks and does nothing is one, and a Linux that is
     /// silent another.
@@ -68,6 +65,8 @@ impl Standstill {
 pub struct Recorder {
     lines: Lines,
     kept: Option<Kept>,
+    /// When the load was over, if that was before the run's end.
+    ended: Option<Nanos>,
 }
 
 #[derive(Debug)]
@@ -87,7 +86,7 @@ struct Kept {
 impl Recorder {
     /// Takes what the console has shown, at `now` after the epoch.
     pub fn add(&mut self, bytes: &[u8], now: Nanos) {
-        let Self { lines, kept } = self;
+        let Self { lines, kept, ended: None } = self else { return };
         lines.add(bytes, |line| {
             if let Some(word) = Word::of(line) {
                 kept.get_or_insert_with(|| Kept::new(&word, now.0)).add(&word, now.0);
@@ -95,10 +94,15 @@ impl Recorder {
         });
     }
 
-    /// The course until the end of the run; `None` if there was no load.
+    /// The load is over: the course ends here, whatever the console shows later.
+    pub fn end(&mut self, now: Nanos) {
+        self.ended.get_or_insert(now);
+    }
+
+    /// The course until the load was over, or until the end of the run; `None` if there was no load.
     #[must_use]
     pub fn course(&self, partition: &str, end: Nanos) -> Option<Course> {
-        let kept = self.kept.as_ref()?;
+        let (kept, end) = (self.kept.as_ref()?, self.ended.unwrap_or(end));
         let (partition, standstill) = (partition.to_owned(), kept.longest(end.0));
         Some(Course { partition, standstill, ..kept.course.clone() })
     }
@@ -117,8 +121,8 @@ impl Kept {
                 last_line_ns: at,
                 lines: 0,
                 points,
-                standstill: Standstill::default(),
-                ended_standstill: Standstill { from_ns: at, to_ns: at, lines: 0 },
+                // Of those after which there was progress again. The last one is added at the end.
+                standstill: Standstill { from_ns: at, to_ns: at, lines: 0 },
             },
             count: word.count,
             before: 0,
@@ -136,7 +140,7 @@ impl Kept {
         self.course.lines += 1;
         self.course.last_line_ns = at;
         if word.count > self.count {
-            self.course.ended_standstill = self.longest(at);
+            self.course.standstill = self.longest(at);
             (self.count, self.progressed, self.idle_lines) = (word.count, at, 0);
             self.push((at, self.before.saturating_add(self.count)));
             return;
@@ -153,7 +157,7 @@ impl Kept {
     /// The longest time without progress, with the one that lasts at this time.
     fn longest(&self, now: u64) -> Standstill {
         let lasting = Standstill { from_ns: self.progressed, to_ns: now, lines: self.idle_lines };
-        let ended = self.course.ended_standstill;
+        let ended = self.course.standstill;
         if lasting.duration() > ended.duration() { lasting } else { ended }
     }
 

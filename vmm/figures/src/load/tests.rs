@@ -36,7 +36,25 @@ fn the_longest_standstill_is_known_with_its_lines() {
     assert_eq!(standstill, Standstill { from_ns: SECOND, to_ns: 4 * SECOND, lines: 2 });
     let to_the_end = course(&lines, 9 * SECOND).unwrap();
     let lasting = Standstill { from_ns: 4 * SECOND, to_ns: 9 * SECOND, lines: 0 };
-    assert_eq!((to_the_end.standstill, to_the_end.ended_standstill), (lasting, standstill));
+    assert_eq!(to_the_end.standstill, lasting);
+}
+
+#[test]
+fn what_comes_after_the_end_of_a_load_is_none_of_it_and_hides_nothing() {
+    let mut recorder = Recorder::default();
+    let add = |recorder: &mut Recorder, at, count| {
+        recorder.add(format!("takt-load: cpu {count} MiB\n").as_bytes(), Nanos(at));
+    };
+    add(&mut recorder, 0, 0);
+    add(&mut recorder, 5 * SECOND, 1);
+    add(&mut recorder, 8 * SECOND, 2);
+    recorder.end(Nanos(9 * SECOND));
+    // Longer than all before, and ended.
+    add(&mut recorder, 20 * SECOND, 3);
+    recorder.end(Nanos(21 * SECOND));
+    let course = recorder.course("linux", Nanos(30 * SECOND)).unwrap();
+    assert_eq!(course.standstill, Standstill { from_ns: 0, to_ns: 5 * SECOND, lines: 0 });
+    assert_eq!((course.points.len(), course.last_line_ns, course.lines), (3, 8 * SECOND, 2));
 }
 
 #[test]

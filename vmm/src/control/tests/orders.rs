@@ -5,7 +5,7 @@ use takt_devices::watchdog::Timer;
 use takt_scheduler::schedules::{ScheduleId, Schedules};
 use takt_scheduler::switch::Switch;
 use takt_scheduler::table::{Cpu, PartitionId, Placement, Role, Window};
-use takt_scheduler::time::{Nanos, Tsc};
+use takt_scheduler::time::{Nanos, Timebase, Tsc, TscFrequency};
 use vmm_sys_util::eventfd::EventFd;
 
 use super::super::Outcome;
@@ -26,7 +26,7 @@ use crate::vcpu::first_state::FirstState;
 use crate::vcpu::guest::End;
 use crate::vcpu::plc::PlcGuest;
 use crate::vcpu::records::records;
-use takt_record::WindowAssembler;
+use takt_record::{Record, Skipped, WindowAssembler};
 
 const RAM: u64 = 4 << 20;
 
@@ -346,6 +346,33 @@ fn a_restart_that_was_ordered_before_the_end_does_not_follow() {
     assert_eq!(left(&mut linux, End::Stopped), None);
     assert_eq!((linux.life.state(), linux.life.restarts()), (State::Ended, 0));
     assert!(revivals.take().unwrap().is_none());
+}
+
+#[test]
+fn figures_say_how_many_windows_they_lack() {
+    let (mut plc, _revivals) = account();
+    let (mut writer, reader) = records(1);
+    plc.records = Some(reader);
+    assert!(plc.figures().is_none(), "before the epoch");
+    let frequency = TscFrequency::from_khz(1_000_000).unwrap();
+    plc.start(Timebase { epoch: Tsc(0), frequency }, false);
+    let record = Record::Skipped(Skipped { count: 1, due: Tsc(0), woken: Tsc(0) });
+    (0..3).for_each(|_| writer.push(record));
+    assert_eq!(plc.figures().unwrap().unrecorded, 2);
+}
+
+#[test]
+fn a_load_ends_when_its_linux_is_asked_to_power_off() {
+    let (mut linux, _wire, _revivals) = linux_with_a_button();
+    linux.is_terminal = true;
+    let frequency = TscFrequency::from_khz(1_000_000).unwrap();
+    linux.start(Timebase { epoch: Tsc(0), frequency }, true);
+    linux.load.as_mut().unwrap().add(b"takt-load: cpu 0 MiB\n", Nanos(10));
+    linux.control.enter_guest();
+    linux.ask_to_power_off(Nanos(15)).unwrap();
+    linux.load.as_mut().unwrap().add(b"takt-load: cpu 1 MiB\n", Nanos(20));
+    let course = linux.load_course(Nanos(99)).unwrap();
+    assert_eq!((course.points, course.standstill.to_ns), (vec![(10, 0)], 15));
 }
 
 #[test]
