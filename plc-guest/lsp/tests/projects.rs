@@ -234,6 +234,15 @@ fn a_name_of_a_library_that_another_project_uses_stays() {
         editor.path("tank").display()
     );
     assert_eq!(refused, says);
+    // Which texts it has is not known any more.
+    editor.write("tank/takt-plc.toml", &TANK.replace("libraries", "libaries"));
+    editor.look();
+    let refused = editor.rename("lib/twice.st", (0, 9), "Double").unwrap_err();
+    let project = editor.path("tank");
+    let says = format!("not all uses can be seen: the project {} is open: ", project.display());
+    assert!(refused.starts_with(&says), "{refused}");
+    editor.write("tank/takt-plc.toml", TANK);
+    editor.look();
     // The project's own names are its own.
     editor.open("tank/main.st", MAIN);
     editor.rename("tank/main.st", (0, 8), "Other").unwrap();
