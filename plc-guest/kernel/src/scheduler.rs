@@ -267,6 +267,7 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         for id in self.tasks_of(program) {
             let task = &mut self.tasks[id.index()];
             task.cycle = 0;
+            task.cut = false;
             task.watchdog.forget();
             if task.settings.release == Release::Start {
                 self.release(id, now);
@@ -536,6 +537,7 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
                 (task.watchdog.ended(executed) && !task.exceeded).then_some(Violation::Budget);
         }
         let starting = (task.settings.release == Release::Start).then_some(task.settings.program);
+        task.cut = false;
         self.retire(id, now);
         if let Some(program) = starting {
             self.run(program, now);
@@ -549,7 +551,9 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
             return;
         }
         self.give_all(id);
-        count(&mut self.tasks[id.index()].statistics.skipped, 1);
+        let task = &mut self.tasks[id.index()];
+        task.cut |= task.started;
+        count(&mut task.statistics.skipped, 1);
         if self.running == Some(id) {
             self.running = None;
         }

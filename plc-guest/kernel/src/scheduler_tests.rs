@@ -284,6 +284,22 @@ fn a_skipped_job_gives_back_what_it_holds_and_the_task_goes_on() {
     assert_eq!((at(&mut s, 50), at(&mut s, 100)), (None, Some(0)));
     let statistics = s.task(TaskId(0)).statistics();
     assert_eq!((statistics.jobs, statistics.skipped), (0, 1));
+    // What it has written is half written until a job of it has come to its end.
+    assert!(s.task(TaskId(0)).was_cut());
+    s.end(Instant(110));
+    assert!(!s.task(TaskId(0)).was_cut());
+}
+
+#[test]
+fn a_job_that_has_not_begun_leaves_nothing_half_written() {
+    let mut s = started(&[cyclic(100, 0, 1), cyclic(100, 0, 2)]);
+    assert_eq!(at(&mut s, 0), Some(0));
+    s.skip(TaskId(1), Instant(10));
+    assert!(!s.task(TaskId(1)).was_cut());
+    s.skip(TaskId(0), Instant(10));
+    assert!(s.task(TaskId(0)).was_cut());
+    s.start(PROGRAM, Instant(100));
+    assert!(!s.task(TaskId(0)).was_cut());
 }
 
 #[test]
