@@ -315,7 +315,7 @@ fn wait_for_room(file: &File) -> io::Result<()> {
 }
 
 /// Whether something can be written, after at most so many milliseconds.
-fn has_room(file: &impl AsRawFd, at_most: libc::c_int) -> io::Result<bool> {
+pub fn has_room(file: &impl AsRawFd, at_most: libc::c_int) -> io::Result<bool> {
     let mut entry = libc::pollfd { fd: file.as_raw_fd(), events: libc::POLLOUT, revents: 0 };
     // SAFETY: one live entry.
     match unsafe { libc::poll(&raw mut entry, 1, at_most) } {

@@ -79,6 +79,30 @@ impl Recording {
         Ok(Self { file, length: metadata.len() })
     }
 
+    /// As [`open`](Self::open), for records with messages of at most `maximum` bytes. A run that was cut off may have left a
+    /// part of a record: that is taken away, since a later one must not lie behind it. Gives how many bytes it had.
+    ///
+    /// # Errors
+    /// Also if the file has other things than such records; then nothing is taken away.
+    pub fn open_records(path: &Path, maximum: usize) -> io::Result<(Self, u64)> {
+        let mut this = Self::open(path)?;
+        let mut records = BufReader::new(OpenOptions::new().read(true).open(path)?);
+        let (mut buffer, mut whole) = (vec![0; maximum], 0);
+        for number in 1.. {
+            match read(&mut records, &mut buffer, number) {
+                Ok(Some(message)) => whole += (HEADER + message.len()) as u64,
+                Ok(None) | Err(Broken::Cut(_)) => break,
+                Err(broken) => return Err(io::Error::other(broken)),
+            }
+        }
+        let cut = this.length.saturating_sub(whole);
+        if cut > 0 {
+            this.file.set_len(whole)?;
+            this.length = whole;
+        }
+        Ok((this, cut))
+    }
+
     /// Room for what waits for it, if a message has so many bytes at most.
     #[must_use]
     pub fn quota(maximum: usize) -> usize {
@@ -323,6 +347,27 @@ mod tests {
             let error = read(&mut &bytes[..], &mut [0; 4], 9).unwrap_err();
             assert_eq!(error.to_string(), expected);
         }
+    }
+
+    #[test]
+    fn a_record_that_was_cut_off_is_taken_away_and_nothing_else_is() {
+        let folder = vmm_sys_util::tempdir::TempDir::new().unwrap();
+        let path = folder.as_path().join("records");
+        let whole = [record(3, b"one"), record(4, b"four")].concat();
+        for cut in [0, 1, HEADER, HEADER + 3] {
+            let last = record(4, b"last");
+            std::fs::write(&path, [&whole[..], &last[..cut]].concat()).unwrap();
+            let (mut recording, taken) = Recording::open_records(&path, 4).unwrap();
+            assert_eq!(taken, cut as u64);
+            recording.put(&last, &mut |_| {}).unwrap();
+            assert_eq!(std::fs::read(&path).unwrap(), [&whole[..], &last[..]].concat());
+        }
+        // Records of a channel with longer messages, or no records at all.
+        let other = [record(5, b"fives"), record(4, b"fou")].concat();
+        std::fs::write(&path, &other).unwrap();
+        let refused = Recording::open_records(&path, 4).err().unwrap().to_string();
+        assert!(refused.contains("record 1 says that its message has 5 bytes"), "{refused}");
+        assert_eq!(std::fs::read(&path).unwrap(), other);
     }
 
     /// A disk that takes one record whenever it is told to.

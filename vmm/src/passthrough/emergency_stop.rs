@@ -13,12 +13,14 @@
 //! All of it is safe in a signal handler: it allocates nothing, takes no lock, and calls only what is
 //! in every thread's list.
 
+use std::io;
 use std::panic;
 use std::ptr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicPtr, Ordering};
 
 use super::safe_values::SafeValues;
+use crate::outlet::has_room;
 use crate::vcpu::Control;
 
 /// How often, and how long each time, a thread is waited for: a second in all.
@@ -50,7 +52,10 @@ impl Armed {
             let next = panic::take_hook();
             panic::set_hook(Box::new(move |panic| {
                 do_it();
-                next(panic);
+                // The end of the process does not wait for a reader: the guardian does.
+                if has_room(&io::stderr(), 0).is_ok_and(|room| room) {
+                    next(panic);
+                }
             }));
         }
         Self(())

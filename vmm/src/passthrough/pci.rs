@@ -22,6 +22,7 @@ use super::vfio::Space;
 use super::vfio::device::Device;
 use crate::appliance::Role;
 use crate::interrupts::line::Line;
+use crate::outlet::last_line;
 use crate::terminal::tell;
 
 /// Kinds of a resource (`include/linux/ioport.h`).
@@ -316,7 +317,8 @@ impl Function {
 impl Drop for Function {
     fn drop(&mut self) {
         if let Err(error) = self.give_back() {
-            tell(format_args!("takt: cannot give {} back to the host: {error}", self.name));
+            let text = format!("cannot give {} back to the host: {error}", self.name);
+            last_line(&mut io::stderr(), &text);
         }
     }
 }

@@ -72,7 +72,7 @@ fn the_newest_stamp_is_that_of_what_would_be_read_and_counts_nothing() {
         assert_eq!(destination.newest_stamp(), Ok(Tsc(stamp)));
     }
     let before = destination.status();
-    channel.region.set(offset::WRITTEN, 1 << 63);
+    channel.region.poke(offset::WRITTEN, 1 << 63);
     assert!(matches!(destination.newest_stamp(), Err(ReadError::Hostile(_))));
     assert_eq!(destination.status(), before);
 }
