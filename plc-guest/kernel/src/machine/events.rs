@@ -121,6 +121,8 @@ impl Events {
                 }
                 Source::Interrupt { vector, armed } => {
                     if scheduler.task(*task).awaits_event() {
+                        // One that came before was asked for by the guest that ran here before this one.
+                        let _ = interrupt::taken(*vector);
                         interrupt::arm(*vector);
                         *armed = true;
                     }
