@@ -73,7 +73,8 @@ fn each_command_for_a_test_of_a_whole_machine_runs_it() {
     let mut commands = 0;
     for page in fs::read_dir(docs).expect("the pages are there") {
         let path = page.expect("it can be listed").path();
-        let text = if path.is_file() { fs::read_to_string(&path).expect("a text") } else { continue };
+        let text =
+            if path.is_file() { fs::read_to_string(&path).expect("a text") } else { continue };
         for line in text.lines().filter(|line| line.contains("--test nested ")) {
             commands += 1;
             assert!(line.contains("--include-ignored"), "{}: {line}", path.display());

@@ -119,7 +119,10 @@ fn a_hostile_driver_breaks_only_its_own_interface() {
                  do kill -0 $takt || break; packets flood % 1000; floods=$((floods + 1)); done; \
                  echo \"[host] $floods floods\" >>/out/console";
     let outcome = run("network-hostile", &file(&exec), &[flood]);
-    let told = outcome.output.lines().find_map(|line| line.strip_prefix("[host] ")?.strip_suffix(" floods"));
+    let told = outcome
+        .output
+        .lines()
+        .find_map(|line| line.strip_prefix("[host] ")?.strip_suffix(" floods"));
     let floods: u64 = told.and_then(|number| number.parse().ok()).unwrap_or(0);
     assert!(floods > 2, "{told:?}\n{}", outcome.output);
     let reached = count(&outcome, "to_guest.packets") + count(&outcome, "to_guest.dropped");

@@ -80,9 +80,7 @@ pub fn check(programs: &[CheckedProgram]) -> Result<(CheckedTasks, Vec<ProgramTa
     check_numbers(programs)?;
     let mut all: Vec<ProgramTask> =
         programs.iter().enumerate().flat_map(|(at, p)| tasks_of(at, p)).collect();
-    let too_often = |task: &&ProgramTask| {
-        matches!(task.release, Release::Event(minimum) if minimum < PERIOD_MIN)
-    };
+    let too_often = |task: &&ProgramTask| matches!(task.release, Release::Event(minimum) if minimum < PERIOD_MIN);
     if let Some(task) = all.iter().find(too_often) {
         return Err(often(task, programs[task.program].span.clone()));
     }

@@ -110,8 +110,8 @@ impl Operator for Operated<'_> {
                 cpu_share: cpu_time.0 as f64 / now.0.max(1) as f64,
                 illegal_accesses: account.health.count(Fault::IllegalRequest),
                 console_dropped: account.console_dropped(),
-                releases: account.figures().zip(account.releases.as_ref()).map(|(all, releases)| {
-                    ReleaseStatus {
+                releases: account.figures().zip(account.releases.as_ref()).map(
+                    |(all, releases)| ReleaseStatus {
                         happened: all.releases,
                         start_up_windows: all.start_up_windows,
                         lost: all.lost,
@@ -123,8 +123,8 @@ impl Operator for Operated<'_> {
                         release_latency_ns: all.release_latency_ns,
                         execution_ns: all.execution_ns,
                         wake_up_latency_ns: all.wake_up_latency_ns,
-                    }
-                }),
+                    },
+                ),
                 programs: programs::status(
                     &facts.programs,
                     self.live.figures(id),

@@ -101,7 +101,8 @@ mod tests {
     fn a_long_delay_takes_one_step_with_windows_and_without() {
         let plc = Placement { cpu: Cpu(0), role: Role::Windowed { guard: Nanos::ZERO } };
         let duration = Nanos::from_micros(300);
-        let window = Window { partition: PartitionId(0), offset: Nanos::ZERO, duration, period: FRAME };
+        let window =
+            Window { partition: PartitionId(0), offset: Nanos::ZERO, duration, period: FRAME };
         let schedules = Schedules::new(FRAME, &[plc], &[&[window], &[]]).unwrap();
         let timetable = schedules.timetable_on(Cpu(0)).unwrap();
         let board = ScheduleState::new(FRAME, 2);

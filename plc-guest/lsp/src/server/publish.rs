@@ -71,9 +71,10 @@ impl Server {
         }
         // Others may have messages about them, which these had taken the place of.
         let is_silent = |file: &File| silent.iter().any(|uri| uri == file.uri.as_str());
-        let others = self.analyses.iter().filter(|(other, all)| {
-            *other != project && all.files.iter().any(is_silent)
-        });
+        let others = self
+            .analyses
+            .iter()
+            .filter(|(other, all)| *other != project && all.files.iter().any(is_silent));
         self.waiting.extend(others.map(|(other, _)| other.clone()));
         if !now.is_empty() {
             self.published.insert(project.clone(), now);

@@ -1,7 +1,7 @@
 //! `takt plc record`: values of a PLC that runs, in each cycle around a trigger, in a file.
 
 use std::io::{self, BufWriter};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use takt_plan::parse_duration;
 use takt_points::{Plc, Point, cut, not_asked_for, ranges};
@@ -98,20 +98,21 @@ impl Record {
                 tell!("takt plc: {} stays as it was", self.out.display());
                 whole.map_err(failed)
             }
-            Some(successor) => whole.map_err(failed).and_then(|()| self.replace(successor)),
+            Some(successor) => whole.map_err(failed).and_then(|()| replace(&self.out, successor)),
             None => whole.map_err(failed),
         };
         let ended = if interrupt::came() { Err(interrupted()) } else { ended };
         kept.and(ended)
     }
+}
 
-    /// Puts the new recording into the place of the earlier one.
-    fn replace(&self, successor: Successor) -> Result<(), Failure> {
-        successor.take_place().map_err(|(error, new)| {
-            let kept = new.map_or(String::new(), |new| format!("; the recording is in {}", new.display()));
-            Failure::input(format!("cannot write {}: {error}{kept}", self.out.display()))
-        })
-    }
+/// Puts the new recording into the place of the earlier one.
+fn replace(out: &Path, successor: Successor) -> Result<(), Failure> {
+    successor.take_place().map_err(|(error, new)| {
+        let kept =
+            new.map_or(String::new(), |new| format!("; the recording is in {}", new.display()));
+        Failure::input(format!("cannot write {}: {error}{kept}", out.display()))
+    })
 }
 
 /// A line of values, if it has as many bytes as were asked for.

@@ -71,9 +71,8 @@ fn behind_holders(partition: &Partition) -> Vec<&str> {
     let waits = |(rank, task): &(usize, &ProgramTask)| {
         let mut less_urgent = tasks.iter().skip(rank + 1);
         // A freewheeling task without a budget is given no semaphore.
-        let takes = |other: &ProgramTask| {
-            other.release != Release::Freewheeling || other.budget.is_some()
-        };
+        let takes =
+            |other: &ProgramTask| other.release != Release::Freewheeling || other.budget.is_some();
         let holds = |other: &ProgramTask| {
             takes(other) && ceilings[other.program].is_some_and(|ceiling| ceiling <= task.priority)
         };

@@ -9,6 +9,7 @@ use takt_scheduler::sleep::Steering;
 use takt_scheduler::switch::ScheduleState;
 use takt_scheduler::table::{Cpu, PartitionId, Placement, Role, Window};
 use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
+use takt_scheduler::timetable::Idle;
 
 use super::*;
 use crate::boot::StartMode;
