@@ -317,6 +317,8 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         for id in self.tasks_of(program) {
             self.give_all(id);
             let task = &mut self.tasks[id.index()];
+            // The one that runs has chosen this instant, or has failed.
+            task.cut |= task.started && task.is_active() && self.running != Some(id);
             task.state = State::Dormant;
             task.wake = None;
             self.ready &= !task.bit();
@@ -552,7 +554,8 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         }
         self.give_all(id);
         let task = &mut self.tasks[id.index()];
-        task.cut |= task.started;
+        // One that waits for an event may have no other job for months.
+        task.cut |= task.started && matches!(task.settings.release, Release::Cyclic { .. });
         count(&mut task.statistics.skipped, 1);
         if self.running == Some(id) {
             self.running = None;

@@ -131,6 +131,10 @@ fn end_with_the_reader() {
         if text.starts_with("failed printing to ") && text.contains("Broken pipe") {
             std::process::exit(READER_GONE);
         }
+        if text.starts_with("failed printing to ") {
+            tell!("takt plc: {text}");
+            std::process::exit(status::HOST_CANNOT.into());
+        }
         usual(panic);
     }));
 }

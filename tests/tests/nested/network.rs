@@ -109,7 +109,7 @@ fn a_hostile_driver_breaks_only_its_own_interface() {
     let steps = if long() { 20_000 } else { 1_000 };
     let driver = "/sys/bus/platform/drivers/virtio-mmio";
     let exec = format!(
-        "echo LNRO0005:00 > {driver}/unbind; \
+        "sleep 1; echo LNRO0005:00 > {driver}/unbind; \
          for seed in 1 2 3; do hostile-virtio 0 $seed {steps}; done; echo hostile over; \
          echo LNRO0005:00 > {driver}/bind; ifconfig eth0 {GUEST} up; \
          packets tcp {HOST} 65536 && echo streamed; echo guest done"
@@ -126,7 +126,8 @@ fn a_hostile_driver_breaks_only_its_own_interface() {
     let floods: u64 = told.and_then(|number| number.parse().ok()).unwrap_or(0);
     assert!(floods > 2, "{told:?}\n{}", outcome.output);
     let reached = count(&outcome, "to_guest.packets") + count(&outcome, "to_guest.dropped");
-    assert!(reached >= 1_000 * floods, "{reached} of {floods} floods\n{}", outcome.output);
+    // What does not fit into a buffer that the driver has made up, the kernel counts nowhere.
+    assert!(reached >= 900 * floods, "{reached} of {floods} floods\n{}", outcome.output);
     assert_eq!(outcome.output.matches("\nhostile-virtio: slot 0, seed ").count(), 3);
     outcome.assert_shows("\nstreamed");
     assert!(count(&outcome, "refused_queues") > 10, "{}", outcome.output);

@@ -38,9 +38,7 @@ fn jobs(outcome: &Outcome, task: &str) -> u64 {
 
 fn assert_good(outcome: &Outcome) {
     assert_eq!(outcome.status, 0, "{}", outcome.output);
-    for word in ["stops itself", "the program stops"] {
-        assert!(!outcome.output.contains(word), "{}", outcome.output);
-    }
+    assert!(!outcome.output.contains("stops itself"), "{}", outcome.output);
     assert_eq!(outcome.number("plc", "illegal_accesses"), 0, "{}", outcome.output);
 }
 

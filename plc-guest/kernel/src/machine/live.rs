@@ -278,11 +278,9 @@ impl Kernel {
 
     /// Programs that are in the middle of something, or have been left there, a bit for each.
     fn unsettled(&self) -> u16 {
-        let stopped = |program: &Program| self.scheduler.phase(program.id) == Phase::Stopped;
-        let programs = self.programs.iter().flatten();
-        let programs = programs.filter(|program| program.is_loading() || stopped(program));
-        let programs = programs.fold(0, |all, program| all | 1 << program.id.0);
-        self.scheduler.ids().map(|id| self.scheduler.task(id)).fold(programs, |all, task| match task
+        let loading = self.programs.iter().flatten().filter(|program| program.is_loading());
+        let loading = loading.fold(0, |all, program| all | 1 << program.id.0);
+        self.scheduler.ids().map(|id| self.scheduler.task(id)).fold(loading, |all, task| match task
             .state()
         {
             State::Waiting(Wait::Release) | State::Dormant if !task.was_cut() => all,

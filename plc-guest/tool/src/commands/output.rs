@@ -61,7 +61,7 @@ pub fn open(path: &Path) -> io::Result<(File, Option<Successor>)> {
         let new = match successor(path) {
             // A file may be open for writing and its folder not.
             Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
-                Some((NamedTempFile::new()?, path.to_owned()))
+                Some((NamedTempFile::new()?, fs::canonicalize(path)?))
             }
             new => new?,
         };
