@@ -315,13 +315,20 @@ fn wait_for_room(file: &File) -> io::Result<()> {
 }
 
 /// Whether something can be written, after at most so many milliseconds.
-pub fn has_room(file: &impl AsRawFd, at_most: libc::c_int) -> io::Result<bool> {
+fn has_room(file: &impl AsRawFd, at_most: libc::c_int) -> io::Result<bool> {
     let mut entry = libc::pollfd { fd: file.as_raw_fd(), events: libc::POLLOUT, revents: 0 };
     // SAFETY: one live entry.
     match unsafe { libc::poll(&raw mut entry, 1, at_most) } {
         0.. => Ok(entry.revents & libc::POLLOUT != 0),
         _ => Err(io::Error::last_os_error()),
     }
+}
+
+/// Whether standard error takes the last words of a process that ends badly. A slow console gets its time, and a reader that takes
+/// nothing does not keep the process from its end, for which the guardian waits. Safe in a signal handler.
+pub fn takes_last_words() -> bool {
+    const PATIENCE_MS: libc::c_int = 500;
+    has_room(&io::stderr(), PATIENCE_MS).is_ok_and(|room| room)
 }
 
 /// Writes a line of Takt's own past all outlets, once the run is over. It is left out if its reader does not take it at

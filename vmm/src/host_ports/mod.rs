@@ -201,12 +201,15 @@ impl HostPorts {
                 let end = Destination::open(regions, frequency).map_err(end_error)?;
                 let file = Recording::open_records(&path, maximum);
                 let (file, cut) = file.map_err(|error| file_error(&path)(error.into()))?;
-                if cut > 0 {
-                    self.news.push(format!(
-                        "channel {}: a run that was cut off has left a part of a record in {}: {cut} bytes, which are gone",
-                        channel.name,
-                        path.display()
-                    ));
+                let (channel, path) = (&channel.name, path.display());
+                match cut {
+                    Some(0) => {}
+                    Some(cut) => self.news.push(format!(
+                        "channel {channel}: a run that was cut off has left a part of a record in {path}: {cut} bytes, which are gone"
+                    )),
+                    None => self.news.push(format!(
+                        "channel {channel}: {path} is long, and is not looked through for a part of a record that a run may have left which was cut off"
+                    )),
                 }
                 let (outlet, work) = Outlet::new(&[Recording::quota(maximum)], file);
                 spawn("record", Kind::Writer, Box::new(work)).map_err(thread_error)?;

@@ -13,14 +13,14 @@
 //! All of it is safe in a signal handler: it allocates nothing, takes no lock, and calls only what is
 //! in every thread's list.
 
-use std::io;
 use std::panic;
 use std::ptr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicPtr, Ordering};
 
 use super::safe_values::SafeValues;
-use crate::outlet::has_room;
+use crate::outlet::takes_last_words;
+use crate::terminal;
 use crate::vcpu::Control;
 
 /// How often, and how long each time, a thread is waited for: a second in all.
@@ -49,15 +49,15 @@ impl Armed {
             // Never freed: a handler may look at it at any time.
             let work = Box::leak(Box::new(Work { values, threads }));
             CURRENT.store(work, Ordering::SeqCst);
-            let next = panic::take_hook();
-            panic::set_hook(Box::new(move |panic| {
-                do_it();
-                // The end of the process does not wait for a reader: the guardian does.
-                if has_room(&io::stderr(), 0).is_ok_and(|room| room) {
-                    next(panic);
-                }
-            }));
         }
+        let next = panic::take_hook();
+        panic::set_hook(Box::new(move |panic| {
+            do_it();
+            terminal::restore();
+            if takes_last_words() {
+                next(panic);
+            }
+        }));
         Self(())
     }
 }

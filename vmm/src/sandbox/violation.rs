@@ -15,7 +15,7 @@ use std::sync::OnceLock;
 
 use vmm_sys_util::signal::register_signal_handler;
 
-use crate::outlet::has_room;
+use crate::outlet::takes_last_words;
 
 /// Exit status of a process that was ended so.
 pub const STATUS: u8 = 5;
@@ -89,8 +89,7 @@ extern "C" fn handler(_: c_int, info: *mut libc::siginfo_t, _: *mut c_void) {
         text,
         "\ntakt: thread {name} made the system call {call} at {instruction:p}, which its list does not have; {values}, and this is the end"
     );
-    // The end of the process does not wait for a reader: the guardian does.
-    if has_room(&io::stderr(), 0).is_ok_and(|room| room) {
+    if takes_last_words() {
         // SAFETY: writes from the live buffer.
         unsafe { libc::write(libc::STDERR_FILENO, text.bytes.as_ptr().cast(), text.length) };
     }

@@ -99,11 +99,16 @@ mod tests {
 
     #[test]
     fn a_long_delay_takes_one_step_with_windows_and_without() {
-        let plc = Placement { cpu: Cpu(0), role: Role::Windowed { guard: Nanos::ZERO } };
-        let duration = Nanos::from_micros(300);
-        let window =
-            Window { partition: PartitionId(0), offset: Nanos::ZERO, duration, period: FRAME };
-        let schedules = Schedules::new(FRAME, &[plc], &[&[window], &[]]).unwrap();
+        let plc = |cpu| Placement { cpu: Cpu(cpu), role: Role::Windowed { guard: Nanos::ZERO } };
+        let window = |partition| Window {
+            partition: PartitionId(partition),
+            offset: Nanos::ZERO,
+            duration: Nanos::from_micros(300),
+            period: FRAME,
+        };
+        // In the second schedule only the other CPU has one.
+        let tables: [&[Window]; 2] = [&[window(0), window(1)], &[window(1)]];
+        let schedules = Schedules::new(FRAME, &[plc(0), plc(1)], &tables).unwrap();
         let timetable = schedules.timetable_on(Cpu(0)).unwrap();
         let board = ScheduleState::new(FRAME, 2);
         let with = board.switch();

@@ -53,8 +53,8 @@ fn what_comes_after_the_end_of_a_load_is_none_of_it_and_hides_nothing() {
     add(&mut recorder, 20 * SECOND, 3);
     recorder.end(Nanos(21 * SECOND));
     let course = recorder.course("linux", Nanos(30 * SECOND)).unwrap();
-    assert_eq!(course.standstill, Standstill { from_ns: 0, to_ns: 5 * SECOND, lines: 0 });
-    assert_eq!((course.points.len(), course.last_line_ns, course.lines), (3, 8 * SECOND, 2));
+    assert_eq!(course.standstill, Standstill { from_ns: 0, to_ns: 5 * SECOND, lines: 1 });
+    assert_eq!((course.points.len(), course.last_line_ns, course.lines), (3, 8 * SECOND, 3));
 }
 
 #[test]
