@@ -285,7 +285,7 @@ impl FileSource {
     }
 }
 
-/// Whether a file has nothing but zeros from some byte on.
+/// Whether a file has only zeros from some byte on.
 fn is_zero(path: &Path, from: u64) -> io::Result<bool> {
     let mut file = File::open(path)?;
     file.seek(SeekFrom::Start(from))?;
