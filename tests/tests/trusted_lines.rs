@@ -7,8 +7,8 @@ use takt_tests::trusted_lines::by_folder;
 /// Most lines of each folder. A change that needs more raises the number and says in its commit what the lines are for.
 /// A change that needs fewer lowers it.
 const MOST: [(&str, usize); 13] = [
-    ("vmm/src", 18_363),
-    ("vmm/plan/src", 8_572),
+    ("vmm/src", 18_540),
+    ("vmm/plan/src", 8_590),
     ("vmm/host/src", 640),
     ("vmm/record/src", 304),
     ("vmm/retain/src", 530),
@@ -16,7 +16,7 @@ const MOST: [(&str, usize); 13] = [
     ("vmm/protocol/src", 730),
     ("scheduler/src", 2_149),
     ("devices/src", 1_821),
-    ("devices/channel/src", 1_200),
+    ("devices/channel/src", 1_220),
     ("devices/abi/src", 1_115),
     ("plc-guest/program/src", 2_640),
     ("plc-guest/change/src", 2_160),

@@ -23,6 +23,7 @@ use crate::life::{Effects, Event, Finished, Life};
 use crate::live::Banks;
 use crate::load;
 use crate::power_button::PowerButton;
+use crate::report;
 use crate::restart::Restart;
 use crate::samples::{Course, Recorder};
 use crate::screen::Screen;
@@ -205,10 +206,11 @@ impl Account {
         }
     }
 
-    /// Records of its windows for which there was no room since the epoch: its figures lack them.
+    /// The figures of its releases up to now, with the count of windows that they lack; `None` if it has none.
     #[must_use]
-    pub fn unrecorded(&self) -> u64 {
-        self.records.as_ref().map_or(0, RecordReader::unrecorded)
+    pub fn figures(&self) -> Option<report::Releases> {
+        let unrecorded = self.records.as_ref().map_or(0, RecordReader::unrecorded);
+        Some(self.releases.as_ref()?.report(unrecorded))
     }
 
     /// Time in its windows that no other partition could use. A guest that does not say when it is done stays in them, and

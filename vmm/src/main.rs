@@ -15,6 +15,7 @@ use takt::config::{self, PartitionFile};
 use takt::hooks::Hooks;
 use takt::run::{Options, duration};
 use takt::sandbox::{Mode, descriptors};
+use takt::terminal::tell;
 use takt::{appliance, check, probe, run};
 
 /// Exit statuses; `--help` tells them.
@@ -116,14 +117,16 @@ impl Run {
         // SAFETY: no other thread has been started. What prints a backtrace opens files, which no thread may.
         unsafe { std::env::remove_var("RUST_BACKTRACE") };
         if let Err(error) = descriptors::close_inherited() {
-            eprintln!("takt: cannot close what is open: {error}; Linux 5.16 or newer is needed");
+            tell(format_args!(
+                "takt: cannot close what is open: {error}; Linux 5.16 or newer is needed"
+            ));
             return status::HOST_CANNOT;
         }
         let Run { file, append, .. } = &self;
         with_file(file, Some(host_cpus()), |mut file| {
             for words in append {
                 if let Err(error) = file.append(words) {
-                    eprintln!("takt: {error}");
+                    tell(format_args!("takt: {error}"));
                     return status::BAD_FILE_OR_USAGE;
                 }
             }
@@ -169,7 +172,7 @@ fn command_line(arguments: &[OsString], role: Role) -> u8 {
     };
     match cli.command {
         Command::Beside(words) => {
-            eprintln!("takt: {}", subcommand::run(&words));
+            tell(format_args!("takt: {}", subcommand::run(&words)));
             status::BAD_FILE_OR_USAGE
         }
         Command::Run(run) => run.run(role),
@@ -182,7 +185,7 @@ fn command_line(arguments: &[OsString], role: Role) -> u8 {
         Command::Probe { json: true } => match serde_json::to_string(&probe::examine()) {
             Ok(text) => print(text + "\n", status::GOOD),
             Err(error) => {
-                eprintln!("takt: cannot print what was found: {error}");
+                tell(format_args!("takt: cannot print what was found: {error}"));
                 status::HOST_CANNOT
             }
         },
@@ -203,7 +206,7 @@ fn print(answer: impl Display, status: u8) -> u8 {
         Ok(()) => status,
         Err(error) if error.kind() == ErrorKind::BrokenPipe => status::READER_GONE,
         Err(error) => {
-            eprintln!("takt: cannot print: {error}");
+            tell(format_args!("takt: cannot print: {error}"));
             status::HOST_CANNOT
         }
     }
@@ -217,7 +220,7 @@ fn with_file(
     match config::load(path, host_cpus) {
         Ok(file) => then(file),
         Err(error) => {
-            eprintln!("{error}");
+            tell(error);
             status::BAD_FILE_OR_USAGE
         }
     }
@@ -230,7 +233,7 @@ fn run_partitions(file: &PartitionFile, options: &Options) -> u8 {
             if failed { status::PARTITION_FAILED } else { status::GOOD }
         }
         Err(error) => {
-            eprintln!("takt: {error}");
+            tell(format_args!("takt: {error}"));
             if error.is_users() { status::BAD_FILE_OR_USAGE } else { status::HOST_CANNOT }
         }
     }

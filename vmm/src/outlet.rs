@@ -324,6 +324,13 @@ fn has_room(file: &impl AsRawFd, at_most: libc::c_int) -> io::Result<bool> {
     }
 }
 
+/// Whether standard error takes the last words of a process that ends badly. A slow console gets its time, and a reader that takes
+/// nothing does not keep the process from its end, for which the guardian waits. Safe in a signal handler.
+pub fn takes_last_words() -> bool {
+    const PATIENCE_MS: libc::c_int = 500;
+    has_room(&io::stderr(), PATIENCE_MS).is_ok_and(|room| room)
+}
+
 /// Writes a line of Takt's own past all outlets, once the run is over. It is left out if its reader does not take it at
 /// once: what is still to be given back does not wait for that.
 pub fn last_line(output: &mut (impl Write + AsRawFd), text: &str) {

@@ -5,7 +5,8 @@
 //! there is always a way out: `Ctrl-]` and then `q` ends the run, `s` asks for the next schedule,
 //! and `Ctrl-]` twice types it. What is shown, and how, is [`screen`](crate::screen)'s.
 
-use std::io;
+use std::fmt::Display;
+use std::io::{self, Write};
 use std::mem::MaybeUninit;
 use std::sync::Mutex;
 
@@ -14,6 +15,12 @@ const ESCAPE: u8 = 0x1d;
 
 /// The terminal's settings before it was made raw.
 static SAVED: Mutex<Option<libc::termios>> = Mutex::new(None);
+
+/// Writes a line to standard error. If that cannot be written, it is left out: `eprintln!` would end the process instead, with
+/// devices still taken.
+pub fn tell(line: impl Display) {
+    let _ = writeln!(io::stderr(), "{line}");
+}
 
 /// Puts the terminal on standard input into raw mode; does nothing if it is none. Returns whether
 /// it is raw now.

@@ -87,6 +87,16 @@ fn wrong_usage_gives_status_2_and_says_so_on_standard_error() {
 }
 
 #[test]
+fn a_status_is_told_though_nothing_can_be_written() {
+    let full = || fs::File::options().write(true).open("/dev/full").unwrap();
+    for (words, status) in [(["check", "none.toml"], 2), (["probe", "--json"], 3)] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_takt"));
+        let command = command.args(words).stdout(full()).stderr(full());
+        assert_eq!(command.status().unwrap().code(), Some(status), "{words:?}");
+    }
+}
+
+#[test]
 fn help_and_version_are_answers() {
     for arguments in [&["--help"][..], &["run", "--help"], &["--version"]] {
         let output = takt(arguments);

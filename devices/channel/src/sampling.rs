@@ -208,17 +208,11 @@ impl<L: Load> SamplingDestination<L> {
         self.validity = Validity::Invalid;
         self.watch.look(self.region.load(word(offset::EPOCH)), &mut self.counters);
         for _ in 0..ATTEMPTS {
-            // In this order: an honest `written`, loaded later, is never behind `first`.
-            let first = self.region.load(word(offset::FIRST));
-            let written = self.region.load(word(offset::WRITTEN));
-            self.opened_at = self.opened_at.filter(|&then| then == written);
-            match written.wrapping_sub(first) {
-                0 => return Err(ReadError::NeverWritten),
-                _ if self.opened_at.is_some() => return Err(ReadError::NeverWritten),
-                1..LIFE_MAX => {}
-                _ => return self.hostile(Claim::Counter),
-            }
-            match self.slots.copy(&self.region, written.wrapping_sub(1), buffer) {
+            let newest = match self.newest() {
+                Err(ReadError::Hostile(claim)) => return self.hostile(claim),
+                newest => newest?,
+            };
+            match self.slots.copy(&self.region, newest, buffer) {
                 Ok(copied) => {
                     let age = self.judge(copied.stamp, clock());
                     let bytes = buffer.get(..copied.length).unwrap_or_default();
@@ -231,6 +225,37 @@ impl<L: Load> SamplingDestination<L> {
         }
         count(&mut self.counters.unstable);
         Err(ReadError::Unstable)
+    }
+
+    /// The stamp of the newest message, without its bytes: for who looks often whether there is another one. Counts
+    /// nothing, and leaves the port's validity as it is. Wait-free.
+    ///
+    /// # Errors
+    /// See [`ReadError`].
+    pub fn newest_stamp(&mut self) -> Result<Tsc, ReadError> {
+        for _ in 0..ATTEMPTS {
+            let newest = self.newest()?;
+            match self.slots.stamp(&self.region, newest) {
+                Ok(stamp) => return Ok(stamp),
+                Err(Fault::Overwritten) => {}
+                Err(Fault::Impossible(claim)) => return Err(ReadError::Hostile(claim)),
+            }
+        }
+        Err(ReadError::Unstable)
+    }
+
+    /// The number of the newest message.
+    fn newest(&mut self) -> Result<u64, ReadError> {
+        // In this order: an honest `written`, loaded later, is never behind `first`.
+        let first = self.region.load(word(offset::FIRST));
+        let written = self.region.load(word(offset::WRITTEN));
+        self.opened_at = self.opened_at.filter(|&then| then == written);
+        match written.wrapping_sub(first) {
+            0 => Err(ReadError::NeverWritten),
+            _ if self.opened_at.is_some() => Err(ReadError::NeverWritten),
+            1..LIFE_MAX => Ok(written.wrapping_sub(1)),
+            _ => Err(ReadError::Hostile(Claim::Counter)),
+        }
     }
 
     /// What is known of the port.

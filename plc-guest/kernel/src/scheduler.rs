@@ -267,6 +267,7 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         for id in self.tasks_of(program) {
             let task = &mut self.tasks[id.index()];
             task.cycle = 0;
+            task.cut = false;
             task.watchdog.forget();
             if task.settings.release == Release::Start {
                 self.release(id, now);
@@ -316,6 +317,8 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         for id in self.tasks_of(program) {
             self.give_all(id);
             let task = &mut self.tasks[id.index()];
+            // The one that runs has chosen this instant, or has failed.
+            task.cut |= task.started && task.is_active() && self.running != Some(id);
             task.state = State::Dormant;
             task.wake = None;
             self.ready &= !task.bit();
@@ -536,6 +539,7 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
                 (task.watchdog.ended(executed) && !task.exceeded).then_some(Violation::Budget);
         }
         let starting = (task.settings.release == Release::Start).then_some(task.settings.program);
+        task.cut = false;
         self.retire(id, now);
         if let Some(program) = starting {
             self.run(program, now);
@@ -549,7 +553,10 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
             return;
         }
         self.give_all(id);
-        count(&mut self.tasks[id.index()].statistics.skipped, 1);
+        let task = &mut self.tasks[id.index()];
+        // One that waits for an event may have no other job for months.
+        task.cut |= task.started && matches!(task.settings.release, Release::Cyclic { .. });
+        count(&mut task.statistics.skipped, 1);
         if self.running == Some(id) {
             self.running = None;
         }

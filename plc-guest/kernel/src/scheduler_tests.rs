@@ -284,6 +284,41 @@ fn a_skipped_job_gives_back_what_it_holds_and_the_task_goes_on() {
     assert_eq!((at(&mut s, 50), at(&mut s, 100)), (None, Some(0)));
     let statistics = s.task(TaskId(0)).statistics();
     assert_eq!((statistics.jobs, statistics.skipped), (0, 1));
+    // What it has written is half written until a job of it has come to its end.
+    assert!(s.task(TaskId(0)).was_cut());
+    s.end(Instant(110));
+    assert!(!s.task(TaskId(0)).was_cut());
+}
+
+#[test]
+fn a_program_that_stops_itself_leaves_the_jobs_half_done_that_it_has_preempted() {
+    let mut s = started(&[cyclic(100, 50, 0), cyclic(1_000, 0, 2), cyclic(1_000, 0, 3)]);
+    assert_eq!(at(&mut s, 0), Some(1));
+    assert_eq!(at(&mut s, 50), Some(0));
+    s.stop(PROGRAM);
+    let cut = [0, 1, 2].map(|id| s.task(TaskId(id)).was_cut());
+    assert_eq!(cut, [false, true, false]);
+}
+
+#[test]
+fn a_task_that_waits_for_an_event_is_not_half_done_until_the_next_one() {
+    let mut s = started(&[settings(Release::Event { minimum: Span(100) }, 0)]);
+    s.signal(TaskId(0), Instant(0));
+    assert_eq!(at(&mut s, 0), Some(0));
+    s.skip(TaskId(0), Instant(10));
+    assert!(!s.task(TaskId(0)).was_cut());
+}
+
+#[test]
+fn a_job_that_has_not_begun_leaves_nothing_half_written() {
+    let mut s = started(&[cyclic(100, 0, 1), cyclic(100, 0, 2)]);
+    assert_eq!(at(&mut s, 0), Some(0));
+    s.skip(TaskId(1), Instant(10));
+    assert!(!s.task(TaskId(1)).was_cut());
+    s.skip(TaskId(0), Instant(10));
+    assert!(s.task(TaskId(0)).was_cut());
+    s.start(PROGRAM, Instant(100));
+    assert!(!s.task(TaskId(0)).was_cut());
 }
 
 #[test]

@@ -165,6 +165,8 @@ pub struct Task {
     pub(crate) executed: Span,
     /// The current job has run.
     pub(crate) started: bool,
+    /// The last job was ended in the middle: what it writes may be half written.
+    pub(crate) cut: bool,
     /// That its start has been measured.
     pub(crate) measured: bool,
     /// That the current job passed its deadline has been told.
@@ -197,6 +199,7 @@ impl Task {
             released: Instant(0),
             executed: Span::ZERO,
             started: false,
+            cut: false,
             measured: false,
             missed: false,
             exceeded: false,
@@ -250,6 +253,12 @@ impl Task {
     #[inline]
     pub const fn is_bounded(&self) -> bool {
         matches!(self.class(), Class::Bounded)
+    }
+
+    /// True if its last job was ended in the middle: what it writes may be half written.
+    #[must_use]
+    pub const fn was_cut(&self) -> bool {
+        self.cut
     }
 
     /// True if no job of it is there or to come: what it waits for has not happened since its last release.

@@ -107,6 +107,13 @@ impl Analysis {
         Ok(Self { sources, files, index, diagnostics, left_out, problem, mistakes })
     }
 
+    /// Why a part of the project is not seen, if there is one.
+    pub fn unseen(&self) -> Option<String> {
+        let left_out = self.left_out.first();
+        let left_out = left_out.map(|(uri, reason)| format!("{}: {reason}", uri.as_str()));
+        left_out.or_else(|| self.problem.clone())
+    }
+
     /// The text of this name.
     pub fn file(&self, name: &Name) -> Option<&File> {
         self.files.iter().find(|file| file.name == *name)

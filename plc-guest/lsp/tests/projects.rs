@@ -146,6 +146,29 @@ fn messages_about_a_library_that_was_open_go_with_it() {
 }
 
 #[test]
+fn messages_about_a_library_stay_while_one_of_its_projects_has_them() {
+    let user = |name: &str| TANK.replace("tank", name);
+    let (a, b, twice) = (user("a"), user("b"), TWICE.replace("x * 2", "Once(x)"));
+    let files = [
+        ("a/takt-plc.toml", &*a),
+        ("a/main.st", MAIN),
+        ("b/takt-plc.toml", &b),
+        ("b/main.st", MAIN),
+        ("lib/twice.st", &twice),
+    ];
+    let mut editor = Editor::new(&files, "a");
+    let wrong = [("lib/twice.st", &["unknown-name"][..])];
+    editor.shows(&wrong);
+    editor.open("b/main.st", MAIN);
+    editor.shows(&wrong);
+    // Nothing is wrong for this project any more.
+    editor.open("b/once.st", &TWICE.replace("Twice", "Once"));
+    editor.shows(&wrong);
+    editor.close("b/once.st");
+    editor.shows(&wrong);
+}
+
+#[test]
 fn messages_go_when_a_project_file_says_what_belongs_together() {
     let mut editor = Editor::new(&[("src/twice.st", TWICE), ("old/twice.st", TWICE)], "");
     assert!(
@@ -211,6 +234,15 @@ fn a_name_of_a_library_that_another_project_uses_stays() {
         editor.path("tank").display()
     );
     assert_eq!(refused, says);
+    // Which texts it has is not known any more.
+    editor.write("tank/takt-plc.toml", &TANK.replace("libraries", "libaries"));
+    editor.look();
+    let refused = editor.rename("lib/twice.st", (0, 9), "Double").unwrap_err();
+    let project = editor.path("tank");
+    let says = format!("not all uses can be seen: the project {} is open: ", project.display());
+    assert!(refused.starts_with(&says), "{refused}");
+    editor.write("tank/takt-plc.toml", TANK);
+    editor.look();
     // The project's own names are its own.
     editor.open("tank/main.st", MAIN);
     editor.rename("tank/main.st", (0, 8), "Other").unwrap();

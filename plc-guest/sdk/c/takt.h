@@ -174,7 +174,7 @@ struct takt_declaration {
     TAKT_DECLARE_(point_##name, 6, #name, (const volatile void *)(TAKT_INPUT_BASE + (byte)),      \
                   "BOOL", .numbers = { 0, 4u | TAKT_FORCEABLE, (bit) + 1 })
 
-/* TAKT_OUTPUT_BIT(pump, 4, 0) is %QX4.0: written by pump(true). One task writes all bits of a byte. */
+/* TAKT_OUTPUT_BIT(pump, 4, 0) is %QX4.0: written by pump(true). A bit has one writer; those beside it may have others. */
 #define TAKT_OUTPUT_BIT(name, byte, bit)                                                          \
     TAKT_CHECK_BIT_("TAKT_OUTPUT_BIT", name, byte, bit);                                          \
     static inline void name(bool value) {                                                         \

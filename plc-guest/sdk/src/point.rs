@@ -222,7 +222,7 @@ impl OutputBit {
         unsafe { Output::<u8>::at(self.0) }.get() >> self.1 & 1 == 1
     }
 
-    /// Sets it. Bits of one byte must be written by one task only.
+    /// Sets it. The bits beside it are those of their own tasks.
     pub fn set(&self, value: bool) {
         // SAFETY: as for `InputBit::get`.
         let byte = unsafe { Output::<u8>::at(self.0) };

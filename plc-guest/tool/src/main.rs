@@ -3,6 +3,14 @@
 //! One file of `commands` for each subcommand. What they do lies in `link` (from object files to an image),
 //! `run` (an image on this machine) and `takt-program` (the image itself).
 
+/// `eprintln!`, but what cannot be written is left out: the status tells the same, and a panic would take it away.
+macro_rules! tell {
+    ($($words:tt)*) => {{
+        use std::io::Write as _;
+        let _ = writeln!(std::io::stderr(), $($words)*);
+    }};
+}
+
 mod commands;
 mod link;
 mod live;
@@ -123,6 +131,10 @@ fn end_with_the_reader() {
         if text.starts_with("failed printing to ") && text.contains("Broken pipe") {
             std::process::exit(READER_GONE);
         }
+        if text.starts_with("failed printing to ") {
+            tell!("takt plc: {text}");
+            std::process::exit(status::HOST_CANNOT.into());
+        }
         usual(panic);
     }));
 }
@@ -158,7 +170,7 @@ fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::from(status::GOOD),
         Err(Failure { status, message }) => {
-            eprintln!("takt plc: {message}");
+            tell!("takt plc: {message}");
             ExitCode::from(status)
         }
     }

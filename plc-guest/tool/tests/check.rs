@@ -218,3 +218,21 @@ fn what_build_refuses_check_refuses_with_the_place() {
         assert!(text.contains(part), "{part}: {text}");
     }
 }
+
+#[test]
+fn the_status_is_told_though_no_message_can_be_written() {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("main.st"), WRONG).expect("it can be written");
+    for file in ["main.st", "none.st"] {
+        let full = std::fs::File::options().write(true).open("/dev/full").expect("it opens");
+        let mut command = Command::new(env!("CARGO_BIN_EXE_takt-plc"));
+        let command = command.args(["check", file]).current_dir(folder.path()).stderr(full);
+        assert_eq!(command.status().expect("the tool starts").code(), Some(2), "{file}");
+    }
+    let full = std::fs::File::options().write(true).open("/dev/full").expect("it opens");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_takt-plc"));
+    let command = command.args(["check", "--message-format", "json", "main.st"]);
+    let output = command.current_dir(folder.path()).stdout(full).output().expect("the tool starts");
+    assert_eq!(output.status.code(), Some(4), "{output:?}");
+    assert!(error_text(&output).contains("failed printing to stdout"), "{output:?}");
+}

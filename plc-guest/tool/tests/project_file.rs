@@ -188,6 +188,8 @@ fn no_output_replaces_what_is_read() {
     folder.write("tank/takt-plc.toml", &format!("previous = \"tank.plc\"\n{project}"));
     of_running(&["build"]);
     inside(&["build", "-o", "next.plc"]).expect(0, "next.plc");
+    of_running(&["build", "--previous", "next.plc"]);
+    of_running(&["test", "--junit", "tank.plc"]);
     inside(&["test"]).expect(0, "tank: 3 tests, all as expected");
 }
 

@@ -44,7 +44,16 @@ enum Then {
 }
 
 /// Runs the command with a Takt that tells three cycles, each with so many values.
-fn run((folder, hash): &(Folder, String), words: &[&str], count: usize, then: Then) -> Ended {
+fn run(plant: &(Folder, String), words: &[&str], count: usize, then: Then) -> Ended {
+    beside_takt(plant, |folder| folder.takt_plc(words), count, then)
+}
+
+fn beside_takt(
+    (folder, hash): &(Folder, String),
+    command: impl FnOnce(&Folder) -> Ended,
+    count: usize,
+    then: Then,
+) -> Ended {
     let _ = fs::remove_file(folder.path().join("s"));
     let hash = hash.clone();
     let listener = UnixListener::bind(folder.path().join("s")).unwrap();
@@ -69,7 +78,7 @@ fn run((folder, hash): &(Folder, String), words: &[&str], count: usize, then: Th
         // Until the command closes its end.
         assert!(then == Then::Ends || lines.next().is_none());
     });
-    let ended = folder.takt_plc(words);
+    let ended = command(folder);
     takt.join().unwrap();
     ended
 }
@@ -104,6 +113,18 @@ fn an_earlier_recording_stays_until_there_is_a_row() {
     let file = String::from_utf8(plant.0.read("kept.csv")).unwrap();
     assert!(file.starts_with("cycle,") && file.contains("\n2,2000000,"), "{file}");
     assert_eq!(fs::metadata(&kept).unwrap().permissions().mode() & 0o7777, 0o640);
+
+    // The recording does not fit, and the earlier one stays. Ignored, the signal is an error.
+    let tool = env!("CARGO_BIN_EXE_takt-plc");
+    let script = format!("trap '' XFSZ; ulimit -f 0; exec {tool} \"$@\"");
+    let shell = ["-c", &script, "record"];
+    for out in ["kept.csv", "kept.svg"] {
+        plant.0.write(out, "an earlier one\n");
+        let words = [&shell[..], &record(out)].concat();
+        beside_takt(&plant, |folder| folder.run("bash", &words), 1, Then::Ends)
+            .expect(2, "cannot write");
+        assert_eq!(plant.0.read(out), b"an earlier one\n");
+    }
 
     // What is no file is written itself.
     std::os::unix::fs::symlink("/dev/null", plant.0.path().join("null.csv")).unwrap();

@@ -61,6 +61,10 @@ functions! {
         "test rax, rax", "2:", "jz 2b",
         "mov edi, 81", "mov eax, 14", "syscall",
     ]
+    /// Waits for a flag of object 0 that does not come, 1 us each time, without end.
+    EndlessWaiter = "takt_test_endless_waiter": [
+        "2:", "mov eax, 10", "xor edi, edi", "mov esi, 1", "xor edx, edx", "mov r10d, 1000", "syscall", "jmp 2b",
+    ]
     /// Keeps patterns in all registers for as many rounds as the parameter says, looks at them in each, and
     /// stops the program with code 77 when one has changed.
     Patterns = "takt_test_patterns": [

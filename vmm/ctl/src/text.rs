@@ -120,7 +120,7 @@ pub fn latency(partition: &PartitionStatus) -> Option<String> {
     };
     let unrecorded = match releases.unrecorded {
         0 => String::new(),
-        count => format!("; {count} records of windows are missing in all of these figures"),
+        count => format!("; {count} windows are missing in all of these figures"),
     };
     Some(match releases.release_latency_ns {
         None => format!("{name}: no release yet{unrecorded}"),

@@ -88,7 +88,7 @@ fn main() -> ExitCode {
         Some(path) => match config::load(path, None) {
             Ok(file) => Demand::of(&file),
             Err(error) => {
-                eprintln!("{error}");
+                let _ = writeln!(io::stderr(), "{error}");
                 return ExitCode::from(status::BAD_FILE_OR_USAGE);
             }
         },
@@ -106,7 +106,7 @@ fn main() -> ExitCode {
             return ExitCode::from(status::READER_GONE);
         }
         Err(error) => {
-            eprintln!("takt-doctor: cannot write the report: {error}");
+            let _ = writeln!(io::stderr(), "takt-doctor: cannot write the report: {error}");
             return ExitCode::from(status::HOST_CANNOT);
         }
     }

@@ -80,6 +80,16 @@ fn wrong_usage_and_a_wrong_file_are_no_findings() {
 }
 
 #[test]
+fn a_status_is_told_though_nothing_can_be_written() {
+    let full = || std::fs::File::options().write(true).open("/dev/full").unwrap();
+    for (file, expected) in [("plc-alone.toml", 3), ("no-such-file.toml", 2)] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_takt-doctor"));
+        let command = command.args([&shipped(file), "--for", "10ms"]).stdout(full()).stderr(full());
+        assert_eq!(command.status().unwrap().code(), Some(expected), "{file}");
+    }
+}
+
+#[test]
 fn a_reader_that_goes_is_told_nothing() {
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);

@@ -26,17 +26,17 @@ pub enum HierarchyError {
     },
     /// Nothing is mounted.
     #[error(
-        "no cgroup2 file system is mounted: mount -t cgroup2 none /sys/fs/cgroup, or set the CPU apart by hand with the kernel parameter isolcpus=domain,managed_irq,N"
+        "no cgroup2 file system is mounted: mount -t cgroup2 none /sys/fs/cgroup, or if only one CPU has windows, set it apart by hand with the kernel parameter isolcpus=domain,managed_irq,N"
     )]
     NotMounted,
     /// cgroup v1 has the controller.
     #[error(
-        "the cpuset controller belongs to cgroup v1 here: start the host with cgroup_no_v1=cpuset (under systemd: systemd.unified_cgroup_hierarchy=1), or set the CPU apart by hand with the kernel parameter isolcpus=domain,managed_irq,N"
+        "the cpuset controller belongs to cgroup v1 here: start the host with cgroup_no_v1=cpuset (under systemd: systemd.unified_cgroup_hierarchy=1), or if only one CPU has windows, set it apart by hand with the kernel parameter isolcpus=domain,managed_irq,N"
     )]
     Version1,
     /// The kernel has no such controller.
     #[error(
-        "the kernel has no cpuset controller (CONFIG_CPUSETS, or cgroup_disable=cpuset was given): set the CPU apart by hand with the kernel parameter isolcpus=domain,managed_irq,N"
+        "the kernel has no cpuset controller (CONFIG_CPUSETS, or cgroup_disable=cpuset was given): if only one CPU has windows, set it apart by hand with the kernel parameter isolcpus=domain,managed_irq,N"
     )]
     NoController,
     /// Takt sees only a part of the hierarchy.

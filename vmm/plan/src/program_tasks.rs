@@ -12,7 +12,7 @@
 
 use takt_abi::program::{EVENTS_MAX, OBJECTS_MAX, TASKS_MAX};
 use takt_program::TaskKind;
-use takt_scheduler::analysis::{Rule, Start, Task, TaskSet, TaskSetError};
+use takt_scheduler::analysis::{PERIOD_MIN, Rule, Start, Task, TaskSet, TaskSetError};
 use takt_scheduler::table::{PartitionId, Table};
 use takt_scheduler::time::Nanos;
 
@@ -80,6 +80,10 @@ pub fn check(programs: &[CheckedProgram]) -> Result<(CheckedTasks, Vec<ProgramTa
     check_numbers(programs)?;
     let mut all: Vec<ProgramTask> =
         programs.iter().enumerate().flat_map(|(at, p)| tasks_of(at, p)).collect();
+    let too_often = |task: &&ProgramTask| matches!(task.release, Release::Event(minimum) if minimum < PERIOD_MIN);
+    if let Some(task) = all.iter().find(too_often) {
+        return Err(often(task, programs[task.program].span.clone()));
+    }
     // Stable: what is of one priority stays in the order of the file.
     all.sort_by_key(|task| (task.release == Release::Freewheeling, task.priority));
     let mut checked = CheckedTasks::none();
@@ -241,6 +245,13 @@ fn gcd(mut a: u64, mut b: u64) -> u64 {
         (a, b) = (b, a % b);
     }
     a
+}
+
+/// The guest looks for events before each job, and would do nothing else.
+fn often(task: &ProgramTask, image: Span) -> Diagnostic {
+    let minimum = task.release.period().unwrap_or(Nanos::ZERO);
+    let found = format!("events may release the task {} each {minimum}", quote(&task.name));
+    Diagnostic::new(image, found, format!("at least {PERIOD_MIN} from one release to the next"))
 }
 
 fn inside(task: &ProgramTask, image: Span, period: Nanos) -> Diagnostic {

@@ -190,7 +190,8 @@ pub struct ReleaseStatus {
     pub start_up_windows: u64,
     /// Releases that never happened.
     pub lost: u64,
-    /// Records of windows that Takt had no room for: the figures here lack them.
+    /// Windows for whose records Takt had no room: the figures here lack them.
+    #[serde(default)]
     pub unrecorded: u64,
     /// Wake-ups that came later than the guard can absorb: their releases were late, or lost as well.
     pub late: u64,

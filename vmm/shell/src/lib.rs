@@ -18,6 +18,7 @@ mod paths;
 mod ssh;
 
 use std::ffi::OsString;
+use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -72,10 +73,11 @@ fn run<C: Parser>(name: &str, run: impl FnOnce(C) -> Result<(), ShellError>) -> 
 
 fn told(name: &str, result: Result<(), ShellError>) -> ExitCode {
     let Err(error) = result else { return ExitCode::SUCCESS };
-    match &error {
+    // The status tells the same where it cannot be written.
+    let _ = match &error {
         // It begins with the file's name, and has several lines.
-        ShellError::File(error) => eprintln!("{error}"),
-        error => eprintln!("{name}: {error}"),
-    }
+        ShellError::File(error) => writeln!(io::stderr(), "{error}"),
+        error => writeln!(io::stderr(), "{name}: {error}"),
+    };
     ExitCode::from(error.status())
 }

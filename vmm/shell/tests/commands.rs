@@ -86,3 +86,10 @@ fn a_way_that_leads_nowhere_says_so() {
     let [no_sockets, no_guest] = ["no sockets to its guests", "cannot reach port 4294967294"];
     assert!(said.contains(no_sockets) || said.contains(no_guest), "{said}");
 }
+
+#[test]
+fn the_status_is_told_though_no_message_can_be_written() {
+    let full = fs::File::options().write(true).open("/dev/full").unwrap();
+    let status = Command::new(SHELL).arg("no-such-file.toml").stderr(full).status().unwrap();
+    assert_eq!(status.code(), Some(2));
+}

@@ -110,10 +110,8 @@ impl Operator for Operated<'_> {
                 cpu_share: cpu_time.0 as f64 / now.0.max(1) as f64,
                 illegal_accesses: account.health.count(Fault::IllegalRequest),
                 console_dropped: account.console_dropped(),
-                releases: account.releases.as_ref().map(|releases| {
-                    let latency_sum_ns = releases.latency_sum();
-                    let all = releases.report(account.unrecorded());
-                    ReleaseStatus {
+                releases: account.figures().zip(account.releases.as_ref()).map(
+                    |(all, releases)| ReleaseStatus {
                         happened: all.releases,
                         start_up_windows: all.start_up_windows,
                         lost: all.lost,
@@ -121,12 +119,12 @@ impl Operator for Operated<'_> {
                         late: all.late_releases,
                         overruns: all.overruns,
                         unfinished_windows: all.unfinished_windows,
-                        latency_sum_ns,
+                        latency_sum_ns: releases.latency_sum(),
                         release_latency_ns: all.release_latency_ns,
                         execution_ns: all.execution_ns,
                         wake_up_latency_ns: all.wake_up_latency_ns,
-                    }
-                }),
+                    },
+                ),
                 programs: programs::status(
                     &facts.programs,
                     self.live.figures(id),

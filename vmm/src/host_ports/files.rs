@@ -9,7 +9,7 @@
 //! much as one tick can send.
 
 use std::fs::{File, OpenOptions};
-use std::io::{self, BufReader, ErrorKind, Read, Write};
+use std::io::{self, BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
@@ -55,6 +55,9 @@ const LANE: usize = 0;
 /// Records that wait for a disk: two ticks' worth, or some of the longest.
 const RECORDS_BYTES: usize = 512 << 10;
 
+/// Longest recording that is looked through at the start of a run, which waits for that: some seconds.
+const LOOKED_THROUGH_BYTES: u64 = 256 << 20;
+
 /// A file that records are appended to, each whole or not at all.
 pub struct Recording {
     file: File,
@@ -77,6 +80,35 @@ impl Recording {
             return Err(io::Error::new(ErrorKind::InvalidInput, "it is not a regular file"));
         }
         Ok(Self { file, length: metadata.len() })
+    }
+
+    /// As [`open`](Self::open), for records with messages of at most `maximum` bytes. A run that was cut off may have left a
+    /// part of a record, or zeros in its place: that is taken away, since a later one must not lie behind it. Gives how many bytes
+    /// it had; `None` if the file is too long to be looked through.
+    ///
+    /// # Errors
+    /// Also if the file has other things than such records; then nothing is taken away.
+    pub fn open_records(path: &Path, maximum: usize) -> io::Result<(Self, Option<u64>)> {
+        let mut this = Self::open(path)?;
+        if this.length > LOOKED_THROUGH_BYTES {
+            return Ok((this, None));
+        }
+        let mut records = BufReader::new(OpenOptions::new().read(true).open(path)?);
+        let (mut buffer, mut whole) = (vec![0; maximum], 0);
+        for number in 1.. {
+            match read(&mut records, &mut buffer, number) {
+                Ok(Some(message)) => whole += (HEADER + message.len()) as u64,
+                Ok(None) | Err(Broken::Cut(_)) => break,
+                Err(Broken::Length { length: 0, .. }) if is_zero(path, whole)? => break,
+                Err(broken) => return Err(io::Error::other(broken)),
+            }
+        }
+        let cut = this.length.saturating_sub(whole);
+        if cut > 0 {
+            this.file.set_len(whole)?;
+            this.length = whole;
+        }
+        Ok((this, Some(cut)))
     }
 
     /// Room for what waits for it, if a message has so many bytes at most.
@@ -253,6 +285,18 @@ impl FileSource {
     }
 }
 
+/// Whether a file has only zeros from some byte on.
+fn is_zero(path: &Path, from: u64) -> io::Result<bool> {
+    let mut file = File::open(path)?;
+    file.seek(SeekFrom::Start(from))?;
+    for byte in BufReader::new(file).bytes() {
+        if byte? != 0 {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
 /// The message of the next record, which is the `number`th; `None` at the end of the file.
 fn read<'b>(
     file: &mut impl Read,
@@ -323,6 +367,31 @@ mod tests {
             let error = read(&mut &bytes[..], &mut [0; 4], 9).unwrap_err();
             assert_eq!(error.to_string(), expected);
         }
+    }
+
+    #[test]
+    fn a_record_that_was_cut_off_is_taken_away_and_nothing_else_is() {
+        let folder = vmm_sys_util::tempdir::TempDir::new().unwrap();
+        let path = folder.as_path().join("records");
+        let whole = [record(3, b"one"), record(4, b"four")].concat();
+        for cut in [0, 1, HEADER, HEADER + 3] {
+            let last = record(4, b"last");
+            std::fs::write(&path, [&whole[..], &last[..cut]].concat()).unwrap();
+            let (mut recording, taken) = Recording::open_records(&path, 4).unwrap();
+            assert_eq!(taken, Some(cut as u64));
+            recording.put(&last, &mut |_| {}).unwrap();
+            assert_eq!(std::fs::read(&path).unwrap(), [&whole[..], &last[..]].concat());
+        }
+        // Some file systems leave zeros in the place of what was not written.
+        std::fs::write(&path, [&whole[..], &[0; HEADER + 3]].concat()).unwrap();
+        assert_eq!(Recording::open_records(&path, 4).unwrap().1, Some(HEADER as u64 + 3));
+        assert_eq!(std::fs::read(&path).unwrap(), whole);
+        // Records of a channel with longer messages, or no records at all.
+        let other = [record(5, b"fives"), record(4, b"fou")].concat();
+        std::fs::write(&path, &other).unwrap();
+        let refused = Recording::open_records(&path, 4).err().unwrap().to_string();
+        assert!(refused.contains("record 1 says that its message has 5 bytes"), "{refused}");
+        assert_eq!(std::fs::read(&path).unwrap(), other);
     }
 
     /// A disk that takes one record whenever it is told to.

@@ -30,7 +30,7 @@ use std::io;
 use std::os::fd::{AsRawFd, RawFd};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use takt_channel::Counters;
 pub use takt_figures::report::HostPort as Account;
@@ -54,6 +54,10 @@ const EVENTS: usize = 16;
 /// At the end, a recording is waited for as long as some of it is written in each such time, and no longer
 /// than twice that.
 const PATIENCE: Duration = Duration::from_secs(1);
+/// How long all recordings together are waited for: what ends Takt has no endless patience either. A disk that takes
+/// everything at once gets [`LEAST`] also behind others.
+const ALL: Duration = Duration::from_secs(4);
+const LEAST: Duration = Duration::from_millis(50);
 
 /// An end on the host could not be made.
 #[derive(Debug, Error)]
@@ -195,8 +199,18 @@ impl HostPorts {
                     None => path.clone(),
                 };
                 let end = Destination::open(regions, frequency).map_err(end_error)?;
-                let file = Recording::open(&path);
-                let file = file.map_err(|error| file_error(&path)(error.into()))?;
+                let file = Recording::open_records(&path, maximum);
+                let (file, cut) = file.map_err(|error| file_error(&path)(error.into()))?;
+                let (channel, path) = (&channel.name, path.display());
+                match cut {
+                    Some(0) => {}
+                    Some(cut) => self.news.push(format!(
+                        "channel {channel}: a run that was cut off has left a part of a record in {path}: {cut} bytes, which are gone"
+                    )),
+                    None => self.news.push(format!(
+                        "channel {channel}: {path} is long, and is not looked through for a part of a record that a run may have left which was cut off"
+                    )),
+                }
                 let (outlet, work) = Outlet::new(&[Recording::quota(maximum)], file);
                 spawn("record", Kind::Writer, Box::new(work)).map_err(thread_error)?;
                 Way::FileDestination(FileDestination::new(end, outlet))
@@ -230,6 +244,7 @@ impl HostPorts {
 
     /// Takes the last messages, after all guests have stopped, and waits for their files.
     pub fn finish(&mut self, clock: &Timebase, now: Now<'_>) {
+        let until = Instant::now() + ALL;
         for port in &mut self.ports {
             let Way::FileDestination(file) = &mut port.way else { continue };
             // The sources have ended, so each turn leaves fewer messages: the loop ends. A turn that took none
@@ -238,7 +253,8 @@ impl HostPorts {
                 let before = (file.taken, file.end().waiting());
                 port.budget = Budget::TICK;
                 // The disk goes first, so that there is room.
-                let settled = file.settle(PATIENCE, 2 * PATIENCE);
+                let left = until.saturating_duration_since(Instant::now()).max(LEAST);
+                let settled = file.settle(PATIENCE.min(left), (2 * PATIENCE).min(left));
                 let served = settled.and_then(|()| file.serve(&mut port.budget, clock, now));
                 match served {
                     Ok(()) if before != (file.taken, file.end().waiting()) => {}

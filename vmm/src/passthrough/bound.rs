@@ -4,12 +4,20 @@
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::Duration;
 
 use super::error::DeviceError;
 use crate::appliance::{self, Role};
+use crate::outlet::last_line;
 
 /// The file of a function that names the only driver which may be bound to it.
 pub(super) const OVERRIDE: &str = "driver_override";
+
+/// How often, and how far apart, a group is looked at that another process has open. What a killed Takt had is let go of when its guardian
+/// has written safe values and the function has been reset: a bus may take more than a second for that.
+const LOOKS: u32 = 30;
+const BETWEEN_LOOKS: Duration = Duration::from_millis(100);
 
 /// A driver that knows no function of its own and takes what it is told to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,15 +42,18 @@ impl HostDriver {
         driver == self.name() && chosen().trim_end() == self.name() && !self.is_used(function)
     }
 
-    /// Whether another process has the group of this function open, such as a virtual machine of the host's.
+    /// Whether another process has the group of this function open and keeps it, such as a virtual machine of the host's.
     fn is_used(self, function: &Path) -> bool {
         let group = fs::read_link(function.join("iommu_group")).unwrap_or_default();
         let Some(group) = group.file_name().filter(|_| self == HostDriver::Vfio) else {
             return false;
         };
-        let opened =
-            File::options().read(true).write(true).open(Path::new("/dev/vfio").join(group));
-        opened.is_err_and(|error| error.kind() == io::ErrorKind::ResourceBusy)
+        let path = Path::new("/dev/vfio").join(group);
+        let is_busy = || {
+            let opened = File::options().read(true).write(true).open(&path);
+            opened.is_err_and(|error| error.kind() == io::ErrorKind::ResourceBusy)
+        };
+        stays(is_busy, || thread::sleep(BETWEEN_LOOKS))
     }
 
     fn load(self, role: Role) -> io::Result<()> {
@@ -58,6 +69,16 @@ impl HostDriver {
             HostDriver::Vfio => DeviceError::NoVfio(function.to_owned()),
         }
     }
+}
+
+/// Whether something holds at each of [`LOOKS`] looks.
+fn stays(mut holds: impl FnMut() -> bool, wait: impl Fn()) -> bool {
+    (0..LOOKS).all(|look| {
+        if look > 0 {
+            wait();
+        }
+        holds()
+    })
 }
 
 /// A PCI function that is bound to such a driver, until this is dropped.
@@ -127,7 +148,27 @@ impl Drop for Bound {
     fn drop(&mut self) {
         if let Err(error) = self.give_back() {
             let driver = self.driver.file_name().unwrap_or_default().to_string_lossy();
-            eprintln!("takt: cannot take the driver {driver} from {}: {error}", self.name);
+            let text = format!("cannot take the driver {driver} from {}: {error}", self.name);
+            last_line(&mut io::stderr(), &text);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_group_that_is_let_go_of_while_one_looks_is_free() {
+        let mut looks = 0;
+        assert!(!stays(
+            || {
+                looks += 1;
+                looks < 5
+            },
+            || ()
+        ));
+        assert_eq!(looks, 5);
+        assert!(stays(|| true, || ()));
     }
 }

@@ -19,6 +19,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicPtr, Ordering};
 
 use super::safe_values::SafeValues;
+use crate::outlet::takes_last_words;
+use crate::terminal;
 use crate::vcpu::Control;
 
 /// How often, and how long each time, a thread is waited for: a second in all.
@@ -47,12 +49,15 @@ impl Armed {
             // Never freed: a handler may look at it at any time.
             let work = Box::leak(Box::new(Work { values, threads }));
             CURRENT.store(work, Ordering::SeqCst);
-            let next = panic::take_hook();
-            panic::set_hook(Box::new(move |panic| {
-                do_it();
-                next(panic);
-            }));
         }
+        let next = panic::take_hook();
+        panic::set_hook(Box::new(move |panic| {
+            do_it();
+            terminal::restore();
+            if takes_last_words() {
+                next(panic);
+            }
+        }));
         Self(())
     }
 }

@@ -42,6 +42,7 @@ use crate::config::{
 use crate::interrupts::line::Line;
 use crate::memory::MemoryError;
 use crate::sandbox::Mode;
+use crate::terminal::tell;
 use crate::vcpu::Control;
 use crate::vcpu::port_access::Width;
 use emergency_stop::Armed;
@@ -193,7 +194,7 @@ fn take_functions(
         } else {
             "bus mastering is off"
         };
-        eprintln!("takt: {name} for {}: {driver}{master}", partition.name());
+        tell(format_args!("takt: {name} for {}: {driver}{master}", partition.name()));
         functions.push(function);
     }
     if groups.is_empty() {

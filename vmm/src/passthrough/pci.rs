@@ -22,6 +22,8 @@ use super::vfio::Space;
 use super::vfio::device::Device;
 use crate::appliance::Role;
 use crate::interrupts::line::Line;
+use crate::outlet::last_line;
+use crate::terminal::tell;
 
 /// Kinds of a resource (`include/linux/ioport.h`).
 const RESOURCE_PORTS: u64 = 0x100;
@@ -241,10 +243,10 @@ impl Function {
         if left_over {
             self.write(bound::OVERRIDE, "\n").map_err(failed)?;
             let function = &self.name;
-            eprintln!(
+            tell(format_args!(
                 "takt: {function}: {name} was left over by a run that was cut off; `echo {function} > /sys/bus/pci/drivers_probe` \
                  gives it back to a driver of the host's when takt has ended"
-            );
+            ));
         } else {
             self.driver = Some(driver);
         }
@@ -315,7 +317,8 @@ impl Function {
 impl Drop for Function {
     fn drop(&mut self) {
         if let Err(error) = self.give_back() {
-            eprintln!("takt: cannot give {} back to the host: {error}", self.name);
+            let text = format!("cannot give {} back to the host: {error}", self.name);
+            last_line(&mut io::stderr(), &text);
         }
     }
 }

@@ -141,8 +141,9 @@ impl Preparation<'_> {
         prepared.account.is_shown = is_shown;
         prepared.account.keyboard = Some(console);
         let Account { control, further, .. } = &prepared.account;
-        for (deadlines, control) in deadlines.iter().zip([control].into_iter().chain(further)) {
-            deadlines.served_by(control.clone());
+        if background {
+            let controls = [control].into_iter().chain(further);
+            deadlines.iter().zip(controls).for_each(|(of, control)| of.served_by(control.clone()));
         }
         prepared.account.deadlines = deadlines;
         prepared.account.watchdog = watchdog;

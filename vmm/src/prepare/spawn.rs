@@ -226,6 +226,8 @@ impl Body {
             // there. A Linux gets another processor.
             if guest.says_done() && !self.own.ending() {
                 kickable.settle();
+                // The end of a read may have written to a device's registers.
+                guest.left();
             }
             self.own.leave_guest();
             let starting = guest.says_done() && windowed.starting();
@@ -277,6 +279,8 @@ impl Body {
     ) -> bool {
         let revived = revival(kickable, guest);
         if !revived {
+            // A device may have been reset, and only this thread reaches its ports.
+            guest.left();
             self.tell((End::NotLoaded, Nanos::ZERO), true);
         }
         revived

@@ -17,7 +17,9 @@
 mod linux;
 mod plc;
 
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use thiserror::Error;
 
@@ -89,6 +91,18 @@ pub struct Restart {
     orders: Giver<Start>,
     failure: Failure,
     starts: Starts,
+    loading: Loading,
+}
+
+/// A thread that loads, on its way to its end.
+pub struct Loading(Receiver<()>);
+
+impl Loading {
+    /// Waits until the thread holds nothing any more, no longer than `most`; whether that is so.
+    pub fn wait_within(&self, most: Duration) -> bool {
+        // Nothing is ever sent.
+        matches!(self.0.recv_timeout(most), Err(RecvTimeoutError::Disconnected))
+    }
 }
 
 impl Restart {
@@ -104,6 +118,7 @@ impl Restart {
         let (mut thread, revivals) = handoff(1);
         let failure = Failure::default();
         let own = failure.clone();
+        let (alive, over) = channel();
         let work = move || {
             while let Ok(Some(start)) = ordered.wait(None) {
                 if let Err(error) = loader.load(start, &mut thread) {
@@ -111,10 +126,20 @@ impl Restart {
                     let _ = thread.give(Box::new(|_, _| false));
                 }
             }
+            // Last: who hears of the end finds its devices free.
+            drop(loader);
+            drop::<Sender<()>>(alive);
         };
         let (name, kind) = L::THREAD;
         spawn(name, kind, Box::new(work))?;
-        Ok((Self { orders, failure, starts: L::STARTS }, revivals))
+        let loading = Loading(over);
+        Ok((Self { orders, failure, starts: L::STARTS, loading }, revivals))
+    }
+
+    /// No guest is started any more. What is being loaded may hold devices still.
+    #[must_use]
+    pub fn end(self) -> Loading {
+        self.loading
     }
 
     /// Orders the guest to be loaded and its thread to go on. The thread must have told of its end. If it
@@ -134,5 +159,40 @@ impl Restart {
     #[must_use]
     pub fn starts(&self) -> Starts {
         self.starts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::boot::{StartMode, StartReason};
+
+    /// Takes as long as it is told to.
+    struct Slow(Receiver<()>);
+
+    impl Loader for Slow {
+        type Guest = ();
+        const THREAD: (&str, Kind) = ("plc-loader", Kind::PlcLoader);
+        const STARTS: Starts = Starts::ColdAndWarm;
+
+        fn load(&mut self, _: Start, _: &mut Giver<Revival<()>>) -> Result<(), LoadError> {
+            let _ = self.0.recv();
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn who_ends_a_run_can_wait_for_what_is_being_loaded() {
+        let spawn = |_: &str, _, work: Box<dyn FnOnce() + Send>| {
+            std::thread::spawn(work);
+            Ok(())
+        };
+        let (go, waits) = channel();
+        let (mut restart, _revivals) = Restart::new(Slow(waits), &spawn).unwrap();
+        restart.start(Start { mode: StartMode::Cold, reason: StartReason::Operator });
+        let loading = restart.end();
+        assert!(!loading.wait_within(Duration::ZERO));
+        go.send(()).unwrap();
+        assert!(loading.wait_within(Duration::from_secs(60)));
     }
 }

@@ -21,6 +21,8 @@ use crate::vcpu::plc::PlcGuest;
 
 /// What loads a PLC anew.
 pub struct PlcLoader {
+    /// What may still write to the memory when the guest has ended: it goes before the memory does.
+    pub space: Option<Arc<Space>>,
     /// All of it.
     pub memory: GuestMemory,
     /// What is loaded.
@@ -29,8 +31,6 @@ pub struct PlcLoader {
     pub programs: Option<Programs>,
     /// What the guest may have damaged and needs to be whole.
     pub channels: Vec<OwnRegion>,
-    /// What may still write to the memory when the guest has ended.
-    pub space: Option<Arc<Space>>,
     /// What its outputs are until it drives them again.
     pub safe_values: SafeValues,
     /// What the guest may have changed in the processor.

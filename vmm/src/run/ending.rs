@@ -25,6 +25,8 @@ use crate::vhost;
 /// How long the end of a run waits until what programs retain is written; who has sent a signal may wait less.
 const SAVING: Duration = Duration::from_secs(5);
 const SAVING_SHORT: Duration = Duration::from_secs(1);
+/// How long the end of a run waits for guests that are being loaded.
+const LOADING: Duration = Duration::from_secs(3);
 /// How long the end of a run waits for each disk that is busy with its file.
 const DISK_PATIENCE: Duration = Duration::from_millis(10);
 
@@ -56,7 +58,10 @@ impl Running<'_> {
         }
         // A thread whose guest has ended waits for the word to start it anew, which the
         // supervisor can give no more.
-        let mut supervised = supervised.map(Supervisor::without_restarts);
+        let (mut supervised, loading) = match supervised.map(Supervisor::without_restarts) {
+            Ok((supervisor, loading)) => (Ok(supervisor), loading),
+            Err(error) => (Err(error), Vec::new()),
+        };
         for thread in threads {
             thread.join();
         }
@@ -66,6 +71,11 @@ impl Running<'_> {
         // No guest with windows is left: from here on the watchdog is not fed, and does not run.
         drop(watchdog);
         facts.close_devices(waiting);
+        // What is being loaded may have a device in its reset, which could not be given back.
+        let until = Instant::now() + LOADING;
+        for loading in loading {
+            let _ = loading.wait_within(until.saturating_duration_since(Instant::now()));
+        }
         let report = supervised.map_err(RunError::from).and_then(|mut supervisor| {
             if supervisor.ended_by_signal {
                 outputs.patience = Patience::SHORT;
@@ -135,13 +145,14 @@ fn finish(
         let text = "a disk still waits for its file, and is left to it";
         supervisor.screen.line("takt", text);
     }
-    supervisor.serve_host_ports(HostPorts::finish);
+    // First: what ends Takt may not wait for recordings, and values that are retained are the plant's memory.
     let most = if supervisor.ended_by_signal { SAVING_SHORT } else { SAVING };
     let saved = supervisor.operators.as_mut().map(|operators| operators.finish(duration, most));
     if let Some(Err(error)) = saved {
         let text = format!("not all retained values are written: {error}");
         supervisor.screen.line("takt", &text);
     }
+    supervisor.serve_host_ports(HostPorts::finish);
     supervisor.tell_last_losses();
     let dropped = outputs.finish_trace(supervisor.trace.take())?;
     if let Some(file) = outputs.samples.take() {

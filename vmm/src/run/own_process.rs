@@ -4,6 +4,7 @@ use std::fs;
 use std::io;
 
 use crate::run_error::RunError;
+use crate::terminal::tell;
 
 /// The last but one that the kernel would kill for want of memory: only the guardian is behind Takt,
 /// and writes the outputs if Takt has to go. With the largest locked memory of the host it would
@@ -19,10 +20,10 @@ const MAP_THRESHOLD: libc::c_int = 1 << 20;
 /// Makes the kernel spare the process. An ordinary user may not ask for it, and is told so.
 pub fn stay_alive() {
     if let Err(error) = fs::write(OOM_FILE, OOM_SCORE_ADJ) {
-        eprintln!(
+        tell(format_args!(
             "takt: the kernel may kill takt first for want of memory: {OOM_FILE} cannot be set \
              to {OOM_SCORE_ADJ} ({error}); run as root (CAP_SYS_RESOURCE)"
-        );
+        ));
     }
 }
 

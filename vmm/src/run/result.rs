@@ -116,7 +116,7 @@ impl Facts<'_> {
             events: account.health.report(),
             illegal_accesses: account.health.count(Fault::IllegalRequest),
             console_dropped: account.console_dropped(),
-            releases: account.releases.as_ref().map(|r| r.report(account.unrecorded())),
+            releases: account.figures(),
             wake_ups: account.records.as_ref().map(|_| account.control.wake_ups().into()),
             donation,
             stuck: account.kernel.as_ref().map(KernelWatch::stuck),

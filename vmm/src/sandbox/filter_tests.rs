@@ -156,7 +156,7 @@ fn no_memory_becomes_executable_and_no_signal_but_a_kick_is_sent() {
         assert!(!allows(kind, libc::SYS_mprotect, [0, 4096, EXECUTABLE, 0, 0, 0]), "{kind:?}");
         let file = [0, 4096, 3, 1, 7, 0];
         assert_eq!(allows(kind, libc::SYS_mmap, file), kind == Kind::Loader, "{kind:?}");
-        assert!(allows(kind, libc::SYS_tgkill, [1, 1, 34, 0, 0, 0]), "{kind:?}");
+        assert!(allows(kind, libc::SYS_tgkill, [1, 1, 23, 0, 0, 0]), "{kind:?}");
         assert!(!allows(kind, libc::SYS_tgkill, [1, 1, 9, 0, 0, 0]), "{kind:?}");
     }
 }

@@ -15,6 +15,8 @@ use std::sync::OnceLock;
 
 use vmm_sys_util::signal::register_signal_handler;
 
+use crate::outlet::takes_last_words;
+
 /// Exit status of a process that was ended so.
 pub const STATUS: u8 = 5;
 /// Longest name of a thread that is shown.
@@ -87,11 +89,12 @@ extern "C" fn handler(_: c_int, info: *mut libc::siginfo_t, _: *mut c_void) {
         text,
         "\ntakt: thread {name} made the system call {call} at {instruction:p}, which its list does not have; {values}, and this is the end"
     );
-    // SAFETY: writes from the live buffer; then nothing of the process is left.
-    unsafe {
-        libc::write(libc::STDERR_FILENO, text.bytes.as_ptr().cast(), text.length);
-        libc::_exit(STATUS.into())
+    if takes_last_words() {
+        // SAFETY: writes from the live buffer.
+        unsafe { libc::write(libc::STDERR_FILENO, text.bytes.as_ptr().cast(), text.length) };
     }
+    // SAFETY: nothing of the process is left.
+    unsafe { libc::_exit(STATUS.into()) }
 }
 
 /// What is said of the safe values.

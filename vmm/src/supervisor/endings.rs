@@ -12,7 +12,7 @@ use crate::account::Account;
 use crate::control::Outcome;
 use crate::control::protocol::EventKind;
 use crate::life::{Effects, Event, Finished, Told};
-use crate::restart::Restart;
+use crate::restart::{Loading, Restart};
 use crate::vcpu::guest::End;
 
 impl Supervisor {
@@ -71,12 +71,13 @@ impl Supervisor {
 
     /// Lets go of the threads whose guests have ended, and makes no guest wait any more.
     #[must_use]
-    pub fn without_restarts(mut self) -> Self {
+    pub fn without_restarts(mut self) -> (Self, Vec<Loading>) {
         self.over = true;
+        let mut loading = Vec::new();
         for account in &mut self.accounts {
-            account.restart = None;
+            loading.extend(account.restart.take().map(Restart::end));
             account.step(Event::RunOver);
         }
-        self
+        (self, loading)
     }
 }

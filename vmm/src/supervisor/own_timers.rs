@@ -24,6 +24,10 @@ const ROOM: Nanos = Nanos::from_micros(50);
 /// How much later than asked for a timer may be set. A window that is longer than this is interrupted.
 const LATEST: Nanos = TICK.plus(TICK);
 
+/// Longest time until a timer goes off. What is asked for lies two ticks ahead at most, and two more where it is moved: only a
+/// counter that has gone back makes it look longer.
+const AHEAD_MAX: Nanos = LATEST.plus(LATEST).plus(TICK);
+
 /// When the supervisor is to be woken by itself; all times since the epoch.
 pub(super) struct OwnTimers {
     /// The windows of the CPU that the supervisor runs on, if it has any.
@@ -96,7 +100,8 @@ impl OwnTimers {
         let frequency = self.base.frequency;
         // A timer for the instant 0 would be none.
         let now = Moment::now(frequency);
-        let Nanos(ns) = now.clock_at_rate(self.gone, at, frequency).max(Nanos(1));
+        let at = now.clock_at_rate(self.gone, at, frequency).min(now.clock.plus(AHEAD_MAX));
+        let Nanos(ns) = at.max(Nanos(1));
         let time = libc::timespec {
             tv_sec: (ns / 1_000_000_000) as libc::time_t,
             tv_nsec: (ns % 1_000_000_000) as libc::c_long,
@@ -148,6 +153,23 @@ mod tests {
         assert_eq!(next(ms(40), ms(59)), ms(60));
         assert_eq!(next(ms(40), ms(60)), ms(80));
         assert_eq!(next(ms(40), ms(1_005)), ms(1_020));
+    }
+
+    #[test]
+    fn a_counter_that_has_gone_back_stops_no_tick() {
+        let frequency = TscFrequency::from_khz(1_000_000).unwrap();
+        let hour = ms(3_600_000);
+        let base = Timebase { epoch: Tsc::now().after(frequency.ticks(hour)), frequency };
+        let mut timers = OwnTimers::new(None, base, hour, None);
+        let [tick, end] = [(); 2].map(|()| TimerFd::new().unwrap());
+        timers.arm(&tick, &end, STAY).unwrap();
+        let zero = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+        let mut left = libc::itimerspec { it_interval: zero, it_value: zero };
+        // SAFETY: the kernel writes the live structure.
+        let result = unsafe { libc::timerfd_gettime(tick.as_raw_fd(), &raw mut left) };
+        let left = left.it_value;
+        assert!(result == 0 && left.tv_sec == 0, "{} s", left.tv_sec);
+        assert!(left.tv_nsec as u64 <= AHEAD_MAX.0, "{} ns", left.tv_nsec);
     }
 
     #[test]

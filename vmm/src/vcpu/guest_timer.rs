@@ -31,7 +31,7 @@ pub struct Deadlines {
     /// `None` where no deadline is to be moved: on a CPU without windows of others.
     quiet: Option<QuietTimes>,
     board: Arc<ScheduleState>,
-    /// Of the thread of Linux's vCPU, once there is one.
+    /// Of the thread of Linux's vCPU, once there is one that a kick can have look.
     thread: OnceLock<Arc<Control>>,
     /// The deadline that waits for the end of a quiet time, as a TSC value; 0 if none does.
     waiting: AtomicU64,
@@ -73,7 +73,8 @@ impl Deadlines {
         }
     }
 
-    /// Says which thread runs Linux's vCPU. Before any of them runs.
+    /// Says which thread runs Linux's vCPU, if that has no windows of its own. One that has looks at the beginning of its
+    /// window, and a kick could only wake it before. Before any of them runs.
     pub fn served_by(&self, thread: Arc<Control>) {
         // There is one such thread, which is told once.
         let _ = self.thread.set(thread);
@@ -89,7 +90,10 @@ impl Deadlines {
 
     /// Has the deadline's place looked for again: the schedule changes.
     pub fn look_again(&self) {
-        self.again.store(true, Ordering::SeqCst);
+        // Until it has looked, one kick is enough.
+        if self.again.swap(true, Ordering::SeqCst) {
+            return;
+        }
         if let Some(thread) = self.thread.get() {
             thread.kick();
         }
@@ -164,8 +168,9 @@ impl GuestTimer {
             return Ok(());
         }
         again.store(false, Ordering::SeqCst);
-        // What has expired already must not do so twice.
+        // What has expired already must not do so twice, and waits for no window any more.
         if self.wanted == Tsc(0) || self.set <= Tsc::now() {
+            self.left();
             return Ok(());
         }
         let place = self.place(base);

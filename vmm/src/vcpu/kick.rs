@@ -10,6 +10,10 @@
 //! A kick before the clearing is seen in step 2 by its reason; a kick after it leaves
 //! `immediate_exit` set. None is lost. The handler finds the flag through a pointer that is local
 //! to the thread and null whenever there is no vCPU, so a late signal does nothing.
+//!
+//! The signal is a classic one. Several that wait for a thread are one, and the kernel never refuses one. Real-time signals
+//! are queued, and each counts against a limit of the user (`RLIMIT_SIGPENDING`; `__send_signal_locked` in
+//! `kernel/signal.c`): kicks for a thread that is stuck in the kernel would in the end keep all others from being sent.
 
 use std::cell::Cell;
 use std::marker::PhantomData;
@@ -19,12 +23,15 @@ use std::sync::atomic::{Ordering, compiler_fence};
 
 use kvm_ioctls::VcpuFd;
 use libc::{c_int, c_void, siginfo_t};
-use vmm_sys_util::signal::{SIGRTMIN, register_signal_handler};
+use vmm_sys_util::signal::{register_signal_handler, unblock_signal};
 
 use super::exit_count::ExitCount;
 
 /// Most pieces of an access that are waited for: twice as many as the longest has that KVM emulates, of 64 bytes.
 const PIECES: usize = 16;
+
+/// The kick. Without the handler it is ignored.
+const SIGNAL: c_int = libc::SIGURG;
 
 thread_local! {
     /// `immediate_exit` of the vCPU that this thread owns.
@@ -43,19 +50,22 @@ extern "C" fn handler(_: c_int, _: *mut siginfo_t, _: *mut c_void) {
     });
 }
 
-/// Installs the handler; once, before any vCPU thread starts.
+/// Installs the handler; once, before any vCPU thread starts. A parent process may have blocked the signal.
 ///
 /// # Errors
 /// What `sigaction` says.
 pub fn install() -> Result<(), vmm_sys_util::errno::Error> {
-    register_signal_handler(SIGRTMIN(), handler)
+    register_signal_handler(SIGNAL, handler)?;
+    // Fails only for a number that is no signal's.
+    let _ = unblock_signal(SIGNAL);
+    Ok(())
 }
 
 /// Signals a thread of this process. A thread that has ended does no harm: its id is not found, or
 /// belongs to a thread whose pointer is null.
 pub(super) fn send(thread: i32) {
     // SAFETY: tgkill only sends a signal; it touches no memory. The handler is installed.
-    unsafe { libc::syscall(libc::SYS_tgkill, libc::getpid(), thread, SIGRTMIN()) };
+    unsafe { libc::syscall(libc::SYS_tgkill, libc::getpid(), thread, SIGNAL) };
 }
 
 /// The id under which [`send`] reaches the calling thread.
@@ -194,6 +204,53 @@ mod tests {
         assert_eq!(primed(0, libc::EINTR), (Ok(()), 1));
         assert_eq!(primed(1, libc::EINTR), (Ok(()), 2));
         assert_eq!(primed(PIECES - 1, libc::EINTR), (Ok(()), PIECES));
+    }
+
+    /// One thread is deaf, and no kick may wait for another's room. In a process of its own, since the limit is the process's.
+    #[test]
+    fn kicks_that_a_thread_does_not_take_keep_none_from_others() {
+        use std::os::unix::process::CommandExt;
+        use std::process::Command;
+        use std::time::Instant;
+        const INSIDE: &str = "TAKT_TEST_KICKS";
+        if std::env::var_os(INSIDE).is_none() {
+            let name = "vcpu::kick::tests::kicks_that_a_thread_does_not_take_keep_none_from_others";
+            let mut command = Command::new(std::env::current_exe().unwrap());
+            command.args(["--exact", name]).env(INSIDE, "yes");
+            let none = libc::rlimit { rlim_cur: 4, rlim_max: 4 };
+            // SAFETY: setrlimit may be called between fork and exec, and reads a live structure.
+            unsafe {
+                command.pre_exec(move || {
+                    match libc::setrlimit(libc::RLIMIT_SIGPENDING, &raw const none) {
+                        0 => Ok(()),
+                        _ => Err(std::io::Error::last_os_error()),
+                    }
+                })
+            };
+            assert!(command.status().unwrap().success());
+            return;
+        }
+        install().unwrap();
+        let deaf = this_thread();
+        vmm_sys_util::signal::block_signal(SIGNAL).unwrap();
+        (0..100).for_each(|_| send(deaf));
+        // Longer than any machine takes.
+        let until = Instant::now() + std::time::Duration::from_secs(60);
+        let (tell, told) = std::sync::mpsc::channel();
+        let other = std::thread::spawn(move || {
+            let _ = unblock_signal(SIGNAL);
+            let mut flag = 0;
+            IMMEDIATE_EXIT.set(&raw mut flag);
+            tell.send(this_thread()).unwrap();
+            // SAFETY: the flag lives as long as this thread, whose handler alone writes it.
+            while unsafe { (&raw const flag).read_volatile() } == 0 {
+                assert!(Instant::now() < until, "the kick has not come");
+                std::thread::yield_now();
+            }
+            IMMEDIATE_EXIT.set(ptr::null_mut());
+        });
+        send(told.recv().unwrap());
+        other.join().unwrap();
     }
 
     #[test]

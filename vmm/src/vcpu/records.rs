@@ -1,7 +1,7 @@
 //! The ring in which a thread with windows records them for the supervisor thread.
 //!
-//! The supervisor thread may be as late as it likes. A record that does not fit is counted, and the count is seen at once:
-//! figures that lack a window must not look complete while the run lasts.
+//! The supervisor thread may be as late as it likes. The windows of a record that does not fit are counted, and the count is seen
+//! at once: figures that lack a window must not look complete while the run lasts.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -27,10 +27,16 @@ pub struct RecordWriter {
 }
 
 impl RecordWriter {
-    /// Records it, or counts it if there is no room. Never waits.
+    /// Records it, or counts its windows if there is no room. Never waits.
     pub fn push(&mut self, record: Record) {
+        let windows = match &record {
+            Record::Window(_) => 1,
+            Record::Skipped(skipped) => skipped.count,
+            // The window that they are of has a record of its own.
+            Record::Detour(_) | Record::Guard(_) => 0,
+        };
         if self.ring.push(record).is_err() {
-            self.unrecorded.fetch_add(1, Ordering::Relaxed);
+            self.unrecorded.fetch_add(windows, Ordering::Relaxed);
         }
     }
 }
@@ -47,7 +53,7 @@ impl RecordReader {
         self.ring.pop().ok()
     }
 
-    /// Records that did not fit since the epoch. Each lacks in the figures of its partition.
+    /// Windows whose record did not fit since the epoch. The figures of their partition lack them.
     #[must_use]
     pub fn unrecorded(&self) -> u64 {
         self.unrecorded.load(Ordering::Relaxed)
@@ -56,7 +62,7 @@ impl RecordReader {
 
 #[cfg(test)]
 mod tests {
-    use takt_record::{Record, Skipped};
+    use takt_record::{Detour, Exit, Record, Skipped};
     use takt_scheduler::time::Tsc;
 
     use super::records;
@@ -66,9 +72,12 @@ mod tests {
         let (mut writer, mut reader) = records(1);
         let record = |count| Record::Skipped(Skipped { count, due: Tsc(0), woken: Tsc(0) });
         (1..=3).for_each(|count| writer.push(record(count)));
-        assert_eq!(reader.unrecorded(), 2);
+        let detour = Detour { exit: Exit::Other, left: Tsc(0), entered: Tsc(0) };
+        writer.push(Record::Detour(detour));
+        // Two windows that did not happen, and three.
+        assert_eq!(reader.unrecorded(), 5);
         assert_eq!((reader.pop(), reader.pop()), (Some(record(1)), None));
         writer.push(record(4));
-        assert_eq!((reader.pop(), reader.unrecorded()), (Some(record(4)), 2));
+        assert_eq!((reader.pop(), reader.unrecorded()), (Some(record(4)), 5));
     }
 }

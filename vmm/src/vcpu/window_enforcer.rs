@@ -13,8 +13,8 @@ use std::sync::Arc;
 use takt_scheduler::quiet::QuietTimes;
 use takt_scheduler::rest::Rest;
 use takt_scheduler::sleep::{Sleeper, Steering, Woken};
-use takt_scheduler::switch::ScheduleState;
-use takt_scheduler::time::{Timebase, Tsc};
+use takt_scheduler::switch::{ScheduleState, Switch};
+use takt_scheduler::time::{Nanos, Timebase, Tsc};
 use takt_scheduler::timetable::{Slot, Timetable};
 
 use super::Control;
@@ -68,17 +68,64 @@ pub fn run(windows: &Windows, base: &Timebase, own: &Control) {
         if board.adopt(|| base.offset(Tsc::now())) {
             deadlines.iter().for_each(|deadlines| deadlines.look_again());
         }
-        let next = timetable.after(&slot, board.switch());
-        // Never early and never twice, and without a loop to catch up after a long delay: what
-        // was missed is over, and a window still running past its end belongs to one of these.
-        slot = match next {
-            Slot::Window(release) if base.instant(release.end) <= now => {
-                for owner in owners.iter().flatten() {
-                    owner.end_window(now);
-                }
-                timetable.catch_up(&slot, base.offset(now), board.switch())
-            }
-            next => next,
+        let (next, late) = next(timetable, &slot, base.offset(now), board.switch());
+        if late {
+            // What was missed is over, and a window still running past its end belongs to one of these.
+            owners.iter().flatten().for_each(|owner| owner.end_window(now));
+        }
+        slot = next;
+    }
+}
+
+/// The slot after this one, never early and never twice; after a long delay the first that is not over, without a loop to
+/// get there. Whether there was one.
+fn next(timetable: &Timetable, slot: &Slot, now: Nanos, switch: Switch) -> (Slot, bool) {
+    let next = timetable.after(slot, switch);
+    let over = match next {
+        Slot::Window(release) => release.end,
+        Slot::Idle(idle) => idle.start,
+    };
+    if over <= now { (timetable.catch_up(slot, now, switch), true) } else { (next, false) }
+}
+
+#[cfg(test)]
+mod tests {
+    use takt_scheduler::schedules::{ScheduleId, Schedules};
+    use takt_scheduler::table::{Cpu, PartitionId, Placement, Role, Window};
+
+    use super::*;
+
+    const FRAME: Nanos = Nanos::from_millis(1);
+
+    #[test]
+    fn a_long_delay_takes_one_step_with_windows_and_without() {
+        let plc = |cpu| Placement { cpu: Cpu(cpu), role: Role::Windowed { guard: Nanos::ZERO } };
+        let window = |partition| Window {
+            partition: PartitionId(partition),
+            offset: Nanos::ZERO,
+            duration: Nanos::from_micros(300),
+            period: FRAME,
         };
+        // In the second schedule only the other CPU has one.
+        let tables: [&[Window]; 2] = [&[window(0), window(1)], &[window(1)]];
+        let schedules = Schedules::new(FRAME, &[plc(0), plc(1)], &tables).unwrap();
+        let timetable = schedules.timetable_on(Cpu(0)).unwrap();
+        let board = ScheduleState::new(FRAME, 2);
+        let with = board.switch();
+        let without = Switch { before: ScheduleId(1), after: ScheduleId(1), ..with };
+        for switch in [with, without] {
+            let first = timetable.first(switch);
+            let (second, late) = next(&timetable, &first, Nanos(1), switch);
+            assert!(!late && second == timetable.after(&first, switch));
+            // A night.
+            let now = Nanos(40_000_000 * FRAME.0 + 400_000);
+            let (slot, late) = next(&timetable, &first, now, switch);
+            assert!(late);
+            let reached = match slot {
+                Slot::Window(release) => release.frame,
+                Slot::Idle(idle) => idle.frame,
+            };
+            assert!((40_000_000..=40_000_001).contains(&reached), "{reached}");
+        }
     }
 }

@@ -16,8 +16,8 @@ use takt_scheduler::reservation::Reservation;
 use takt_scheduler::rest::Rest;
 use takt_scheduler::sleep::{Sleeper, Steering, Woken};
 use takt_scheduler::switch::{ScheduleState, Switch};
-use takt_scheduler::time::{Timebase, Tsc};
-use takt_scheduler::timetable::{Slot, Timetable};
+use takt_scheduler::time::{Nanos, Timebase, Tsc};
+use takt_scheduler::timetable::{Idle, Slot, Timetable};
 
 use super::Control;
 use super::first_scan::FirstScan;
@@ -150,11 +150,11 @@ impl Windowed {
             let release = match self.slot {
                 Slot::Window(release) => release,
                 Slot::Idle(idle) => {
-                    let start = self.base.instant(idle.start);
-                    if !self.sleep(start, control) {
+                    let look = self.look(&idle);
+                    if !self.sleep(look, control) {
                         return self.leave(self.slot, End::Stopped, control, health);
                     }
-                    if let Some(end) = self.pass(start, Tsc::now(), health) {
+                    if let Some(end) = self.pass(look, Tsc::now(), health) {
                         return end;
                     }
                     continue;
@@ -293,24 +293,44 @@ impl Windowed {
         false
     }
 
+    /// When to look, in a frame without a window, what the next one has: outside of the windows of others, if that is early
+    /// enough.
+    fn look(&self, idle: &Idle) -> Tsc {
+        let spare = self.plan.timetable.frame().less(self.plan.guard.length());
+        let latest = idle.start.plus(Nanos(spare.0 / 2));
+        let quiet = self.plan.quiet.as_ref();
+        let free = quiet.and_then(|quiet| quiet.next(idle.start, self.switch));
+        self.base.instant(free.filter(|free| *free <= latest).unwrap_or(idle.start))
+    }
+
     /// Sleeps until the partition's next window, without a guest; false if the thread is to end. An
     /// order to halt is for a guest, and there is none.
     pub fn next_window(&mut self, control: &Control) -> bool {
         loop {
-            let switch = self.plan.board.switch();
-            self.slot = self.plan.timetable.after(&self.slot, switch);
-            self.switch = switch;
+            self.go_on(Tsc::now());
             let start = match self.slot {
-                Slot::Window(release) => release.start,
-                Slot::Idle(idle) => idle.start,
+                Slot::Window(release) => self.base.instant(release.start),
+                Slot::Idle(idle) => self.look(&idle),
             };
-            if !self.sleep_unless(self.base.instant(start), control, Control::ending) {
+            if !self.sleep_unless(start, control, Control::ending) {
                 return false;
             }
             if matches!(self.slot, Slot::Window(release) if Tsc::now() < self.base.instant(release.end))
             {
                 return true;
             }
+        }
+    }
+
+    /// Goes on to the first slot that has not begun at this instant, or lasts. A guest that was taken off while its thread slept
+    /// leaves one that is to come: the one after it must not be planned yet.
+    fn go_on(&mut self, now: Tsc) {
+        let start = match self.slot {
+            Slot::Window(release) => release.start,
+            Slot::Idle(idle) => idle.start,
+        };
+        if self.base.instant(start) <= now {
+            self.catch_up(now);
         }
     }
 

@@ -34,7 +34,7 @@ pub struct SampleHead {
     /// True for the last one.
     pub last: bool,
     /// Programs that were in the middle of something, a bit for each: a task waited in a call or had stopped its
-    /// program, or the program's state was being set up.
+    /// program, a job of a cyclic task was ended before it was complete, or the program's state was being set up.
     pub unsettled: u16,
     /// Length of the part.
     pub bytes: u16,

@@ -61,6 +61,23 @@ fn opening_a_destination_empties_it() {
 }
 
 #[test]
+fn the_newest_stamp_is_that_of_what_would_be_read_and_counts_nothing() {
+    let channel = Channel::new();
+    let mut source = channel.source();
+    source.write(b"before", Tsc(1)).unwrap();
+    let mut destination = channel.destination();
+    assert_eq!(destination.newest_stamp(), Err(ReadError::NeverWritten));
+    for stamp in [2, 3, 3] {
+        source.write(b"after", Tsc(stamp)).unwrap();
+        assert_eq!(destination.newest_stamp(), Ok(Tsc(stamp)));
+    }
+    let before = destination.status();
+    channel.region.poke(offset::WRITTEN, 1 << 63);
+    assert!(matches!(destination.newest_stamp(), Err(ReadError::Hostile(_))));
+    assert_eq!(destination.status(), before);
+}
+
+#[test]
 fn opening_the_source_empties_the_channel() {
     let channel = Channel::new();
     let mut destination = channel.destination();

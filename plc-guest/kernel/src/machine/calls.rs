@@ -200,8 +200,10 @@ impl Kernel {
     #[inline(never)]
     fn channel_read(&mut self, program: ProgramId, a: &Arguments) -> Answer {
         let to = self.memory(a.task, a.second, a.third, true)?;
-        let message = self.ports.read(program.0, a.first, to.bytes(), cycle::now())?;
+        let read = self.ports.read(program.0, a.first, to.bytes(), cycle::now())?;
+        let (message, stamp) = read;
         to.write(message);
+        self.events.has_read(a.task, a.first, stamp);
         Ok(Some(message.len() as i64))
     }
 

@@ -27,7 +27,7 @@ pub enum Source {
     Port {
         /// The port.
         number: u8,
-        /// The stamp of the newest message that has released the task.
+        /// The stamp of the newest message that has released the task, or that it has read since.
         seen: u64,
     },
     /// The interrupt with this vector.
@@ -81,6 +81,18 @@ impl Events {
         }
     }
 
+    /// A task has read the message with this stamp at a port of its program. If it waits there for messages, this one is none
+    /// that it has to be released for.
+    pub fn has_read(&mut self, task: TaskId, port: u64, stamp: u64) {
+        let mut all = self.all.iter_mut().map_while(Option::as_mut);
+        if let Some((.., Source::Port { number, seen })) = all.find(|(of, ..)| *of == task)
+            && u64::from(*number) == port
+            && stamp != 0
+        {
+            *seen = stamp;
+        }
+    }
+
     /// True if no task waits for one.
     pub const fn is_empty(&self) -> bool {
         self.all[0].is_none()
@@ -91,14 +103,12 @@ impl Events {
         for (task, program, source) in self.all.iter_mut().map_while(Option::as_mut) {
             let happened = match source {
                 // A job of the program's last life may have read what is there: it is news to this one.
-                Source::Port { number, seen } if !runs(scheduler, *program) => {
+                Source::Port { seen, .. } if !runs(scheduler, *program) => {
                     *seen = 0;
-                    ports.forget(*program, u64::from(*number));
                     false
                 }
                 Source::Port { number, seen } => {
-                    let tsc = takt_plc_guest::cycle::now();
-                    let news = ports.news(*program, u64::from(*number), seen, tsc);
+                    let news = ports.news(*program, u64::from(*number), seen);
                     if news == News::Waiting {
                         scheduler.signal_again(*task, now);
                     }
@@ -111,6 +121,8 @@ impl Events {
                 }
                 Source::Interrupt { vector, armed } => {
                     if scheduler.task(*task).awaits_event() {
+                        // One that came before was asked for by the guest that ran here before this one.
+                        let _ = interrupt::taken(*vector);
                         interrupt::arm(*vector);
                         *armed = true;
                     }

@@ -22,7 +22,6 @@ impl Kernel {
         if self.begin_window().is_none() {
             return;
         }
-        self.window.idled = true;
         interrupt::end();
         if self.print_untold() {
             return;
@@ -34,7 +33,11 @@ impl Kernel {
         if next < self.window.end_tsc {
             let at = processor::wait_until(next);
             self.pass_time(self.clock.instant(at));
-        } else if !self.do_a_piece(true) {
+            return;
+        }
+        // A task that waits again and again for less than a piece takes leaves no time either.
+        self.window.idled = true;
+        if !self.do_a_piece(true) {
             if next_window_is_far(self.window.end_tsc) {
                 self.tell_figures();
             }

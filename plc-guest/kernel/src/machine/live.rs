@@ -276,14 +276,14 @@ impl Kernel {
         true
     }
 
-    /// Programs that are in the middle of something, a bit for each.
+    /// Programs that are in the middle of something, or have been left there, a bit for each.
     fn unsettled(&self) -> u16 {
         let loading = self.programs.iter().flatten().filter(|program| program.is_loading());
         let loading = loading.fold(0, |all, program| all | 1 << program.id.0);
         self.scheduler.ids().map(|id| self.scheduler.task(id)).fold(loading, |all, task| match task
             .state()
         {
-            State::Waiting(Wait::Release) | State::Dormant => all,
+            State::Waiting(Wait::Release) | State::Dormant if !task.was_cut() => all,
             _ => all | 1 << task.settings().program.0,
         })
     }

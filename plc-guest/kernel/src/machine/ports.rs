@@ -27,8 +27,7 @@ enum End {
     /// Of which outputs are written, with the length of its messages.
     Mapped(Output, usize),
     Sender(Sender),
-    /// With the stamp of the message that was read last.
-    Input(Input, u64),
+    Input(Input),
     /// With the length of its longest message.
     Receiver(Receiver, usize),
 }
@@ -76,7 +75,7 @@ impl Ports {
         let place = place.ok_or(ReturnCode::InvalidConfig)?;
         let (name, bytes) = (port.name, port.message_bytes);
         let end = match (channel::ports()[place].kind, port.direction) {
-            (port_kind::SAMPLING, Direction::In) => End::Input(channel::input(name, bytes)?, 0),
+            (port_kind::SAMPLING, Direction::In) => End::Input(channel::input(name, bytes)?),
             (port_kind::SAMPLING, Direction::Out) => End::Output(channel::output(name, bytes)?),
             (_, Direction::In) => End::Receiver(channel::receiver(name, bytes)?, bytes as usize),
             (_, Direction::Out) => End::Sender(channel::sender(name, bytes)?),
@@ -98,7 +97,7 @@ impl Ports {
         let end = match port.direction {
             direction::SOURCE => channel::output(name, port.maximum)
                 .map(|output| End::Mapped(output, port.maximum as usize)),
-            _ => channel::input(name, port.maximum).map(|input| End::Input(input, 0)),
+            _ => channel::input(name, port.maximum).map(End::Input),
         };
         // The host's table is right; a port that cannot be opened has no messages.
         let place = place as u8;
@@ -107,7 +106,7 @@ impl Ports {
 
     /// The newest message at such a port.
     pub fn newest(&mut self, place: u64, now: u64, clock: &Clock) -> Newest<'_> {
-        let Some((End::Input(input, _), buffer)) = self.end(OF_IO, place) else {
+        let Some((End::Input(input), buffer)) = self.end(OF_IO, place) else {
             return Newest::NONE;
         };
         let longest = input.status().maximum;
@@ -143,7 +142,7 @@ impl Ports {
             self.told = (self.told + 1) % PORTS;
             let Some(open) = &mut self.ends[self.told] else { continue };
             let Counters { lost, hostile, unstable, .. } = match &mut open.end {
-                End::Input(input, _) => input.status().counters,
+                End::Input(input) => input.status().counters,
                 End::Receiver(receiver, _) => receiver.status().counters,
                 End::Output(_) | End::Mapped(..) | End::Sender(_) => continue,
             };
@@ -163,23 +162,26 @@ impl Ports {
         found.map(|open| (&mut open.end, &mut self.buffer[..]))
     }
 
-    /// Reads a message for which the program has so much room; it is valid until the next call. A queue is
-    /// not read where its longest message has no room, since a message that is taken is gone.
-    pub fn read(&mut self, program: u8, number: u64, room: u64, now: u64) -> Result<&[u8], Error> {
+    /// Reads a message for which the program has so much room; it is valid until the next call. Its stamp is 0 if it is of
+    /// a queue. That is not read where its longest message has no room, since a message that is taken is gone.
+    pub fn read(
+        &mut self,
+        program: u8,
+        number: u64,
+        room: u64,
+        now: u64,
+    ) -> Result<(&[u8], u64), Error> {
         let (end, buffer) = self.end(program, number).ok_or(Error::BadId)?;
         match end {
-            End::Input(input, read) => match input.read(buffer, Tsc(now)) {
+            End::Input(input) => match input.read(buffer, Tsc(now)) {
                 Ok(sample) if sample.bytes.len() as u64 > room => Err(Error::TooLong),
-                Ok(sample) => {
-                    *read = sample.stamp.0;
-                    Ok(sample.bytes)
-                }
+                Ok(sample) => Ok((sample.bytes, sample.stamp.0)),
                 Err(ReadError::Buffer(_)) => Err(Error::TooLong),
                 Err(_) => Err(Error::Empty),
             },
             End::Receiver(_, longest) if *longest as u64 > room => Err(Error::TooLong),
             End::Receiver(receiver, _) => match receiver.receive(buffer) {
-                Ok(received) => Ok(received.bytes),
+                Ok(received) => Ok((received.bytes, 0)),
                 Err(ReceiveError::Buffer(_)) => Err(Error::TooLong),
                 Err(_) => Err(Error::Empty),
             },
@@ -207,28 +209,20 @@ impl Ports {
         }
     }
 
-    /// The program has not read what is there: it starts anew.
-    pub fn forget(&mut self, program: u8, number: u64) {
-        if let Some((End::Input(_, read), _)) = self.end(program, number) {
-            *read = 0;
-        }
-    }
-
-    /// What there is at a port that the program has not read. `seen` is the stamp of the newest sample that the
-    /// caller knows: several tasks may wait at one port, and each of them is told of each message.
-    pub fn news(&mut self, program: u8, number: u64, seen: &mut u64, now: u64) -> News {
-        let Some((end, buffer)) = self.end(program, number) else { return News::None };
+    /// What there is at a port that is new. `seen` is the stamp of the newest sample that the task knows which waits for
+    /// it: several may wait at one port, and each of them is told of each message.
+    pub fn news(&mut self, program: u8, number: u64, seen: &mut u64) -> News {
+        let Some((end, _)) = self.end(program, number) else { return News::None };
         match end {
             End::Receiver(receiver, _) => match receiver.status().waiting {
                 0 => News::None,
                 _ => News::Waiting,
             },
-            End::Input(input, read) => {
-                let stamp = input.read(buffer, Tsc(now)).map(|sample| sample.stamp.0);
-                let came = stamp
-                    .is_ok_and(|stamp| core::mem::replace(seen, stamp) != stamp && *read != stamp);
-                if came { News::Came } else { News::None }
-            }
+            // Messages are long, and looked for before each job.
+            End::Input(input) => match input.newest_stamp() {
+                Ok(stamp) if core::mem::replace(seen, stamp.0) != stamp.0 => News::Came,
+                _ => News::None,
+            },
             End::Output(_) | End::Mapped(..) | End::Sender(_) => News::None,
         }
     }

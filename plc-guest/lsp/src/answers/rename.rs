@@ -11,8 +11,14 @@ use takt_st::query::rename;
 use crate::analysis::{Analysis, File};
 use crate::uri::Name;
 
-/// Texts of other projects, each with one that has it.
-pub type Others = BTreeMap<Name, String>;
+/// The other projects that are open.
+#[derive(Default)]
+pub struct Others {
+    /// Their texts, each with a project that has it.
+    pub texts: BTreeMap<Name, String>,
+    /// One that cannot be read whole, and why: it may have any text.
+    pub unseen: Option<(String, String)>,
+}
 
 /// The name at a byte, if it can be changed.
 pub fn prepare(
@@ -32,11 +38,14 @@ pub fn prepare(
 
 /// Refuses a text that another project has too, where uses are that would stay as they are.
 fn alone(file: &File, others: &Others) -> Result<(), String> {
-    others.get(&file.name).map_or(Ok(()), |project| {
-        Err(format!(
+    if let Some(project) = others.texts.get(&file.name) {
+        return Err(format!(
             "not all uses can be seen: {} is also a source of the project {project}, which is open",
             file.name.shown()
-        ))
+        ));
+    }
+    others.unseen.as_ref().map_or(Ok(()), |(project, reason)| {
+        Err(format!("not all uses can be seen: the project {project} is open: {reason}"))
     })
 }
 
@@ -50,11 +59,8 @@ pub fn edit(
     versions: bool,
     others: &Others,
 ) -> Result<WorkspaceEdit, String> {
-    if let Some((uri, reason)) = analysis.left_out.first() {
-        return Err(format!("not all uses can be seen: {}: {reason}", uri.as_str()));
-    }
-    if let Some(problem) = &analysis.problem {
-        return Err(format!("not all uses can be seen: {problem}"));
+    if let Some(reason) = analysis.unseen() {
+        return Err(format!("not all uses can be seen: {reason}"));
     }
     let own = analysis.files.len();
     let place = (file.id, offset);

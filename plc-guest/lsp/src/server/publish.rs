@@ -6,7 +6,7 @@ use lsp_types::PublishDiagnosticsParams;
 use lsp_types::notification as notify;
 
 use super::Server;
-use crate::analysis::Analysis;
+use crate::analysis::{Analysis, File};
 use crate::answers::diagnostics;
 use crate::uri::Name;
 use crate::workspace::Project;
@@ -46,8 +46,13 @@ impl Server {
             self.problems.remove(project);
         }
         let mut before = self.published.remove(project).unwrap_or_default();
+        // Texts of which this project tells nothing any more.
+        let mut silent = Vec::new();
         now.retain(|uri, one| {
             let (one, known) = (&*one, before.remove(uri));
+            if one.diagnostics.is_empty() && known.as_ref().is_some_and(has_messages) {
+                silent.push(uri.clone());
+            }
             // What the client has already, and no messages about a text that this project has told nothing of.
             let nothing = known.is_none() && one.diagnostics.is_empty() && one.version.is_none();
             if !nothing && known.as_ref() != Some(one) {
@@ -58,16 +63,19 @@ impl Server {
             !nothing
         });
         for (uri, old) in before {
-            if !old.diagnostics.is_empty() {
+            if has_messages(&old) {
                 let none = PublishDiagnosticsParams::new(old.uri.clone(), Vec::new(), None);
                 self.notify::<notify::PublishDiagnostics>(&none);
             }
-            // Others may have messages about it, which these had taken the place of.
-            let has =
-                |analysis: &Analysis| analysis.files.iter().any(|one| one.uri.as_str() == uri);
-            let others = self.analyses.iter().filter(|(other, all)| *other != project && has(all));
-            self.waiting.extend(others.map(|(other, _)| other.clone()));
+            silent.push(uri);
         }
+        // Others may have messages about them, which these had taken the place of.
+        let is_silent = |file: &File| silent.iter().any(|uri| uri == file.uri.as_str());
+        let others = self
+            .analyses
+            .iter()
+            .filter(|(other, all)| *other != project && all.files.iter().any(is_silent));
+        self.waiting.extend(others.map(|(other, _)| other.clone()));
         if !now.is_empty() {
             self.published.insert(project.clone(), now);
         }
@@ -90,4 +98,8 @@ impl Server {
             }
         }
     }
+}
+
+fn has_messages(one: &PublishDiagnosticsParams) -> bool {
+    !one.diagnostics.is_empty()
 }

@@ -79,14 +79,20 @@ impl Server {
         })
     }
 
-    /// The texts of all other projects than that of a text.
+    /// All other projects than that of a text.
     fn others(&mut self, uri: &Uri) -> Result<rename::Others, Refused> {
         let own = self.workspace.project_of(&Name::new(uri));
-        let mut others = rename::Others::new();
+        let mut others = rename::Others::default();
         for project in self.wanted().into_iter().filter(|project| *project != own) {
             let analysis = self.analysis(&project).map_err(Refused::failed)?;
             let names = analysis.files.iter().map(|file| file.name.clone());
-            others.extend(names.map(|name| (name, project.shown())));
+            others.texts.extend(names.map(|name| (name, project.shown())));
+            // What belongs to a folder without a project file, or to a single text, is all that is open of it.
+            if matches!(project, Project::Described(_) | Project::Tree(_))
+                && let Some(reason) = analysis.unseen()
+            {
+                others.unseen = Some((project.shown(), reason));
+            }
         }
         Ok(others)
     }

@@ -103,7 +103,8 @@ impl Build {
             None => {
                 let output = self.output.clone().unwrap_or_else(|| format!("{name}.plc").into());
                 let files = good.files(&origin);
-                spare(&output, files.iter().chain(previous).map(PathBuf::as_path))?;
+                let images = self.previous.iter().chain(of_project);
+                spare(&output, files.iter().chain(images).map(PathBuf::as_path))?;
                 let built = self.messages.build(&good)?;
                 finish(&output, &built.image)
             }

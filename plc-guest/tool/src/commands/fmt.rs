@@ -35,7 +35,7 @@ impl Fmt {
                     changed += 1;
                 }
                 Err(message) => {
-                    eprintln!("{}", message.trim_end());
+                    tell!("{}", message.trim_end());
                     refused += 1;
                 }
             }

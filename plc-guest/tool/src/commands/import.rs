@@ -34,13 +34,13 @@ impl Import {
         })?;
         paths().for_each(|path| println!("{}", path.display()));
         for name in &import.ignored {
-            eprintln!("takt plc: {project}: ignored: {}", name.escape_debug());
+            tell!("takt plc: {project}: ignored: {}", name.escape_debug());
         }
         for defect in &import.refused {
-            eprintln!("takt plc: {project}:{defect}");
+            tell!("takt plc: {project}:{defect}");
         }
         if import.further > 0 {
-            eprintln!("takt plc: {project}: {} parts more were refused", import.further);
+            tell!("takt plc: {project}: {} parts more were refused", import.further);
         }
         match import.refused.len() + import.further {
             0 => Ok(()),

@@ -1,11 +1,11 @@
 //! Files that commands write: what was there stays until the new content takes its place as a whole.
 
-use std::fs::{self, OpenOptions};
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
-use tempfile::NamedTempFile;
+use tempfile::{NamedTempFile, TempPath};
 
 use crate::Failure;
 
@@ -44,6 +44,47 @@ pub fn successor(path: &Path) -> io::Result<Option<(NamedTempFile, PathBuf)>> {
     let file = NamedTempFile::new_in(folder_of(&place))?;
     file.as_file().set_permissions(permissions)?;
     Ok(Some((file, place)))
+}
+
+/// A whole file that is to take the place of another.
+pub struct Successor {
+    new: TempPath,
+    place: PathBuf,
+}
+
+/// Opens a file that is written bit by bit. What was there stays until the new one is whole and
+/// [takes its place](Successor::take_place); what is no file is written itself.
+pub fn open(path: &Path) -> io::Result<(File, Option<Successor>)> {
+    if path.is_file() {
+        // To replace a file asks for no permission to write it.
+        OpenOptions::new().write(true).open(path)?;
+        let new = match successor(path) {
+            // A file may be open for writing and its folder not.
+            Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
+                Some((NamedTempFile::new()?, fs::canonicalize(path)?))
+            }
+            new => new?,
+        };
+        if let Some((file, place)) = new {
+            let (file, new) = file.into_parts();
+            return Ok((file, Some(Successor { new, place })));
+        }
+    }
+    Ok((File::create(path)?, None))
+}
+
+impl Successor {
+    /// Puts the file into its place; what goes wrong, and where the file is then. What was there keeps its content up to
+    /// the last step: where the folder allows no other file, it is written anew.
+    pub fn take_place(self) -> Result<(), (io::Error, Option<PathBuf>)> {
+        let Err(refused) = self.new.persist(&self.place) else { return Ok(()) };
+        let new = refused.path;
+        let copied = File::open(&new).and_then(|mut from| {
+            let mut to = OpenOptions::new().write(true).truncate(true).open(&self.place)?;
+            io::copy(&mut from, &mut to)
+        });
+        copied.map(drop).map_err(|error| (error, new.keep().ok()))
+    }
 }
 
 /// Makes a folder with what `fill` writes there, or none.

@@ -1,6 +1,5 @@
 //! `takt plc record`: values of a PLC that runs, in each cycle around a trigger, in a file.
 
-use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
@@ -8,9 +7,8 @@ use takt_plan::parse_duration;
 use takt_points::{Plc, Point, cut, not_asked_for, ranges};
 use takt_protocol::{Request, Values, from_hex};
 use takt_scheduler::time::Nanos;
-use tempfile::TempPath;
 
-use super::output::successor;
+use super::output::{Successor, open};
 use crate::Failure;
 use crate::live::interrupt;
 use crate::live::output::{Form, Writer};
@@ -70,7 +68,7 @@ impl Record {
         interrupt::ends(connected.descriptor())
             .map_err(|error| Failure::input(format!("cannot take Ctrl-C: {error}")))?;
         // Not before Takt has granted it: the file may be a recording that somebody keeps.
-        let (file, mut waiting) = open(&self.out).map_err(failed)?;
+        let (file, successor) = open(&self.out).map_err(failed)?;
         let mut out = Writer::new(form, BufWriter::new(file), &points, [self.pre, self.duration]);
         out.begin(&connected.name()).map_err(failed)?;
         let mut recording = Recording::new(self.pre, self.duration);
@@ -82,36 +80,39 @@ impl Record {
             let Some(values) = values(&mut connected, left)? else { return Ok(None) };
             of_takt(values, &watched).map(Some).ok_or_else(|| not_asked_for().into())
         };
+        let mut broken = None;
         let write = |row: &Row, triggered_ns| {
-            if let Some((new, place)) = waiting.take() {
-                new.persist(place).map_err(|error| failed(error.error))?;
-            }
-            out.row(row, triggered_ns).map_err(failed)
+            out.row(row, triggered_ns).map_err(|error| {
+                broken = Some(error.to_string());
+                failed(error)
+            })
         };
         let ended = record(&mut recording, next, holds, write);
         let extent = recording.extent();
         // Whatever has ended it, what is recorded is a whole file.
-        let finished = out.end(&extent).map_err(failed);
+        let finished = out.end(&extent);
+        let whole = broken.map_or(Ok(()), |text| Err(io::Error::other(text))).and(finished);
         tell(&extent);
-        if waiting.is_some() {
-            eprintln!("takt plc: {} stays as it was", self.out.display());
-        }
+        let kept = match successor {
+            Some(_) if extent.rows == 0 => {
+                tell!("takt plc: {} stays as it was", self.out.display());
+                whole.map_err(failed)
+            }
+            Some(successor) => whole.map_err(failed).and_then(|()| replace(&self.out, successor)),
+            None => whole.map_err(failed),
+        };
         let ended = if interrupt::came() { Err(interrupted()) } else { ended };
-        finished.and(ended)
+        kept.and(ended)
     }
 }
 
-/// The file of a recording. If it is to take the place of an earlier one, that stays until there is a row to keep.
-fn open(path: &Path) -> io::Result<(File, Option<(TempPath, PathBuf)>)> {
-    if path.is_file() {
-        // To replace a file asks for no permission to write it.
-        OpenOptions::new().write(true).open(path)?;
-        if let Some((file, place)) = successor(path)? {
-            let (file, new) = file.into_parts();
-            return Ok((file, Some((new, place))));
-        }
-    }
-    Ok((File::create(path)?, None))
+/// Puts the new recording into the place of the earlier one.
+fn replace(out: &Path, successor: Successor) -> Result<(), Failure> {
+    successor.take_place().map_err(|(error, new)| {
+        let kept =
+            new.map_or(String::new(), |new| format!("; the recording is in {}", new.display()));
+        Failure::input(format!("cannot write {}: {error}{kept}", out.display()))
+    })
 }
 
 /// A line of values, if it has as many bytes as were asked for.
@@ -145,17 +146,17 @@ fn interrupted() -> Failure {
 
 fn tell(extent: &Extent) {
     if extent.rows == 0 {
-        eprintln!("takt plc: nothing is recorded: the trigger has not come");
+        tell!("takt plc: nothing is recorded: the trigger has not come");
         return;
     }
-    eprintln!(
+    tell!(
         "takt plc: {} cycles recorded, {} missing between them; triggered at {:.6} s",
         extent.rows,
         extent.gaps,
         extent.triggered_ns as f64 / 1e9
     );
     if extent.not_kept > 0 {
-        eprintln!("takt plc: the time before the trigger is shorter than --pre: too many bytes");
+        tell!("takt plc: the time before the trigger is shorter than --pre: too many bytes");
     }
 }
 

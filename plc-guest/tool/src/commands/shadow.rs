@@ -89,7 +89,7 @@ impl Shadow {
             }
             if told.elapsed() > TELL {
                 told = Instant::now();
-                eprintln!("takt plc: {} cycles compared", versions.extent.cycles);
+                tell!("takt plc: {} cycles compared", versions.extent.cycles);
             }
         }
         tell(&program, json, &both, &versions, &comparison)

@@ -232,7 +232,7 @@ impl Messages {
     fn show(&self, sources: &Sources, diagnostics: &[Diagnostic]) {
         for one in diagnostics {
             match self.message_format {
-                Format::Text => eprintln!("{}", text::to_string(sources, one)),
+                Format::Text => tell!("{}", text::to_string(sources, one)),
                 Format::Json => println!("{}", json::to_string(sources, one)),
             }
         }
@@ -252,7 +252,7 @@ fn finish(
         return Err(Failure::input(format!("{errors}, {warnings}")));
     };
     if warnings > 0 {
-        eprintln!("no error, {}", counted(warnings, "warning"));
+        tell!("no error, {}", counted(warnings, "warning"));
     }
     if let Some(project) = origin.project() {
         program.name.clone_from(&project.name);

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 static CONNECTION: AtomicI32 = AtomicI32::new(-1);
 static CAME: AtomicBool = AtomicBool::new(false);
 
-/// Has the next SIGINT or SIGTERM end what comes by this connection. A second one ends the process.
+/// Has the next SIGINT, SIGTERM or SIGHUP end what comes by this connection. A second one ends the process.
 ///
 /// # Errors
 /// What the kernel says.
@@ -20,7 +20,7 @@ pub fn ends(connection: RawFd) -> io::Result<()> {
     let mut action: libc::sigaction = unsafe { std::mem::zeroed() };
     action.sa_sigaction = shut_down as *const () as libc::sighandler_t;
     action.sa_flags = libc::SA_RESETHAND;
-    for signal in [libc::SIGINT, libc::SIGTERM] {
+    for signal in [libc::SIGINT, libc::SIGTERM, libc::SIGHUP] {
         // SAFETY: the handler has the signature of one without SA_SIGINFO, and calls only what is safe in a handler
         // (POSIX, section 2.4.3).
         if unsafe { libc::sigaction(signal, &raw const action, std::ptr::null_mut()) } < 0 {

@@ -90,7 +90,7 @@ pub fn values(
     let time = Duration::from_nanos(left.0).saturating_add(BEHIND);
     let values = connected.values_within(time)?;
     if values.is_none() {
-        eprintln!(
+        tell!(
             "takt plc: no values have come for {} s, so this ends without the rest: the PLC has stopped, or has no windows, or \
              none that leaves time for it",
             time.as_secs()

@@ -1,6 +1,6 @@
 //! From standard input to the guest.
 
-use std::io::{self, Read};
+use std::io::{self, Read, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -60,7 +60,9 @@ fn read(raw: bool, end: &End, queue: &SyncSender<Vec<u8>>) {
                 }
             }
             Err(TrySendError::Full(_)) => {
-                eprint!("\r\ntakt-console: {count} bytes dropped: the guest takes none\r\n");
+                let mut told = io::stderr();
+                let text = format!("{count} bytes dropped: the guest takes none");
+                let _ = write!(told, "\r\ntakt-console: {text}\r\n");
             }
             Err(TrySendError::Disconnected(_)) => return,
             Ok(()) => {}

@@ -100,7 +100,8 @@ fn listen(takt: &mut Connection, terminal: bool, tell: &Sender<u64>) -> Result<(
         match takt.receive()?.1.granted()? {
             Answer::Console { console: ConsoleOutput { missed, bytes, .. } } => {
                 if missed > 0 {
-                    eprint!("\r\ntakt-console: {missed} bytes missed\r\n");
+                    let mut told = io::stderr();
+                    let _ = write!(told, "\r\ntakt-console: {missed} bytes missed\r\n");
                 }
                 show(terminal, &bytes)?;
             }

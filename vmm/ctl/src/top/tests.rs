@@ -312,7 +312,7 @@ fn windows_that_are_in_no_figure_are_told_with_the_figures() {
     let line = |told: &Status| crate::text::latency(&told.partitions[0]).unwrap();
     assert!(line(&told).ends_with("max 9 ns"), "{}", line(&told));
     told.partitions[0].releases.as_mut().unwrap().unrecorded = 3;
-    let missing = "; 3 records of windows are missing in all of these figures";
+    let missing = "; 3 windows are missing in all of these figures";
     assert!(line(&told).ends_with(missing), "{}", line(&told));
 }
 

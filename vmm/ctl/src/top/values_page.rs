@@ -92,7 +92,7 @@ fn old(watched: &Watched, partition: &PartitionStatus, status: &Status) -> Optio
     }
     let age = status.uptime_ns.saturating_sub(values.release_ns);
     let late = age > status.major_frame_ns.saturating_add(LATE_NS);
-    late.then(|| format!("its latest cycle was {:.1} s ago", age as f64 / 1e9))
+    late.then(|| format!("no values for {:.1} s", age as f64 / 1e9))
 }
 
 fn title(watched: &Watched, old: Option<&str>) -> String {

@@ -109,7 +109,7 @@ fn values_of_a_plc_that_does_not_run_are_said_to_be_old() {
     assert_eq!(title(State::Running, 1), of_now, "the line is newer than the status");
     // 2 s, and the major frame of 1 ms.
     assert_eq!(title(State::Running, 2_008_000_000), of_now);
-    let left_out = "plc: OLD, its latest cycle was 2.0 s ago; cycle 7, 0.007 s";
+    let left_out = "plc: OLD, no values for 2.0 s; cycle 7, 0.007 s";
     assert_eq!(title(State::Running, 2_008_000_001), left_out);
     for (state, word) in [
         (State::Stopping, "stopping"),

@@ -119,10 +119,17 @@ pub fn tick(host: &Host, demand: &Demand) -> Finding {
         let found = format!("CPU {} is shared with a Linux, whose time needs it", written(&shared));
         return Finding::good(CHECK, found);
     }
-    let found = format!(
-        "CPU {} has the host's tick, which deadline threads keep; takt run places its epoch to it",
-        written(&own)
-    );
+    let found = format!("CPU {} has the host's tick, which deadline threads keep", written(&own));
+    // Where the ticks of the CPUs do not lie together, takt run does not know where to place its epoch.
+    if host.parameter("skew_tick").is_some_and(|value| value != "0") {
+        return Finding::warning(
+            CHECK,
+            format!("{found}, and skew_tick moves it from CPU to CPU"),
+            "takt run cannot keep its windows away from the tick, which takes some microseconds of some of them",
+            "take skew_tick off the kernel's command line",
+        );
+    }
+    let found = format!("{found}; takt run places its epoch to it if its windows leave room");
     let relieved = relieved(host, &online);
     let cleaning: Vec<Cpu> = own.into_iter().filter(|cpu| !relieved.contains(cpu)).collect();
     if cleaning.is_empty() {

@@ -9,8 +9,8 @@ use crate::host::{Capability, Host, written};
 
 /// Whether the kernel can always be preempted.
 ///
-/// A kernel may let the command line choose (`PREEMPT_DYNAMIC`, of which it tells in its version since 5.16);
-/// which model holds is then told by debugfs, by the command line, by the log of the boot, or by the
+/// A kernel may let the command line choose (`PREEMPT_DYNAMIC`, of which it tells in its version since 5.16, and by its
+/// configuration since 5.12); which model holds is then told by debugfs, by the command line, by the log of the boot, or by the
 /// configuration. Any other kernel ignores what the command line says.
 pub fn preemption(host: &Host) -> Finding {
     const CHECK: &str = "preemption";
@@ -40,7 +40,14 @@ pub fn preemption(host: &Host) -> Finding {
 
 /// Whether the command line of the kernel chooses how it is preempted.
 fn is_dynamic(host: &Host) -> bool {
-    host.text("proc/version").is_some_and(|version| version.contains("PREEMPT_DYNAMIC"))
+    let told = host.text("proc/version").is_some_and(|it| it.contains("PREEMPT_DYNAMIC"));
+    told || has_option(host, "CONFIG_PREEMPT_DYNAMIC=y")
+}
+
+/// Whether this is a line of the kernel's configuration.
+fn has_option(host: &Host, line: &str) -> bool {
+    let config = host.text(&format!("boot/config-{}", host.kernel()));
+    config.is_some_and(|config| config.lines().any(|one| one == line))
 }
 
 /// Whether the kernel is one with PREEMPT_RT.
@@ -63,8 +70,7 @@ fn model(host: &Host) -> Option<String> {
     let asked = || host.parameter("preempt").filter(|_| is_dynamic(host));
     let logged = || host.logged("Dynamic Preempt: ").map(str::to_owned);
     let built = || {
-        let config = host.text(&format!("boot/config-{}", host.kernel()))?;
-        let found = MODELS.iter().find(|(line, _)| config.lines().any(|l| l == *line))?;
+        let found = MODELS.iter().find(|(line, _)| has_option(host, line))?;
         Some(found.1.to_owned())
     };
     running.or_else(asked).or_else(logged).or_else(built)

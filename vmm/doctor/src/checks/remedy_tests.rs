@@ -57,9 +57,12 @@ fn a_tick_stays_with_deadline_threads_and_brings_less_where_the_kernel_cleans_up
     for line in ["rcu_nocbs=1-7", "rcu_nocbs=all", "rcu_nocbs=1,5-N"] {
         assert_eq!(of(line).severity, Good, "{line}");
     }
+    assert_eq!(of("rcu_nocbs=7 skew_tick=0").severity, Good);
+    let skewed = of("rcu_nocbs=7 skew_tick=1");
+    assert_eq!(skewed.severity, Warning);
+    assert_eq!(skewed.remedy.unwrap(), "take skew_tick off the kernel's command line");
     let implied = finding(&host.with(NOHZ_FULL, "6-7"), "tick");
-    let kept =
-        "CPU 7 has the host's tick, which deadline threads keep; takt run places its epoch to it";
+    let kept = "CPU 7 has the host's tick, which deadline threads keep; takt run places its epoch to it if its windows leave room";
     assert_eq!((implied.severity, implied.found.as_str()), (Good, kept));
 }
 

@@ -64,6 +64,13 @@ fn how_a_kernel_is_preempted_is_told_by_the_best_source() {
         .with("proc/version", "Linux version 6.1.0-56-cloud-amd64 (gcc) #1 SMP");
     assert_eq!(word(&fixed), ("none".into(), Cannot));
     assert!(!finding(&fixed, "preemption").remedy.unwrap().contains("preempt="));
+    // Linux 5.12 to 5.15 tell of it in their configuration only.
+    let config = "CONFIG_PREEMPT=y\nCONFIG_PREEMPT_DYNAMIC=y";
+    let told = fixed
+        .clone()
+        .with("boot/config-6.1.0-56-cloud-amd64", config)
+        .with("proc/cmdline", "preempt=none");
+    assert_eq!(word(&told), ("none".into(), Cannot));
     let running = asked.with("sys/kernel/debug/sched/preempt", "none (voluntary) full");
     assert_eq!(word(&running), ("voluntary".into(), Cannot));
 }

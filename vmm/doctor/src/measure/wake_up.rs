@@ -196,9 +196,11 @@ fn wake_ups(demand: &Demand, cpu: &WindowedCpu, measured: &Measured) -> Finding 
                 "mend what stands above, or in the partition file: release_guard = \"{longer}\""
             )
         }
+        None if times.max() > guard.0 => {
+            "mend what stands above: no guard is long enough for this".into()
+        }
         // A break in a window takes those that follow, however early the next wake-up is.
-        Some(_) => "mend what stands above: no wake-up was later than the guard".into(),
-        None => "mend what stands above: no guard is long enough for this".into(),
+        _ => "mend what stands above: no wake-up was later than the guard".into(),
     };
     if measured.class == Class::Ordinary {
         Finding::unseen(CHECK, found, cost, as_root(demand))

@@ -62,6 +62,16 @@ fn a_guard_is_proposed_only_if_it_is_longer() {
     }
     assert!(remedy(20, 19_000, 1).contains("release_guard = \"30us\""));
     assert!(!remedy(40, 19_000, 1).contains("release_guard"));
+    // No longer guard would fit, but none is needed.
+    let full = WindowedCpu {
+        guard: Some(Nanos::from_micros(10)),
+        window: Nanos::from_micros(945),
+        period: Nanos::from_millis(1),
+        ..usual()
+    };
+    let measured = measured(Class::Deadline, &[(5_000, 3000)], 1, &[]);
+    let told = judged(&full, Some(measured)).remove(0).remedy.unwrap();
+    assert_eq!(told, "mend what stands above: no wake-up was later than the guard");
 }
 
 #[test]

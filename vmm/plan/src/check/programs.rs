@@ -70,8 +70,11 @@ fn behind_holders(partition: &Partition) -> Vec<&str> {
     let ceilings: Vec<_> = partition.programs().iter().enumerate().map(ceiling).collect();
     let waits = |(rank, task): &(usize, &ProgramTask)| {
         let mut less_urgent = tasks.iter().skip(rank + 1);
+        // A freewheeling task without a budget is given no semaphore.
+        let takes =
+            |other: &ProgramTask| other.release != Release::Freewheeling || other.budget.is_some();
         let holds = |other: &ProgramTask| {
-            ceilings[other.program].is_some_and(|ceiling| ceiling <= task.priority)
+            takes(other) && ceilings[other.program].is_some_and(|ceiling| ceiling <= task.priority)
         };
         task.place.is_some() && less_urgent.any(holds)
     };

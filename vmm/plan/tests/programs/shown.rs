@@ -1,8 +1,8 @@
 //! What `takt check` says of programs.
 
 use takt_plan::check::{needs, report};
-use takt_program::build::{Builder, Object, Variable};
-use takt_program::{Area, Elementary, Flags, ObjectKind, TaskId, Version};
+use takt_program::build::{Builder, Object, Task, Variable, When};
+use takt_program::{Area, CodeOffset, Elementary, Flags, Nanoseconds, ObjectKind, TaskId, Version};
 
 use super::Case;
 use super::images::{PRIVATE, builder, public, signed, task};
@@ -129,4 +129,15 @@ fn tasks_that_wait_for_holders_of_semaphores_are_told() {
     assert!(!told.contains(warning), "{told}");
     let told = text(&program("b", &[], &[("high", 3), ("low", 9)]));
     assert!(!told.contains(warning), "{told}");
+    // A freewheeling task without a budget is given no semaphore.
+    for (budget, waiting) in [(None, false), (Some(Nanoseconds(1_000)), true)] {
+        let mut builder = Builder::new("b");
+        builder.code = vec![0xc3];
+        builder.object(Object { name: "s".into(), kind: ObjectKind::Semaphore { ceiling: 3 } });
+        builder.task(task("high", 1_000_000, 1_000, 3));
+        builder.task(Task { budget, ..Task::new("idle", When::Freewheeling, CodeOffset(0)) });
+        let told = text(&builder.build().unwrap());
+        assert_eq!(told.contains(&format!("{warning}b.high, a.slow\n")), waiting, "{told}");
+        assert_eq!(told.contains(warning), waiting, "{told}");
+    }
 }

@@ -72,6 +72,22 @@ fn tasks_are_ranked_by_priority_then_program_then_place() {
 }
 
 #[test]
+fn events_release_no_task_more_often_than_a_period_may_be_short() {
+    let of = |minimum, budget| {
+        let tasks = vec![task("fast", 250 * US, 9 * US, 0), event("go", minimum, budget, 1)];
+        case("often").file("a.plc", &program("a", tasks)).program("a.plc", "")
+    };
+    // Without a budget it is not analysed, and held to it all the same.
+    of(1, 0).refused(&[
+        "case.toml:12:9:",
+        "events may release the task \"a.go\" each 1ns",
+        "at least 100us from one release to the next",
+    ]);
+    of(99 * US, 9 * US).refused(&["events may release the task"]);
+    of(100 * US, 0).good();
+}
+
+#[test]
 fn an_event_may_come_just_as_a_window_closes() {
     let tasks = vec![task("fast", 250 * US, 9 * US, 0), event("go", MS, 9 * US, 1)];
     let case = case("event").file("a.plc", &program("a", tasks)).program("a.plc", "");

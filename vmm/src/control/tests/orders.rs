@@ -26,7 +26,7 @@ use crate::vcpu::first_state::FirstState;
 use crate::vcpu::guest::End;
 use crate::vcpu::plc::PlcGuest;
 use crate::vcpu::records::records;
-use takt_record::WindowAssembler;
+use takt_record::{Record, Skipped, WindowAssembler};
 
 const RAM: u64 = 4 << 20;
 
@@ -346,6 +346,19 @@ fn a_restart_that_was_ordered_before_the_end_does_not_follow() {
     assert_eq!(left(&mut linux, End::Stopped), None);
     assert_eq!((linux.life.state(), linux.life.restarts()), (State::Ended, 0));
     assert!(revivals.take().unwrap().is_none());
+}
+
+#[test]
+fn figures_say_how_many_windows_they_lack() {
+    let (mut plc, _revivals) = account();
+    let (mut writer, reader) = records(1);
+    plc.records = Some(reader);
+    assert!(plc.figures().is_none(), "before the epoch");
+    let frequency = TscFrequency::from_khz(1_000_000).unwrap();
+    plc.start(Timebase { epoch: Tsc(0), frequency }, false);
+    let record = Record::Skipped(Skipped { count: 5, due: Tsc(0), woken: Tsc(0) });
+    (0..3).for_each(|_| writer.push(record));
+    assert_eq!(plc.figures().unwrap().unrecorded, 10);
 }
 
 #[test]

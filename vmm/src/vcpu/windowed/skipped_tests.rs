@@ -9,6 +9,7 @@ use takt_scheduler::sleep::Steering;
 use takt_scheduler::switch::ScheduleState;
 use takt_scheduler::table::{Cpu, PartitionId, Placement, Role, Window};
 use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
+use takt_scheduler::timetable::Idle;
 
 use super::*;
 use crate::boot::StartMode;
@@ -114,6 +115,40 @@ fn what_passes_after_the_order_to_stop_is_no_lost_release() {
     control.stop.store(thread.base.epoch.0 + 1, std::sync::atomic::Ordering::SeqCst);
     assert_eq!(thread.leave(thread.slot, End::Stopped, &control, &mut health), End::Stopped);
     assert_eq!((skipped(&mut records), health.noted()), (None, 0));
+}
+
+#[test]
+fn a_thread_without_a_guest_goes_on_to_the_first_window_that_is_to_come_and_stays_there() {
+    for frames in [10, 1_000_000_000] {
+        let (mut thread, ..) = windowed(0, lost_counts(Action::Log));
+        thread.base.epoch = Tsc(1);
+        let now = thread.base.instant(Nanos(frames * FRAME.0 + 600_000_000));
+        // What has passed takes one step, however long it was.
+        thread.go_on(now);
+        assert_eq!(thread.slot.sequence(), frames + 1);
+        // As if it had been halted while it slept: the window after that is in a frame that must not be planned yet.
+        thread.go_on(now);
+        assert_eq!(thread.slot.sequence(), frames + 1);
+    }
+}
+
+#[test]
+fn a_frame_without_a_window_is_looked_at_outside_of_the_windows_of_others() {
+    let (mut thread, ..) = windowed(0, lost_counts(Action::Log));
+    let idle = Idle { sequence: 0, frame: 3, start: Nanos(3 * FRAME.0) };
+    assert_eq!(thread.look(&idle), thread.base.instant(idle.start), "there are none");
+    let plc = Placement { cpu: Cpu(0), role: Role::Windowed { guard: GUARD } };
+    let look = |ms| {
+        let duration = Nanos::from_millis(ms);
+        let (partition, offset) = (PartitionId(0), Nanos::ZERO);
+        let window = Window { partition, offset, duration, period: FRAME };
+        let schedules = Schedules::new(FRAME, &[plc], &[&[window]]).unwrap();
+        thread.plan.quiet = schedules.quiet_on(Cpu(0), None);
+        thread.base.offset(thread.look(&idle)).less(idle.start)
+    };
+    let [short, long] = [100, 600].map(look);
+    assert!(short > Nanos::from_millis(100) && short < Nanos::from_millis(101), "{short}");
+    assert_eq!(long, Nanos::ZERO, "too late for what the next frame may have");
 }
 
 #[test]

@@ -51,7 +51,33 @@ impl<'a> Body<'_, 'a> {
             .collect()
     }
 
-    /// Finds the parameter of each argument. Formal and informal arguments are not mixed.
+    /// Whether the arguments of a call have names. Formal and informal ones are not mixed.
+    pub(super) fn are_formal(
+        &mut self,
+        parameters: &[Parameter],
+        arguments: &[Argument],
+        span: Span,
+    ) -> Option<bool> {
+        let formal = arguments.iter().filter(|argument| argument.name.is_some()).count();
+        if formal == 0 || formal == arguments.len() {
+            return Some(formal != 0);
+        }
+        let found = "arguments with and without names in one call";
+        let mut one = Diagnostic::new(Code::WrongArguments, span, found);
+        if let Some(name) = compared(parameters, arguments) {
+            one = one.hint(format!("`=` compares; a value is given with `{name} := ...`"));
+        }
+        self.tell(one.allowed("all with names, or none"));
+        None
+    }
+
+    /// Tells that a parameter is given twice.
+    pub(super) fn twice(&mut self, formal: &Name, span: Span) {
+        let found = format!("two arguments for `{}`", formal.text);
+        self.error(Code::WrongArguments, span, found);
+    }
+
+    /// Finds the parameter of each argument.
     pub(super) fn bind(
         &mut self,
         parameters: &[Parameter],
@@ -61,17 +87,7 @@ impl<'a> Body<'_, 'a> {
     ) -> Option<Bound<'a>> {
         let mut bound = Bound { given: vec![None; parameters.len()], enable: Enable::default() };
         let mut complete = true;
-        let formal = arguments.iter().filter(|argument| argument.name.is_some()).count();
-        if formal != 0 && formal != arguments.len() {
-            let found = "arguments with and without names in one call";
-            let mut one = Diagnostic::new(Code::WrongArguments, span, found);
-            if let Some(name) = compared(parameters, arguments) {
-                one = one.hint(format!("`=` compares; a value is given with `{name} := ...`"));
-            }
-            self.tell(one.allowed("all with names, or none"));
-            return None;
-        }
-        if formal == 0 {
+        if !self.are_formal(parameters, arguments, span)? {
             // Outputs may be left out at the end, or all of them.
             let inputs: Vec<usize> = (0..parameters.len())
                 .filter(|at| parameters[*at].kind != SectionKind::Output)
@@ -103,14 +119,21 @@ impl<'a> Body<'_, 'a> {
             };
             match (&*formal.key, binding) {
                 ("EN", Binding::Input) => {
-                    bound.enable.en = Some(value);
+                    if bound.enable.en.replace(value).is_some() {
+                        self.twice(formal, argument.span);
+                        complete = false;
+                    }
                     continue;
                 }
                 ("ENO", Binding::Output) => {
-                    bound.enable.eno = Some(value);
+                    let given = bound.enable.eno.replace(value).is_some();
                     bound.enable.by_body =
                         parameters.iter().any(|one| one.name.eq_ignore_ascii_case("ENO"));
                     if !bound.enable.by_body {
+                        if given {
+                            self.twice(formal, argument.span);
+                            complete = false;
+                        }
                         continue;
                     }
                 }
@@ -134,8 +157,7 @@ impl<'a> Body<'_, 'a> {
                 continue;
             }
             if bound.given[at].replace((value, *binding)).is_some() {
-                let found = format!("two arguments for `{}`", formal.text);
-                self.error(Code::WrongArguments, argument.span, found);
+                self.twice(formal, argument.span);
                 complete = false;
             }
         }

@@ -8,6 +8,9 @@ use crate::hir::{Elementary, ExprKind, Statement, StatementKind};
 use crate::source::Span;
 use crate::syntax::ast::{Argument, Binding, Expression, Name, UnitKind};
 
+/// EN and ENO of a call, and its other arguments.
+type Split<'a> = (Enable<'a>, Vec<&'a Argument>);
+
 /// EN and ENO of a call.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Enable<'a> {
@@ -24,24 +27,35 @@ impl Enable<'_> {
     }
 }
 
-impl<'a> Enable<'a> {
+impl<'a> Body<'_, 'a> {
     /// EN and ENO of a call of one of several functions, none of which declares them; and the other arguments.
-    fn split(arguments: &'a [Argument]) -> (Self, Vec<&'a Argument>) {
-        let mut enable = Self::default();
+    fn split(&mut self, arguments: &'a [Argument], span: Span) -> Option<Split<'a>> {
+        self.are_formal(&[], arguments, span)?;
+        let mut enable = Enable::default();
         let mut others = Vec::new();
         for argument in arguments {
-            let formal = argument.name.as_ref().map(|(name, binding)| (&*name.key, binding));
-            match formal {
-                Some(("EN", Binding::Input)) => enable.en = argument.value.as_ref(),
-                Some(("ENO", Binding::Output)) => enable.eno = argument.value.as_ref(),
-                _ => others.push(argument),
+            let given = match &argument.name {
+                Some((name, Binding::Input)) if &*name.key == "EN" => Some((name, &mut enable.en)),
+                Some((name, Binding::Output)) if &*name.key == "ENO" => {
+                    Some((name, &mut enable.eno))
+                }
+                _ => None,
+            };
+            match (given, &argument.value) {
+                (None, _) => others.push(argument),
+                (Some((name, given)), Some(value)) => {
+                    if given.replace(value).is_some() {
+                        self.twice(name, argument.span);
+                        return None;
+                    }
+                }
+                // `ENO =>` leaves it unconnected.
+                (Some(_), None) => {}
             }
         }
-        (enable, others)
+        Some((enable, others))
     }
-}
 
-impl<'a> Body<'_, 'a> {
     /// `target := f(EN := a, ...)`: a call with EN or ENO, which can be a whole value only.
     pub(in crate::check) fn enabled_assignment(
         &mut self,
@@ -68,11 +82,10 @@ impl<'a> Body<'_, 'a> {
             [unit] => self
                 .function_arguments(unit, name, arguments, span, Some(&mut enable))
                 .map(|list| (unit, list)),
-            _ => {
-                let (found, others) = Enable::split(arguments);
+            _ => self.split(arguments, span).and_then(|(found, others)| {
                 enable = found;
                 self.overloaded(&units, name, others, span)
-            }
+            }),
         };
         let Around { before: mut run, behind } = self.around.take().unwrap_or_default();
         let place = self.write_place(target);

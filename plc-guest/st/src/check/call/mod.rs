@@ -60,7 +60,10 @@ impl<'a> Body<'_, 'a> {
         }
         let (unit, list) = match units[..] {
             [unit] => (unit, self.function_arguments(unit, name, arguments, span, None)?),
-            _ => self.overloaded(&units, name, arguments, span)?,
+            _ => {
+                self.are_formal(&[], arguments, span)?;
+                self.overloaded(&units, name, arguments, span)?
+            }
         };
         let ty = self.result_type(unit, name, span)?;
         let routine = self.checker.units[unit].routine?;

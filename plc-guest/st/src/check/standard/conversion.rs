@@ -10,7 +10,7 @@ use crate::check::names::elementary;
 use crate::check::types::{is_bit_string, is_date, is_duration, is_integer, is_real};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{
-    Argument as HirArgument, Arithmetic, Conversion, Elementary, Expr, ExprKind, Type,
+    Argument as HirArgument, Arithmetic, Conversion, Elementary, Expr, ExprKind, Intrinsic, Type,
 };
 use crate::source::Span;
 use crate::syntax::ast::{Argument, Name};
@@ -114,9 +114,13 @@ impl<'a> Body<'_, 'a> {
         Some(Operand::typed(match way {
             Way::Node(conversion) => self.convert(conversion, operand.expr, ty, span),
             Way::Date => {
-                // Counted from the first whole day, without a sign: so a time before 1970 is rounded down too.
+                // Counted from the first whole day, without a sign: so a time before 1970 is rounded down too. The minutes
+                // before that day have none that could be told.
                 let unsigned = self.elementary(Elementary::Ulint);
-                let moved = self.with_number(Arithmetic::Add, operand.expr, FIRST_DAY, span);
+                let least = self.integer(operand.expr.ty, -FIRST_DAY, span);
+                let from = operand.expr.ty;
+                let time = self.intrinsic(Intrinsic::Max, vec![operand.expr, least], from, span);
+                let moved = self.with_number(Arithmetic::Add, time.expr, FIRST_DAY, span);
                 let moved = self.convert(Conversion::Value, moved, unsigned, span);
                 let days = self.with_number(Arithmetic::Divide, moved, DAY, span);
                 let start = self.with_number(Arithmetic::Multiply, days, DAY, span);

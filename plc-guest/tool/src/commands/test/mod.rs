@@ -111,7 +111,10 @@ impl Test {
             Some(project) => project.tables().map_err(Failure::input)?,
             None => Vec::new(),
         };
-        self.spare(good.files(origin).iter().chain(&tables).map(PathBuf::as_path))?;
+        let previous = origin.project().and_then(|project| project.previous.as_ref());
+        let mut kept = good.files(origin);
+        kept.extend(tables.iter().chain(previous).cloned());
+        self.spare(kept.iter().map(PathBuf::as_path))?;
         let wanted =
             |name: &str| self.filter.as_ref().is_none_or(|filter| name.contains(filter.as_str()));
         let mut report = Report::new(&good.program.name);
