@@ -50,6 +50,11 @@ impl<T> Giver<T> {
         Ok(())
     }
 
+    /// True if the taker is gone.
+    pub fn is_gone(&self) -> bool {
+        self.things.as_ref().is_none_or(Producer::is_abandoned)
+    }
+
     fn wake(&self) {
         // Pairs with the one in `wait`: either this sees the waiter, or the waiter sees the thing.
         fence(Ordering::SeqCst);

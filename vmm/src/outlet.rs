@@ -327,8 +327,21 @@ fn has_room(file: &impl AsRawFd, at_most: libc::c_int) -> io::Result<bool> {
 /// Whether standard error takes the last words of a process that ends badly. A slow console gets its time, and a reader that takes
 /// nothing does not keep the process from its end, for which the guardian waits. Safe in a signal handler.
 pub fn takes_last_words() -> bool {
-    const PATIENCE_MS: libc::c_int = 500;
-    has_room(&io::stderr(), PATIENCE_MS).is_ok_and(|room| room)
+    has_room_within(&io::stderr(), Duration::from_millis(500))
+}
+
+/// Whether something can be written within that time, also if the thread gets signals meanwhile: one with windows is kicked at the
+/// end of each.
+fn has_room_within(file: &impl AsRawFd, most: Duration) -> bool {
+    let until = Instant::now() + most;
+    loop {
+        let rest = until.saturating_duration_since(Instant::now());
+        let at_most = libc::c_int::try_from(rest.as_millis()).unwrap_or(libc::c_int::MAX);
+        match has_room(file, at_most) {
+            Err(error) if error.kind() == ErrorKind::Interrupted && !rest.is_zero() => {}
+            room => return room.is_ok_and(|room| room),
+        }
+    }
 }
 
 /// Writes a line of Takt's own past all outlets, once the run is over. It is left out if its reader does not take it at

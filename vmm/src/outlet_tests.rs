@@ -162,3 +162,21 @@ fn a_last_line_waits_for_no_reader() {
     reader.read_to_end(&mut rest).unwrap();
     assert_eq!(rest, [b'x'; 4096]);
 }
+
+#[test]
+fn a_wait_for_room_goes_on_behind_signals() {
+    use std::os::unix::thread::JoinHandleExt;
+    crate::vcpu::kick::install().unwrap();
+    let (mut reader, mut writer) = io::pipe().unwrap();
+    // SAFETY: changes the size of the pipe's buffer.
+    assert_eq!(unsafe { libc::fcntl(writer.as_raw_fd(), libc::F_SETPIPE_SZ, 4096) }, 4096);
+    writer.write_all(&[0; 4096]).unwrap();
+    let waits = std::thread::spawn(move || has_room_within(&writer, LONG));
+    for _ in 0..1_000 {
+        // SAFETY: the thread has not been joined, and the signal has a handler.
+        assert_eq!(unsafe { libc::pthread_kill(waits.as_pthread_t(), libc::SIGURG) }, 0);
+        std::thread::yield_now();
+    }
+    reader.read_exact(&mut [0; 4096]).unwrap();
+    assert!(waits.join().unwrap());
+}

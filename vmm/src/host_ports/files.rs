@@ -55,6 +55,8 @@ const LANE: usize = 0;
 /// Records that wait for a disk: two ticks' worth, or some of the longest.
 const RECORDS_BYTES: usize = 512 << 10;
 
+/// Where the length is in a record's header, as its last part.
+const LENGTH_AT: u64 = HEADER as u64 - 4;
 /// Longest recording that is looked through at the start of a run, which waits for that: some seconds.
 const LOOKED_THROUGH_BYTES: u64 = 256 << 20;
 
@@ -99,7 +101,7 @@ impl Recording {
             match read(&mut records, &mut buffer, number) {
                 Ok(Some(message)) => whole += (HEADER + message.len()) as u64,
                 Ok(None) | Err(Broken::Cut(_)) => break,
-                Err(Broken::Length { length: 0, .. }) if is_zero(path, whole)? => break,
+                Err(Broken::Length { length: 0, .. }) if is_zero(path, whole + LENGTH_AT)? => break,
                 Err(broken) => return Err(io::Error::other(broken)),
             }
         }
@@ -383,9 +385,14 @@ mod tests {
             assert_eq!(std::fs::read(&path).unwrap(), [&whole[..], &last[..]].concat());
         }
         // Some file systems leave zeros in the place of what was not written.
-        std::fs::write(&path, [&whole[..], &[0; HEADER + 3]].concat()).unwrap();
-        assert_eq!(Recording::open_records(&path, 4).unwrap().1, Some(HEADER as u64 + 3));
-        assert_eq!(std::fs::read(&path).unwrap(), whole);
+        for written in [0, 1, 16, HEADER - 4] {
+            let zeros = [0; HEADER + 3];
+            let last = record(4, b"last");
+            std::fs::write(&path, [&whole[..], &last[..written], &zeros].concat()).unwrap();
+            let taken = Recording::open_records(&path, 4).unwrap().1;
+            assert_eq!(taken, Some((written + zeros.len()) as u64));
+            assert_eq!(std::fs::read(&path).unwrap(), whole);
+        }
         // Records of a channel with longer messages, or no records at all.
         let other = [record(5, b"fives"), record(4, b"fou")].concat();
         std::fs::write(&path, &other).unwrap();

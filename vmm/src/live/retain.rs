@@ -189,8 +189,8 @@ impl Retaining {
                 keeper.told_unseen = true;
                 let name = &keeper.name;
                 news.push(format!(
-                    "{name}: for 10 s there was no moment between two cycles at which its values could be copied: a warm \
-                     start finds older ones"
+                    "{name}: for 10 s there was no moment between two cycles at which its values could be copied, or a job was \
+                     ended in the middle and none of its task has been complete since: a warm start finds older ones"
                 ));
             }
         }

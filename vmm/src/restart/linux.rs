@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::{LoadError, Loader, Revival};
 use crate::boot::Start;
-use crate::handoff::{Giver, handoff};
+use crate::handoff::{Giver, Taker, handoff};
 use crate::life::Starts;
 use crate::linux_machine::{LinuxMachine, Processor};
 use crate::sandbox::Kind;
@@ -50,6 +50,25 @@ fn pass_on((vcpu, new): Processor, thread: &mut Giver<Revival<LinuxGuest>>) {
     });
     let _ = thread.give(revival);
     // With its last processor a machine goes, which takes the kernel longer than the guest's
-    // thread may be away from its windows. A thread that is gone replaces none.
-    while let Ok(None) = replaced.wait(Some(LOOK)) {}
+    // thread may be away from its windows.
+    wait_for(&mut replaced, thread);
+}
+
+/// Waits for what a thread gives back. One that is gone gives nothing, and leaves its word in the ring, with the end that would.
+fn wait_for<B, W>(back: &mut Taker<B>, thread: &Giver<W>) {
+    while !thread.is_gone() && matches!(back.wait(Some(LOOK)), Ok(None)) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thread_that_has_gone_without_its_word_is_not_waited_for() {
+        let (mut thread, words) = handoff(1);
+        let (replace, mut replaced) = handoff::<()>(1);
+        assert!(thread.give(replace).is_ok());
+        drop(words);
+        wait_for(&mut replaced, &thread);
+    }
 }

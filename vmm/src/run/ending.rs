@@ -71,11 +71,6 @@ impl Running<'_> {
         // No guest with windows is left: from here on the watchdog is not fed, and does not run.
         drop(watchdog);
         facts.close_devices(waiting);
-        // What is being loaded may have a device in its reset, which could not be given back.
-        let until = Instant::now() + LOADING;
-        for loading in loading {
-            let _ = loading.wait_within(until.saturating_duration_since(Instant::now()));
-        }
         let report = supervised.map_err(RunError::from).and_then(|mut supervisor| {
             if supervisor.ended_by_signal {
                 outputs.patience = Patience::SHORT;
@@ -89,6 +84,12 @@ impl Running<'_> {
             };
             Ok(facts.report(&supervisor, duration, host_ports, process, output))
         });
+        // What is being loaded may have a device in its reset, which could not be given back. Values that are retained do not wait
+        // for that.
+        let until = Instant::now() + LOADING;
+        for loading in loading {
+            let _ = loading.wait_within(until.saturating_duration_since(Instant::now()));
+        }
         drop(guard);
         terminal::restore();
         for name in facts.held_up() {
