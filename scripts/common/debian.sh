@@ -116,6 +116,12 @@ make_debian() {
     as_root mke2fs -q -F -t ext4 -T default -b 4096 -L debian -d "$work/root" "$work/disk.img" ||
         fail "Debian does not fit into $debian_size; --size says how large the disk is"
     copy_debian_kernel "$work"
+    # The making took minutes, in which a run may have begun.
+    if [[ -e $disk ]]; then
+        exec {disk_lock}<"$disk"
+        { flock --nonblock "$disk_lock" && debian_untouched; } ||
+            fail "$disk is in use or was written to meanwhile, and stays as it is"
+    fi
     # Broken off from here on, it is made anew the next time: without these nothing there is taken for whole.
     rm -f "$debian_folder/inputs"
     mv "$work"/{vmlinuz,initrd.img} "$debian_folder/"
@@ -266,7 +272,8 @@ copy_debian_kernel() {
     for name in vmlinuz initrd.img; do
         new=$(debian_link "$disk" "$name")
         rm -f "$1/$name.new"
-        debugfs -R "dump /$new $1/$name.new" "$disk" 2>/dev/null
+        # A command of debugfs ends a word at each blank.
+        (cd "$1" && debugfs -R "dump /$new $name.new" "$disk" 2>/dev/null)
         [[ -s $1/$name.new ]] || fail "$disk has no /$name that leads to a file"
     done
     for name in vmlinuz initrd.img; do

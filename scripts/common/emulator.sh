@@ -29,7 +29,7 @@ qemu_command() {
         qemu=(qemu-system-x86_64)
         return
     fi
-    folder=$(one_build_at_a_time && newest qemu current_qemu download_qemu)
+    folder=$(one_build_at_a_time && newest qemu current_qemu download_qemu) || exit
     loader=$(one_of "$folder"/{lib,usr/lib}/x86_64-linux-gnu/ld-linux-x86-64.so.2)
     # QEMU's own parts are found by its build's path otherwise.
     export QEMU_MODULE_DIR=$folder/usr/lib/x86_64-linux-gnu/qemu

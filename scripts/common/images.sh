@@ -24,7 +24,7 @@ find_busybox() {
         need_packages busybox-static
         echo /bin/busybox
     else
-        folder=$(newest busybox-static current_version download_package busybox-static)
+        folder=$(newest busybox-static current_version download_package busybox-static) || return
         one_of "$folder"/{bin,usr/bin}/busybox
     fi
 }
@@ -40,8 +40,13 @@ stand_in() {
     done
 }
 
-# inputs_unchanged STAMP INPUTS: whether STAMP says that the image was made from INPUTS.
+# inputs_unchanged STAMP INPUTS FILE...: whether STAMP says that the files were made from INPUTS, and each is there, and is not a
+# link to that of another suite (stand_in).
 inputs_unchanged() {
+    local file
+    for file in "${@:3}"; do
+        [[ -s $file && ! -L $file ]] || return 1
+    done
     [[ -e $1 && $(<"$1") == "$2" ]]
 }
 

@@ -7,8 +7,8 @@
 # $io_guest, the same with what the guest needs of it.
 find_io_tools() {
     local vmm measuring
-    vmm=$(one_build_at_a_time && newest qemu current_qemu download_qemu)
-    measuring=$(one_build_at_a_time && newest io current_io download_io)
+    vmm=$(one_build_at_a_time && newest qemu current_qemu download_qemu) || exit
+    measuring=$(one_build_at_a_time && newest io current_io download_io) || exit
     io_tools=$results/io/tools
     io_guest=$results/io/guest/io
     rm -rf "$results/io"

@@ -307,9 +307,8 @@ remember_terminal() {
 }
 
 restore_terminal() {
-    if [[ -n ${terminal-} ]]; then
-        stty "$terminal"
-    fi
+    # One that has been closed takes nothing, and what follows has to be done all the same.
+    [[ -z ${terminal-} ]] || stty "$terminal" 2>/dev/null || true
 }
 
 # read_status OUTCOME: sets $status from the result archive. Its last file is the status, so

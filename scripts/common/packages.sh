@@ -10,6 +10,8 @@
 export PATH=$PATH:/usr/local/sbin:/usr/sbin:/sbin
 # What apt and others print is read.
 export LC_ALL=C.UTF-8
+# Debian 12's libc lets it win over that.
+unset LANGUAGE
 
 keep_packages=
 
@@ -125,8 +127,17 @@ as_root() {
 }
 
 update_own_lists() {
+    local said tries
     echo "${0##*/}: bringing apt's package lists up to date" >&2
-    as_root apt-get update -qq -o DPkg::Lock::Timeout=600 >&2
+    # For the lock of its lists apt does not wait.
+    for ((tries = 0; ; tries++)); do
+        said=$(as_root apt-get update -qq -o DPkg::Lock::Timeout=600 2>&1) && return
+        if ((tries == 120)) || [[ $said != *lists/lock* ]]; then
+            echo "$said" >&2
+            return 1
+        fi
+        sleep 5
+    done
 }
 
 # need_packages PACKAGE...: installs those that are missing.
