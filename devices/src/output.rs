@@ -25,11 +25,18 @@ pub trait ConsoleOutput: io::Write {
     fn would_wait(&self, _bytes: usize) -> bool {
         false
     }
+
+    /// Another guest prints from here on. What watches lines forgets what it has of one.
+    fn begin_anew(&mut self) {}
 }
 
 impl<W: ConsoleOutput + ?Sized> ConsoleOutput for Box<W> {
     fn would_wait(&self, bytes: usize) -> bool {
         W::would_wait(self, bytes)
+    }
+
+    fn begin_anew(&mut self) {
+        W::begin_anew(self);
     }
 }
 

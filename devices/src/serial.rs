@@ -92,6 +92,7 @@ impl<W: ConsoleOutput> SerialPort<W> {
 
         let mut port = self.lock();
         port.pending.clear();
+        port.registers.writer_mut().begin_anew();
         for register in [LINE_CONTROL, MODEM_CONTROL, INTERRUPTS] {
             // Only an interrupt can fail, and a new machine does not know of one.
             let _ = port.registers.write(register, 0);

@@ -92,6 +92,11 @@ impl<W: ConsoleOutput> ConsoleOutput for InitWatch<W> {
     fn would_wait(&self, bytes: usize) -> bool {
         self.out.would_wait(bytes)
     }
+
+    fn begin_anew(&mut self) {
+        self.length = 0;
+        self.out.begin_anew();
+    }
 }
 
 impl<W: Write> Write for InitWatch<W> {
@@ -132,6 +137,16 @@ mod tests {
     fn the_kernels_line_is_recognised() {
         assert!(sees(b"[    1.234567] Run /init as init process\r\n"));
         assert!(sees(b"noise\nRun /sbin/init as init process\n"));
+    }
+
+    #[test]
+    fn a_line_ends_with_the_guest_that_began_it() {
+        let panic = PanicSeen::default();
+        let mut watch = InitWatch::new(Vec::new(), InitSeen::default(), panic.clone());
+        watch.write_all(b"Kernel panic - not syncing: no line end").unwrap();
+        watch.begin_anew();
+        watch.write_all(b"Linux version 6.1\n").unwrap();
+        assert_eq!(panic.instant(), None);
     }
 
     #[test]

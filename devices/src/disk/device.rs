@@ -64,7 +64,10 @@ impl Device for DiskDevice {
     }
 
     fn start(&mut self, _: u64, queues: Vec<Option<Queue>>) -> Result<(), BadQueues> {
-        let queue = queues.into_iter().next().flatten().ok_or(BadQueues)?;
+        let Some(queue) = queues.into_iter().next().flatten() else {
+            self.shared.broke();
+            return Err(BadQueues);
+        };
         self.shared.enable(queue);
         Ok(())
     }

@@ -8,8 +8,9 @@
 //! ```
 //!
 //! Nothing waits for the file. A recall ends the server's lease at once, also while the file is being
-//! written back for a minute: the server touches the guest's memory only under the lock and with a
-//! lease that still holds, so that after a recall it does not. What it is doing then it does to the end,
+//! written back for a minute: the server writes to the guest's memory, and takes what is for the file out of it, only under
+//! the lock and with a lease that still holds, so that after a recall it does not. Rings, descriptors and headers it may read
+//! behind one; what it makes of them is worth nothing. What it is doing then it does to the end,
 //! to the file alone, and gives back a lease that is worth nothing. The next queue is served after that.
 //!
 //! virtio lets a driver write 0 to the status and read until it is 0 (1.2, section 2.1.1), so a reset
@@ -81,6 +82,11 @@ impl Handover {
         self.broken.load(Ordering::SeqCst)
     }
 
+    /// The guest has handed over what is no queue.
+    pub(super) fn broke(&self) {
+        self.broken.store(true, Ordering::SeqCst);
+    }
+
     /// Takes note of an error of the medium; the first one stays.
     pub fn note(&self, error: io::Error) {
         let _ = self.error.set(error);
@@ -140,7 +146,7 @@ impl Handover {
             None => {
                 *slot = Slot::Off;
                 self.page.break_down();
-                self.broken.store(true, Ordering::SeqCst);
+                self.broke();
                 true
             }
         }

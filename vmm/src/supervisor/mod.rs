@@ -281,6 +281,21 @@ impl Supervisor {
         }
     }
 
+    /// Says which disks have had errors since the last look: a Linux that switches itself off flushes them just before.
+    pub fn tell_last_disk_errors(&mut self) {
+        let now = self.desk.now();
+        for account in &mut self.accounts {
+            // A disk has two kinds at most, and tells each once.
+            for disk in &mut account.disks {
+                while let Some(news) = disk.look() {
+                    let name = &account.name;
+                    self.screen.line("takt", &format!("{name}: {news}"));
+                    tell(&mut self.operators, now, EventKind::Health, Some(name), &news);
+                }
+            }
+        }
+    }
+
     /// Looks whether the host's clock has turned bad, which is an error of every partition.
     fn watch_clock(&mut self) {
         let now = self.desk.now();

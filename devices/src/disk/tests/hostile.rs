@@ -260,6 +260,7 @@ fn a_queue_of_a_size_or_at_a_place_that_none_has_is_refused() {
         let mut guest = Guest::new(false);
         guest.set_up(size, rings);
         assert!(guest.needs_reset(), "{size}");
+        assert!(guest.shared.was_broken(), "{size}");
         assert!(!guest.server.serve(|| ()));
         guest.start_driver();
         assert_eq!(guest.ask(IN, 0, &[writable(DATA, 512)]), OK);
