@@ -187,7 +187,7 @@ fn check_one(image: &Image<'_>, whence: Where, record: Record<'_>) -> Result<(),
     }
     let flags = record.u16(variable::FLAGS);
     let flags = Flags::from_bits(flags).ok_or_else(|| {
-        whence.value("flags", flags.into(), "the sum of some of 1, 2, 4, 8, 16, 32")
+        whence.value("flags", flags.into(), "the sum of some of 1, 2, 4, 8, 16, 32, 64")
     })?;
     let constant = area == Area::Constant;
     whence.rule(

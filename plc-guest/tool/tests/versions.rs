@@ -174,10 +174,10 @@ fn a_roll_back_after_which_the_new_version_runs_has_failed() {
         let says = "did not come back";
         write("tank.plc", &old);
         let ended = run_in(&folder, &words, &answers).1.expect(5, says);
-        ended.expect(5, "tank.plc, or start Takt anew, which begins with it");
+        ended.expect(5, "tank.plc; else, start Takt anew, which begins with it");
         write("tank.plc", &new);
         let ended = run_in(&folder, &words, &answers).1.expect(5, says);
-        ended.expect(5, "`takt plc load` and `commit` its image, or put it in the place of");
+        ended.expect(5, "`takt plc load` and `commit` its image; else, put it in the place of");
         write("tank.plc.previous", &old);
         let ended = run_in(&folder, &words, &answers).1.expect(5, says);
         ended.expect(5, "tank.plc.previous");

@@ -23,7 +23,7 @@ use super::start::settings_of;
 use super::version::{Lengths, Other, Way};
 use takt_abi::live::{Answer, ChangePhase, ChangeReason, ChangeRecord, ChangeStep, Refusal};
 use takt_change::Ready;
-use takt_kernel::task::TaskId;
+use takt_kernel::task::{ProgramId, TaskId};
 use takt_kernel::time::{Instant, Span};
 use takt_plc_guest::cycle;
 use takt_program::address::CODE;
@@ -143,6 +143,10 @@ impl Kernel {
         };
         // Its state is about to get initial values, and with them what a change has put there.
         if changing.is_loading() {
+            return Err(Refusal::NotNow);
+        }
+        // One that has stopped is never between two jobs again: its next life begins with a start of the guest.
+        if self.scheduler.is_stopped(ProgramId(program)) {
             return Err(Refusal::NotNow);
         }
         match self.change.record.phase {

@@ -168,7 +168,7 @@ fn not_back(program: &Program, running: &ImageVersion, wanted: Option<ImageVersi
     };
     refused(format!(
         "version {} of {} stays, and the version before did not come back: the kernel had forgotten it, since the program has \
-         stopped or was started anew. `takt plc load` and `commit` {image}, or {start}",
+         stopped or was started anew. If the program runs, `takt plc load` and `commit` {image}; else, {start}",
         takt_client::plain(&running.version),
         program.name
     ))
