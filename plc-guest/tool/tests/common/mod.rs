@@ -3,7 +3,6 @@
 
 use std::fs;
 use std::io::Write;
-use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -90,11 +89,12 @@ impl Folder {
 
     /// Another program, which finds `takt` as users have it in their path.
     pub fn run(&self, program: &str, words: &[&str]) -> Ended {
-        let takt = self.write(
-            "takt",
-            concat!("#!/bin/sh\nshift\nexec ", env!("CARGO_BIN_EXE_takt-plc"), " \"$@\"\n"),
-        );
-        fs::set_permissions(&takt, fs::Permissions::from_mode(0o755)).unwrap();
+        let text = concat!("#!/bin/sh\nshift\nexec ", env!("CARGO_BIN_EXE_takt-plc"), " \"$@\"\n");
+        let (source, takt) = (self.write("takt.sh", text), self.path().join("takt"));
+        // By another process: what this one is writing, a program that another test starts at this moment has open too, and
+        // the kernel executes no file that is open for writing.
+        let mut install = Command::new("install");
+        assert_eq!(run(install.args(["-m", "755"]).arg(source).arg(&takt)).status, 0);
         let mut command = Command::new(program);
         // What cargo has told this test is about the repository.
         for (name, _) in std::env::vars_os() {
