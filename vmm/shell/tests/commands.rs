@@ -1,7 +1,6 @@
 //! The programs as a user has them, with an ssh and an scp that only say what they were told.
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -18,8 +17,12 @@ fn programs(names: &[&str]) -> PathBuf {
         let path = folder.join(name);
         // Of several tests at once, none may see half of it.
         let new = folder.join(format!("{name}.{:?}", std::thread::current().id()));
-        fs::write(&new, "#!/bin/sh\nprintf '%s\\n' \"$@\"\nexit 7\n").unwrap();
-        fs::set_permissions(&new, fs::Permissions::from_mode(0o755)).unwrap();
+        let text = new.with_extension("text");
+        fs::write(&text, "#!/bin/sh\nprintf '%s\\n' \"$@\"\nexit 7\n").unwrap();
+        // By another process: what this one is writing, a program that another test starts at this moment has open too, and
+        // the kernel executes no file that is open for writing.
+        let install = Command::new("install").args(["-m", "755"]).arg(&text).arg(&new).status();
+        assert!(install.unwrap().success());
         fs::rename(&new, &path).unwrap();
     }
     folder
