@@ -244,12 +244,6 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
         self.next
     }
 
-    /// True if none of this program's tasks runs any more.
-    #[must_use]
-    pub fn is_stopped(&self, program: ProgramId) -> bool {
-        self.phase(program) == Phase::Stopped
-    }
-
     /// True if the program runs and none of its tasks has a job: no task uses its state until the next release.
     #[must_use]
     pub fn is_between_jobs(&self, program: ProgramId) -> bool {

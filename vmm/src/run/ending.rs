@@ -146,7 +146,7 @@ fn finish(
         let text = "a disk still waits for its file, and is left to it";
         supervisor.screen.line("takt", text);
     }
-    supervisor.tell_last_disk_errors();
+    supervisor.look_at_disks();
     // First: what ends Takt may not wait for recordings, and values that are retained are the plant's memory.
     let most = if supervisor.ended_by_signal { SAVING_SHORT } else { SAVING };
     let saved = supervisor.operators.as_mut().map(|operators| operators.finish(duration, most));

@@ -33,7 +33,6 @@ use crate::account::Account;
 use crate::console_log::ConsoleLog;
 use crate::control::Operators;
 use crate::control::protocol::EventKind;
-use crate::disk::DiskWatch;
 use crate::health::Detail;
 use crate::host_clock::HostClock;
 use crate::host_ports::HostPorts;
@@ -265,24 +264,24 @@ impl Supervisor {
         }
     }
 
-    /// Says which kernels do nothing any more, which disks have errors, and which partitions do not come to what must
-    /// follow.
+    /// Says which kernels do nothing any more, which partitions do not come to what must follow, and which disks have errors.
     fn look_at_guests(&mut self) {
         let (base, now) = (self.desk.base(), self.desk.now());
         for account in &mut self.accounts {
             let kernel = account.look_at_kernel(&base, now).map(|news| news.to_string());
             let delay = account.look_for_delay(now).map(str::to_owned);
-            let disks = account.disks.iter_mut().filter_map(DiskWatch::look);
-            for news in kernel.into_iter().chain(delay).chain(disks) {
+            for news in kernel.into_iter().chain(delay) {
                 let name = &account.name;
                 self.screen.line("takt", &format!("{name}: {news}"));
                 tell(&mut self.operators, now, EventKind::Health, Some(name), &news);
             }
         }
+        self.look_at_disks();
     }
 
-    /// Says which disks have had errors since the last look: a Linux that switches itself off flushes them just before.
-    pub fn tell_last_disk_errors(&mut self) {
+    /// Says which disks have errors; once more when the run is over, since a Linux that switches itself off flushes them just
+    /// before.
+    pub fn look_at_disks(&mut self) {
         let now = self.desk.now();
         for account in &mut self.accounts {
             // A disk has two kinds at most, and tells each once.

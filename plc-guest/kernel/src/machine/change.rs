@@ -23,6 +23,7 @@ use super::start::settings_of;
 use super::version::{Lengths, Other, Way};
 use takt_abi::live::{Answer, ChangePhase, ChangeReason, ChangeRecord, ChangeStep, Refusal};
 use takt_change::Ready;
+use takt_kernel::scheduler::Phase;
 use takt_kernel::task::{ProgramId, TaskId};
 use takt_kernel::time::{Instant, Span};
 use takt_plc_guest::cycle;
@@ -146,7 +147,7 @@ impl Kernel {
             return Err(Refusal::NotNow);
         }
         // One that has stopped is never between two jobs again: its next life begins with a start of the guest.
-        if self.scheduler.is_stopped(ProgramId(program)) {
+        if self.scheduler.phase(ProgramId(program)) == Phase::Stopped {
             return Err(Refusal::NotNow);
         }
         match self.change.record.phase {

@@ -23,13 +23,13 @@ pub fn ends(connection: RawFd) -> io::Result<()> {
     for signal in [libc::SIGINT, libc::SIGTERM, libc::SIGHUP] {
         // SAFETY: all zeros is a `sigaction`.
         let mut before: libc::sigaction = unsafe { std::mem::zeroed() };
-        // SAFETY: the handler has the signature of one without SA_SIGINFO, and calls only what is safe in a handler
-        // (POSIX, section 2.4.3).
-        let result = unsafe { libc::sigaction(signal, &raw const action, &raw mut before) };
+        // SAFETY: reads into a live structure.
+        let mut result = unsafe { libc::sigaction(signal, std::ptr::null(), &raw mut before) };
         // `nohup` and shells in the background have it ignored, so that the command goes on.
-        if result == 0 && before.sa_sigaction == libc::SIG_IGN {
-            // SAFETY: takes a number and a constant.
-            unsafe { libc::signal(signal, libc::SIG_IGN) };
+        if result == 0 && before.sa_sigaction != libc::SIG_IGN {
+            // SAFETY: the handler has the signature of one without SA_SIGINFO, and calls only what is safe in a handler
+            // (POSIX, section 2.4.3).
+            result = unsafe { libc::sigaction(signal, &raw const action, std::ptr::null_mut()) };
         }
         if result < 0 {
             return Err(io::Error::last_os_error());
