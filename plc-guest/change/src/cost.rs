@@ -17,7 +17,7 @@ pub const SAVED_BYTES: u32 = 16 << 10;
 const STEP_NS: u64 = 250;
 const CONVERSION_NS: u64 = 200;
 const REFERENCE_NS: u64 = 100;
-/// For each range that a reference is compared with.
+/// For each range that a reference is compared with, and each time that a record is read for nothing.
 const RANGE_NS: u64 = 40;
 /// What eight bytes take that are copied once.
 const WORD_NS: u64 = 2;
@@ -37,8 +37,11 @@ pub struct Cost {
     pub saved: u64,
     /// References that are looked up.
     pub references: u64,
-    /// Ranges in which they are looked up.
+    /// Records among which they are looked up: all that write the state or say what stays in it. What leads to something that
+    /// is gone is compared with each of them.
     pub ranges: u64,
+    /// Records that are read twice at the commit and do nothing then.
+    pub passed: u64,
     /// Bytes that get their initial values before the commit, where the old version has no state.
     pub early: u64,
 }
@@ -46,19 +49,20 @@ pub struct Cost {
 impl Cost {
     /// Adds a step of a plan for an old state of this size.
     pub(crate) fn add(&mut self, step: &Step, old_bytes: u32) {
+        if step.writes_state() {
+            self.ranges += 1;
+        }
         if step.is_early(old_bytes) {
             self.early += u64::from(step.bytes());
+            self.passed += 1;
             return;
         }
         match *step {
             Step::Keep { .. } => {
-                self.ranges += 1;
+                self.passed += 1;
                 return;
             }
-            Step::Copy { bytes, .. } => {
-                self.moved += u64::from(bytes);
-                self.ranges += 1;
-            }
+            Step::Copy { bytes, .. } => self.moved += u64::from(bytes),
             Step::Convert { count, .. } => self.converted += u64::from(count),
             Step::Initial { bytes, .. } => self.initialised += u64::from(bytes),
             Step::Save { bytes, .. } | Step::Restore { bytes, .. } => {
@@ -81,6 +85,7 @@ impl Cost {
         let words = (2 * self.moved + self.initialised + self.saved).div_ceil(8);
         let one = REFERENCE_NS + RANGE_NS * self.ranges;
         self.steps * STEP_NS
+            + self.passed * 2 * RANGE_NS
             + words * WORD_NS
             + self.converted * CONVERSION_NS
             + self.references * one

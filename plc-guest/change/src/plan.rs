@@ -151,6 +151,11 @@ impl Step {
         matches!(*self, Self::Initial { to, .. } if to >= old_bytes)
     }
 
+    /// Whether it is one of the first group: it writes the state, or says what stays in it.
+    pub(crate) const fn writes_state(&self) -> bool {
+        !matches!(self, Self::Save { .. } | Self::Reference { .. })
+    }
+
     /// The record.
     #[must_use]
     pub fn record(&self) -> [u8; RECORD_BYTES] {
@@ -372,7 +377,8 @@ impl<'a> Plan<'a> {
     #[must_use]
     pub fn relocated(&self, target: u64) -> u64 {
         relocate(target, self.old_bytes(), |offset| {
-            self.steps().find_map(|step| {
+            // The model of the cost counts these records only.
+            self.steps().take_while(Step::writes_state).find_map(|step| {
                 let (from, to, bytes) = match step {
                     Step::Keep { at, bytes } => (at, at, bytes),
                     Step::Copy { from, to, bytes } => (from, to, bytes),

@@ -125,6 +125,33 @@ fn what_takes_too_long_has_no_place_between_two_cycles() {
 }
 
 #[test]
+fn each_record_that_a_reference_is_compared_with_is_counted() {
+    let early = (64..96).map(|to| Step::Initial { to, bytes: 1 });
+    let references = (0..8).map(|n| Step::Reference { from: 8 * n, to: 8 * n });
+    let steps: Vec<Step> = early.chain(references).collect();
+    assert!(matches!(verdict(&steps, 0), Err(Defect::Cost { .. })));
+    // Without the one or the other it is soon done.
+    assert_eq!(verdict(&steps[..32], 0), Ok(()));
+    assert_eq!(verdict(&steps[32..], 0), Ok(()));
+}
+
+#[test]
+fn an_array_may_end_where_the_numbers_do() {
+    let version = |low, up| {
+        let element = Box::new(common::Ty::Elementary(Elementary::Dint));
+        Source(vec![("a".into(), common::Ty::Array(low, up, element))]).image(&[])
+    };
+    for (old, new) in [
+        (version(i64::MAX - 1, i64::MAX), version(i64::MAX - 2, i64::MAX)),
+        (version(i64::MIN, i64::MIN + 1), version(i64::MIN, i64::MIN + 2)),
+    ] {
+        let (a, b) = (Image::parse(&old).unwrap(), Image::parse(&new).unwrap());
+        let plans = Change::between(&a, &b).plans.unwrap();
+        assert!(Plan::parse(&plans.forward, &a, &b).is_ok());
+    }
+}
+
+#[test]
 fn plans_of_random_bytes_stay_within_the_state() {
     let mut accepted = 0;
     let versions = Versions::new();

@@ -419,9 +419,9 @@ impl<'a> Carrier<'a> {
 /// The parts of `from..=to` that are not in `low..=up`, which may be empty.
 fn outside(from: i64, to: i64, low: i64, up: i64) -> impl Iterator<Item = (i64, i64)> {
     let parts = if low > up {
-        [(from, to), (1, 0)]
+        [Some((from, to)), None]
     } else {
-        [(from, low.saturating_sub(1)), (up.saturating_add(1), to)]
+        [low.checked_sub(1).map(|last| (from, last)), up.checked_add(1).map(|first| (first, to))]
     };
-    parts.into_iter().filter(|(first, last)| first <= last)
+    parts.into_iter().flatten().filter(|(first, last)| first <= last)
 }

@@ -202,7 +202,8 @@ pub fn to_second(old: &Image<'_>, new: &Image<'_>, carried: &Carried) -> Option<
 }
 
 /// The pieces in the order of the places that they write, with neighbours that do the same as one. Padding
-/// comes along, unless there are references: what is padding on one side may be a variable on the other.
+/// comes along with what is carried, unless there are references: what is padding on one side may be a variable on the
+/// other. Initial values are of the new version, whose padding it is.
 fn merged(carried: &Carried) -> Vec<Piece> {
     joined(carried, if carried.references.is_empty() { PADDING } else { 0 })
 }
@@ -223,15 +224,15 @@ fn joined(carried: &Carried, padding: u32) -> Vec<Piece> {
 
 fn join(a: Piece, b: Piece, padding: u32) -> Option<Piece> {
     let end = a.to + a.what.bytes();
-    let close = b.to <= end.saturating_add(padding);
+    let close = |padding| b.to <= end.saturating_add(padding);
     let adjacent = b.to == end;
     let what = match (a.what, b.what) {
         (What::Carry { from: x, .. }, What::Carry { from: y, bytes })
-            if close && y.wrapping_sub(x) == b.to - a.to =>
+            if close(padding) && y.wrapping_sub(x) == b.to - a.to =>
         {
             What::Carry { from: x, bytes: (b.to - a.to + bytes).max(a.what.bytes()) }
         }
-        (What::Initial { .. }, What::Initial { bytes }) if close => {
+        (What::Initial { .. }, What::Initial { bytes }) if close(PADDING) => {
             What::Initial { bytes: (b.to - a.to + bytes).max(a.what.bytes()) }
         }
         (
