@@ -33,6 +33,7 @@ use crate::vcpu::Control;
 use crate::vcpu::guest_timer::Deadlines;
 use crate::vcpu::record::{Detour, Record, WindowRecord};
 use crate::vcpu::records::RecordReader;
+use crate::vhost::LinkWatch;
 use takt_record::WindowAssembler;
 
 /// Time between two looks, in ns, from which on it is taken that Takt itself was stopped. It looks fifty times a second.
@@ -88,6 +89,8 @@ pub struct Account {
     pub kernel: Option<KernelWatch>,
     /// What notices errors of its disks.
     pub disks: Vec<DiskWatch>,
+    /// What notices that the host's kernel does not take the queues of its interfaces or sockets.
+    pub links: Vec<LinkWatch>,
     /// Where the deadlines of its processors' timers are placed; empty if Takt does not do that.
     pub deadlines: Vec<Arc<Deadlines>>,
     /// Where other versions of its programs are put; `None` if it has no programs.

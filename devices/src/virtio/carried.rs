@@ -15,7 +15,7 @@ pub(crate) mod tests;
 
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use virtio_bindings::virtio_config::VIRTIO_F_VERSION_1;
 use virtio_bindings::virtio_ring::{VIRTIO_RING_F_EVENT_IDX, VIRTIO_RING_F_INDIRECT_DESC};
@@ -107,6 +107,7 @@ pub struct Link {
     carrier: Mutex<Option<Box<dyn Carrier>>>,
     running: AtomicBool,
     refusals: AtomicU64,
+    error: OnceLock<io::Error>,
 }
 
 impl Link {
@@ -117,6 +118,7 @@ impl Link {
             carrier: Mutex::new(Some(Box::new(carrier))),
             running: AtomicBool::new(false),
             refusals: AtomicU64::new(0),
+            error: OnceLock::new(),
         }
     }
 
@@ -136,10 +138,16 @@ impl Link {
         drop(self.carrier().take());
     }
 
-    /// How often a driver has handed over queues that could not be used.
+    /// How often a driver has handed over queues that are not in its guest's RAM.
     #[must_use]
     pub fn refusals(&self) -> u64 {
         self.refusals.load(Ordering::SeqCst)
+    }
+
+    /// The first error of the carrier when it was given queues that are.
+    #[must_use]
+    pub fn error(&self) -> Option<&io::Error> {
+        self.error.get()
     }
 
     /// The features of rings that the carrier knows.
@@ -153,16 +161,18 @@ impl Link {
 
     fn start(&self, agreed: u64, rings: Option<[Ring; QUEUES]>) -> Result<(), BadQueues> {
         let mut carrier = self.carrier();
-        let started = carrier
-            .as_mut()
-            .zip(rings)
-            .is_some_and(|(carrier, rings)| carrier.start(agreed, rings).is_ok());
-        self.running.store(started, Ordering::SeqCst);
-        if started {
-            return Ok(());
+        let Some(rings) = rings else {
+            self.refusals.fetch_add(1, Ordering::SeqCst);
+            return Err(BadQueues);
+        };
+        let carrier = carrier.as_mut().ok_or(BadQueues)?;
+        if let Err(error) = carrier.start(agreed, rings) {
+            // Of those that follow none is kept: a guest may try without end.
+            let _ = self.error.set(error);
+            return Err(BadQueues);
         }
-        self.refusals.fetch_add(1, Ordering::SeqCst);
-        Err(BadQueues)
+        self.running.store(true, Ordering::SeqCst);
+        Ok(())
     }
 }
 

@@ -247,6 +247,8 @@ fn a_carrier_that_refuses_breaks_the_device_until_a_reset() {
     let mut guest = Guest::with(Kind::Vsock, Notes { refuses: true, ..Notes::default() });
     guest.start(1 << 32, [256; 2], QUEUE_PARTS);
     assert_eq!((guest.read(0x70), guest.read(0x60)), (0x4f, 2));
+    assert_eq!(guest.link.error().map(io::Error::kind), Some(io::ErrorKind::Other));
+    assert_eq!(guest.link.refusals(), 0, "it is not the driver's error");
     guest.write(0x70, 0);
     assert_eq!((guest.read(0x70), guest.read(0x60)), (0, 0));
     assert_eq!(guest.calls().len(), 1, "what has not started is not stopped");

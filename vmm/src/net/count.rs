@@ -28,18 +28,17 @@ impl Counts {
         Ok(Self([of("tx")?, of("rx")?]))
     }
 
-    /// What they say now; 0 for what cannot be read.
-    pub fn read(&self) -> [Traffic; 2] {
+    /// What they say now; `None` if the device is gone.
+    pub fn read(&self) -> [Option<Traffic>; 2] {
         self.0.each_ref().map(|files| {
             let [packets, bytes, dropped] = files.each_ref().map(number);
-            Traffic { packets, bytes, dropped }
+            Some(Traffic { packets: packets?, bytes: bytes?, dropped: dropped? })
         })
     }
 }
 
-fn number(file: &File) -> u64 {
+fn number(file: &File) -> Option<u64> {
     let mut text = [0; 24];
-    let read = file.read_at(&mut text, 0).unwrap_or(0);
-    let text = text.get(..read).and_then(|text| str::from_utf8(text).ok());
-    text.and_then(|text| text.trim_end().parse().ok()).unwrap_or(0)
+    let read = file.read_at(&mut text, 0).ok()?;
+    str::from_utf8(text.get(..read)?).ok()?.trim_end().parse().ok()
 }

@@ -29,7 +29,7 @@ use crate::restart::{LinuxLoader, Restart};
 use crate::run_error::RunError;
 use crate::sandbox;
 use crate::vcpu::thread::Place;
-use crate::vhost::{Carried, Closer};
+use crate::vhost::{Carried, Closer, LinkWatch};
 use crate::virtio::Slot;
 use crate::vsock;
 
@@ -80,13 +80,14 @@ impl Preparation<'_> {
             disks.push(thread);
         }
         let watches = drives.iter().map(Drive::watch).collect();
-        let (mut carried, mut cables) = (Vec::new(), Vec::new());
+        let (mut carried, mut cables, mut links) = (Vec::new(), Vec::new(), Vec::new());
         if !partition.nets().is_empty() {
             net::load_modules(self.role).map_err(unplugged)?;
         }
         for (number, net) in (drives.len() as u32..).zip(partition.nets()) {
             let (interface, cable) =
                 net::open(Slot(number), net, &memory, place.clone()).map_err(unplugged)?;
+            links.push(LinkWatch::new(format!("interface {}", net.tap), interface.link()));
             carried.push(interface);
             cables.push(cable);
         }
@@ -97,6 +98,7 @@ impl Preparation<'_> {
                 |source| RunError::Vsock { partition: partition.name().to_owned(), source };
             let (device, end) =
                 vsock::open(slot, cid, &memory, place, self.role).map_err(unreachable)?;
+            links.push(LinkWatch::new("sockets".into(), device.link()));
             carried.push(device);
             socket = Some(end);
         }
@@ -151,6 +153,7 @@ impl Preparation<'_> {
             button.zip(patience).map(|(wire, patience)| PowerButton::new(wire, patience));
         prepared.account.kernel = Some(KernelWatch::new(panic));
         prepared.account.disks = watches;
+        prepared.account.links = links;
         prepared.disks = disks;
         prepared.linux = Some(LinuxParts { init, cables, nets: Vec::new(), vsock: socket, closer });
         Ok(prepared)

@@ -194,6 +194,7 @@ impl Preparation<'_> {
             timetable,
             kernel: None,
             disks: Vec::new(),
+            links: Vec::new(),
             deadlines: Vec::new(),
             banks: None,
             power_button: None,

@@ -146,7 +146,7 @@ fn finish(
         let text = "a disk still waits for its file, and is left to it";
         supervisor.screen.line("takt", text);
     }
-    supervisor.look_at_disks();
+    supervisor.look_at_devices();
     // First: what ends Takt may not wait for recordings, and values that are retained are the plant's memory.
     let most = if supervisor.ended_by_signal { SAVING_SHORT } else { SAVING };
     let saved = supervisor.operators.as_mut().map(|operators| operators.finish(duration, most));

@@ -20,6 +20,7 @@ mod sources;
 mod typing;
 
 use std::io;
+use std::iter;
 use std::os::fd::RawFd;
 use std::time::Duration;
 
@@ -43,6 +44,7 @@ use crate::interrupts::Interrupts;
 use crate::outlet::Trace;
 use crate::schedule_requests::ScheduleRequests;
 use crate::screen::Screen;
+use crate::vhost::LinkWatch;
 use error::{SupervisorError, cannot};
 use own_timers::OwnTimers;
 pub use signals::take_signals;
@@ -264,7 +266,7 @@ impl Supervisor {
         }
     }
 
-    /// Says which kernels do nothing any more, which partitions do not come to what must follow, and which disks have errors.
+    /// Says which kernels do nothing any more, which partitions do not come to what must follow, and which devices have errors.
     fn look_at_guests(&mut self) {
         let (base, now) = (self.desk.base(), self.desk.now());
         for account in &mut self.accounts {
@@ -276,21 +278,20 @@ impl Supervisor {
                 tell(&mut self.operators, now, EventKind::Health, Some(name), &news);
             }
         }
-        self.look_at_disks();
+        self.look_at_devices();
     }
 
-    /// Says which disks have errors; once more when the run is over, since a Linux that switches itself off flushes them just
+    /// Says which disks have errors, and which devices the host's kernel does not serve; once more when the run is over, since a Linux that switches itself off flushes them just
     /// before.
-    pub fn look_at_disks(&mut self) {
+    pub fn look_at_devices(&mut self) {
         let now = self.desk.now();
         for account in &mut self.accounts {
-            // A disk has two kinds at most, and tells each once.
-            for disk in &mut account.disks {
-                while let Some(news) = disk.look() {
-                    let name = &account.name;
-                    self.screen.line("takt", &format!("{name}: {news}"));
-                    tell(&mut self.operators, now, EventKind::Health, Some(name), &news);
-                }
+            let Account { name, disks, links, .. } = account;
+            // A disk has two kinds of news at most, a link one; each is told once.
+            let disks = disks.iter_mut().flat_map(|disk| iter::from_fn(|| disk.look()));
+            for news in disks.chain(links.iter_mut().filter_map(LinkWatch::look)) {
+                self.screen.line("takt", &format!("{name}: {news}"));
+                tell(&mut self.operators, now, EventKind::Health, Some(name), &news);
             }
         }
     }

@@ -13,6 +13,7 @@
 
 mod closer;
 mod error;
+mod watch;
 mod worker;
 
 use std::fs::{File, OpenOptions};
@@ -36,6 +37,7 @@ use crate::virtio::Slot;
 
 pub use closer::{Closer, PATIENCE};
 pub use error::VhostError;
+pub use watch::LinkWatch;
 
 /// `VIRTIO_F_VERSION_1`.
 const VERSION_1: u64 = 1 << 32;

@@ -9,11 +9,11 @@ use serde::{Deserialize, Serialize};
 pub struct Net {
     /// The tap device at the host's end.
     pub tap: String,
-    /// What the host has sent to the guest.
-    pub to_guest: Traffic,
+    /// What the host has sent to the guest; `None` if the tap device was gone at the end of the run.
+    pub to_guest: Option<Traffic>,
     /// What the guest has sent.
-    pub from_guest: Traffic,
-    /// How often the guest's driver handed over queues that could not be used.
+    pub from_guest: Option<Traffic>,
+    /// How often the guest's driver handed over queues that are not in its memory.
     pub refused_queues: u64,
 }
 
@@ -34,14 +34,17 @@ pub struct Traffic {
 pub struct Vsock {
     /// The number by which the host reaches it.
     pub cid: u32,
-    /// How often the guest's driver handed over queues that could not be used.
+    /// How often the guest's driver handed over queues that are not in its memory.
     pub refused_queues: u64,
 }
 
 impl fmt::Display for Net {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { tap, to_guest, from_guest, refused_queues } = self;
-        write!(f, "{tap}: to it {to_guest}; from it {from_guest}")?;
+        match (to_guest, from_guest) {
+            (Some(to), Some(from)) => write!(f, "{tap}: to it {to}; from it {from}")?,
+            _ => write!(f, "{tap}: the tap device is gone, and its counts with it")?,
+        }
         refused(f, *refused_queues)
     }
 }

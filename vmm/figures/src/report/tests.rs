@@ -124,8 +124,8 @@ fn report() -> Report {
                 power_off: Some(PowerOff { asked_ns: 9_000_000_000, took_ns: Some(412_345_678) }),
                 nets: vec![Net {
                     tap: "takt0".into(),
-                    to_guest: Traffic { packets: 5, bytes: 600, dropped: 1 },
-                    from_guest: Traffic { packets: 7, bytes: 800, dropped: 0 },
+                    to_guest: Some(Traffic { packets: 5, bytes: 600, dropped: 1 }),
+                    from_guest: Some(Traffic { packets: 7, bytes: 800, dropped: 0 }),
                     refused_queues: 2,
                 }],
                 vsock: Some(Vsock { cid: 3, refused_queues: 1 }),

@@ -69,6 +69,7 @@ fn account() -> (Account, Revivals<PlcGuest>) {
         timetable: None,
         kernel: None,
         disks: Vec::new(),
+        links: Vec::new(),
         deadlines: Vec::new(),
         banks: None,
         power_button: None,
