@@ -15,7 +15,7 @@
 
 use crate::{pages, port};
 use core::arch::{asm, global_asm};
-use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, Ordering};
 use takt_abi::interrupt_controller::{LOCAL_APIC, SPURIOUS, VECTORS};
 use takt_abi::port::ARM;
 
@@ -95,6 +95,21 @@ pub fn open_for_a_moment() {
 unsafe extern "C" {
     /// The first stub; the others follow.
     static takt_interrupt_stubs: u8;
+    /// `iretq`.
+    static takt_interrupt_return: u8;
+}
+
+/// Where the stubs go when an interrupt is noted.
+static RETURN: AtomicPtr<u8> = AtomicPtr::new((&raw const takt_interrupt_return).cast_mut());
+
+/// Has the stubs end in a handler of the guest's: for one that has more to do than to go on where it was.
+///
+/// # Safety
+///
+/// The handler finds all registers and the stack as the processor leaves them at an interrupt without an error code, and ends as
+/// a handler of such a one does.
+pub unsafe fn return_by(handler: unsafe extern "C" fn()) {
+    RETURN.store(handler as *mut u8, Ordering::Relaxed);
 }
 
 /// The entry point of a vector, from [`FIRST`] on.
@@ -116,7 +131,7 @@ global_asm!(
     ".set takt_vector, takt_vector + 1",
     ".endr",
     // A spurious interrupt is none, and has no end to be told of.
-    "iretq",
+    "jmp qword ptr [rip + {way}]",
     ".balign {stub_bytes}",
     // Ended before it is noted: it cannot come again before the door is open, and in the emulated
     // machine a vector that is noted twice is the same bit.
@@ -143,6 +158,9 @@ global_asm!(
     "pop rcx",
     "pop rax",
     "add rsp, 8",
+    "jmp qword ptr [rip + {way}]",
+    ".globl takt_interrupt_return",
+    "takt_interrupt_return:",
     "iretq",
     ".popsection",
     stub_bytes = const STUB_BYTES,
@@ -152,4 +170,5 @@ global_asm!(
     come = sym COME,
     later = sym LATER,
     unended = sym UNENDED,
+    way = sym RETURN,
 );

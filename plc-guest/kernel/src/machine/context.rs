@@ -38,7 +38,7 @@ use core::mem::offset_of;
 use core::ptr;
 use takt_plc_guest::descriptor::{self, KERNEL_CODE, USER_CODE, USER_DATA};
 use takt_plc_guest::exception::{self, Frame};
-use takt_plc_guest::pages;
+use takt_plc_guest::{interrupt, pages};
 use takt_program::call::Call;
 
 /// What a task is when it does not run.
@@ -160,7 +160,7 @@ impl Context {
 /// Why the kernel has the processor again.
 #[derive(Clone, Copy, Debug)]
 pub enum Entry {
-    /// A window has begun.
+    /// A window has begun, or a device has interrupted.
     Tick,
     /// The task has made a call.
     Call,
@@ -258,6 +258,10 @@ pub unsafe fn install(vector: u8) {
     // SAFETY: the handler ends in `run`, or with `iretq`.
     unsafe { descriptor::set_gate(vector, tick) };
     exception::set_user_handler(fault);
+    // A window that begins while a device's interrupt is noted brings no tick: interrupts are off then. So its handler does not go
+    // back to the task either; the kernel looks for the window and lets it go on.
+    // SAFETY: `tick` is the handler of an interrupt without an error code.
+    unsafe { interrupt::return_by(tick) };
     // SAFETY: the caller promises ring 0.
     unsafe { super::processor::set_call_entry(call as *const () as u64, KERNEL_CODE) };
 }
@@ -339,8 +343,8 @@ unsafe extern "C" fn enter() {
     )
 }
 
-/// A window has begun. One that comes while the kernel runs, but for the end of [`enter`], is dropped: the kernel looks for
-/// itself.
+/// A window has begun, or the interrupt of a device has been noted. What comes while the kernel runs, but for the end
+/// of [`enter`], leads nowhere: the kernel looks for itself.
 #[unsafe(naked)]
 unsafe extern "C" fn tick() {
     naked_asm!(
