@@ -238,12 +238,17 @@ impl Kernel {
     /// The version in the other bank takes the place of the running one. False if a task has a job.
     fn exchange_versions(&mut self) -> bool {
         let from = cycle::now();
+        let now = self.now();
         let change = &mut self.change;
         let place = usize::from(change.record.program);
         let (Some(program), Some(other)) = (self.programs[place].as_mut(), change.other) else {
             change.end(ChangePhase::None, ChangeReason::Stopped);
             return true;
         };
+        if change.is_leaving(change.record.program) {
+            // A job of a version that has failed is skipped when its turn comes, which may be never.
+            self.scheduler.abandon(program.id, now);
+        }
         if !self.scheduler.is_between_jobs(program.id) {
             return false;
         }

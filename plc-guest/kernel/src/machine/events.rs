@@ -1,12 +1,12 @@
 //! What event tasks wait for.
 //!
-//! The kernel looks for events whenever it decides who runs: at the start of each window, and at each call and
-//! end of a job. So an event is seen at the latest with the next window, which is what the analysis of the
+//! The kernel looks for events whenever it decides who runs: at the start of each window, at each call and
+//! end of a job, and at the interrupt of a device. So an event is seen at the latest with the next window, which is what the analysis of the
 //! tasks reckons with.
 //!
 //! The interrupt of a device is let in once, and again when the job that it has released is over: until then the device
-//! asks for the same reason still. So at most one comes for each job, however often the device asks; its handler notes it
-//! and goes back to the task that it found. One that is let in by the kernel is ended when the release of the window is past
+//! asks for the same reason still. So at most one comes for each job, however often the device asks. Its handler notes it
+//! and leads to the kernel. One that is let in by the kernel is ended when the release of the window is past
 //! and its most urgent job is over, if that begins at the release: the end is an exit, which the guard has no time for.
 
 use super::Scheduler;
@@ -99,8 +99,18 @@ impl Events {
     }
 
     /// Looks at all sources.
-    pub fn poll(&mut self, scheduler: &mut Scheduler, ports: &mut Ports, now: Instant) {
-        for (task, program, source) in self.all.iter_mut().map_while(Option::as_mut) {
+    ///
+    /// Those of a program that is `leaving` its version wait: its jobs are skipped, and what happens now is for the version that
+    /// comes back.
+    pub fn poll(
+        &mut self,
+        scheduler: &mut Scheduler,
+        ports: &mut Ports,
+        now: Instant,
+        leaving: impl Fn(u8) -> bool,
+    ) {
+        let all = self.all.iter_mut().map_while(Option::as_mut);
+        for (task, program, source) in all.filter(|(_, program, _)| !leaving(*program)) {
             let happened = match source {
                 // A job of the program's last life may have read what is there: it is news to this one.
                 Source::Port { seen, .. } if !runs(scheduler, *program) => {

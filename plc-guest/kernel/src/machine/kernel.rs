@@ -215,7 +215,9 @@ impl Kernel {
             if !self.events.is_empty() {
                 interrupt::end();
                 let now = self.now();
-                self.events.poll(&mut self.scheduler, &mut self.ports, now);
+                let change = &self.change;
+                let leaving = |program| change.is_leaving(program);
+                self.events.poll(&mut self.scheduler, &mut self.ports, now, leaving);
             }
             if self.window.is_over() {
                 self.enter_window(&pages::information());
