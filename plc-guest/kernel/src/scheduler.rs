@@ -18,7 +18,7 @@
 
 use crate::objects::{Object, ObjectId};
 use crate::statistics::count;
-use crate::task::{ProgramId, Release, Settings, State, Task, TaskId, Wait, Wake};
+use crate::task::{Class, ProgramId, Release, Settings, State, Task, TaskId, Wait, Wake};
 use crate::time::{Instant, Span};
 use crate::watchdog::Watchdog;
 use core::ops::Range;
@@ -241,6 +241,13 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
     /// The next instant at which time alone changes something.
     #[must_use]
     pub const fn next_event(&self) -> Instant {
+        self.next
+    }
+
+    /// The same, without what was expected of jobs that are over: their deadlines, and the time-outs of waits that ended earlier.
+    pub fn look_ahead(&mut self) -> Instant {
+        self.next = Instant::NEVER;
+        self.ids().for_each(|id| self.expect(id));
         self.next
     }
 
@@ -496,12 +503,20 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
 
     /// The most urgent ready task, if one of them is not at its rank.
     fn first_out_of_rank(&self) -> Option<TaskId> {
-        let ready = self.order.iter().filter(|id| self.ready & self.tasks[id.index()].bit() != 0);
-        let best = ready.min_by_key(|id| {
-            let task = &self.tasks[id.index()];
+        let task = |id: TaskId| &self.tasks[id.index()];
+        let ready = || self.order.iter().copied().filter(|id| self.ready & task(*id).bit() != 0);
+        let key = |id: &TaskId| {
+            let task = task(*id);
             (task.class(), task.urgency(), task.held == 0, task.rank)
-        });
-        best.copied()
+        };
+        let best = ready().min_by_key(key)?;
+        if task(best).class() != Class::Freewheeling {
+            return Some(best);
+        }
+        // Neither of them need ever end.
+        let starting = ready().filter(|id| task(*id).class() == Class::Initialisation);
+        let shares = |id: &TaskId| task(*id).executed <= task(best).executed;
+        Some(starting.min_by_key(key).filter(shares).unwrap_or(best))
     }
 
     /// A task that has been picked gets the processor at this instant, for the first time in its job.

@@ -417,6 +417,37 @@ fn an_initialisation_without_end_keeps_no_task_of_another_program_waiting() {
 }
 
 #[test]
+fn a_freewheeling_job_without_an_end_shares_the_rest_with_an_initialisation() {
+    let mut s = started(&[settings(Release::Freewheeling, 0)]);
+    let other = s.add_program(core::iter::empty()).unwrap();
+    assert!(s.add_task(Settings { program: other, ..settings(Release::Start, 255) }).is_ok());
+    s.start(other, Instant(0));
+    let mut ran = [0; 2];
+    for window in 0..100 {
+        s.window(Instant(100 * window));
+        let id = at(&mut s, 100 * window).unwrap();
+        ran[usize::from(id)] += 1;
+        s.account(TaskId(id), Span(30));
+    }
+    assert_eq!(ran, [50, 50]);
+    // It comes before an initialisation without an end as soon as its next job is released.
+    s.end(Instant(10_000));
+    s.window(Instant(10_100));
+    assert_eq!(at(&mut s, 10_100), Some(0));
+}
+
+#[test]
+fn what_was_expected_of_a_job_that_is_over_is_left_out() {
+    let limited = Settings { deadline: Span(280), ..cyclic(1_000, 0, 0) };
+    let mut s = started(&[limited]);
+    assert_eq!(at(&mut s, 0), Some(0));
+    s.end(Instant(50));
+    // The deadline of the job.
+    assert_eq!(s.next_event(), Instant(280));
+    assert_eq!((s.look_ahead(), s.next_event()), (Instant(1_000), Instant(1_000)));
+}
+
+#[test]
 fn a_freewheeling_task_of_any_priority_has_what_the_others_leave() {
     let mut s = started(&[settings(Release::Freewheeling, 0), cyclic(100, 0, 255)]);
     s.window(Instant(0));

@@ -101,7 +101,8 @@ pub enum Class {
     Bounded,
     /// It takes what the others leave.
     Freewheeling,
-    /// The initialisation of a program, which has no budget and may never end. They share what is left.
+    /// The initialisation of a program, which has no budget and may never end. They share what is left with each other, and with
+    /// the most urgent freewheeling task: the one whose job has executed the least comes first.
     Initialisation,
 }
 

@@ -2,7 +2,7 @@
 
 use takt_program::build::Task;
 use takt_program::{Direction, Nanoseconds, ObjectKind};
-use takt_test_programs::{Entry, Program, cyclic, us};
+use takt_test_programs::{Entry, Program, cyclic, freewheeling, us};
 use takt_tests::{File, Host, long};
 
 use super::tasks::{Row, assert_on_time, lines, object, plc};
@@ -196,13 +196,23 @@ fn a_program_whose_start_waits_again_and_again_keeps_no_other_from_starting_anew
     others_start_anew("tasks-waiting-start", ObjectKind::Flags, Entry::EndlessWaiter);
 }
 
+#[test]
+fn a_freewheeling_job_that_never_ends_keeps_no_other_from_starting_anew() {
+    let endless = Program::new("endless").task(freewheeling("main", 0, Entry::Endless), 0);
+    others_start_beside("tasks-endless-freewheeling", endless);
+}
+
 /// Fails unless programs start anew beside one whose start, which has an object, does not end.
 fn others_start_anew(name: &str, kind: ObjectKind, start: Entry) {
-    let endless = Program::new("endless")
-        .object(object("object", kind))
-        .init(start)
-        .task(cyclic("main", us(1_000), 0, Entry::Nothing), 0);
-    let failing = Program::new("failing").task(cyclic("main", us(100_000), 5, Entry::Divide), 0);
+    let endless = Program::new("endless").object(object("object", kind)).init(start);
+    others_start_beside(name, endless.task(cyclic("main", us(1_000), 0, Entry::Nothing), 0));
+}
+
+/// Fails unless programs start anew beside this one. They have an initialisation, as all programs in Structured Text do.
+fn others_start_beside(name: &str, endless: Program) {
+    let failing = Program::new("failing")
+        .init(Entry::Nothing)
+        .task(cyclic("main", us(100_000), 5, Entry::Divide), 0);
     let good = Program::new("good").task(cyclic("main", us(1_000), 0, Entry::Work), 1_000);
     let programs = [
         ("endless", endless, ""),

@@ -29,11 +29,14 @@ impl Kernel {
         if self.stop_what_waits() {
             return;
         }
-        let next = self.clock.tsc(self.scheduler.next_event());
-        if next < self.window.end_tsc {
-            let at = processor::wait_until(next);
-            self.pass_time(self.clock.instant(at));
-            return;
+        if self.clock.tsc(self.scheduler.next_event()) < self.window.end_tsc {
+            // It may be the deadline of a job that is over.
+            let next = self.clock.tsc(self.scheduler.look_ahead());
+            if next < self.window.end_tsc {
+                let at = processor::wait_until(next);
+                self.pass_time(self.clock.instant(at));
+                return;
+            }
         }
         // A task that waits again and again for less than a piece takes leaves no time either.
         self.window.idled = true;
@@ -56,6 +59,7 @@ impl Kernel {
             return;
         }
         self.window.helped = true;
+        self.scheduler.look_ahead();
         if !self.stop_what_waits()
             && !self.do_a_piece(false)
             && next_window_is_far(self.window.end_tsc)
