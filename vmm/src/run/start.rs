@@ -12,7 +12,7 @@ use takt_scheduler::table::Cpu;
 use takt_scheduler::time::{Nanos, Timebase};
 use vmm_sys_util::eventfd::EventFd;
 
-use super::epoch::Epoch;
+use super::epoch::{Epoch, tick_of_host};
 use super::output::{Outputs, Patience};
 use super::waiting::Waiting;
 use super::{Options, nanos};
@@ -123,6 +123,7 @@ impl<'a> Waiting<'a> {
         options.hooks.arm(&accounts, &enforcers)?;
         let clock = HostClock::open(frequency);
         let cpu = this_cpu();
+        let tick = tick_of_host();
         steps.pass()?;
         // Nothing of the host is opened any more, and no guest has run yet.
         let given_back = held.given_back(file, options);
@@ -147,7 +148,7 @@ impl<'a> Waiting<'a> {
         let schedules = file.schedules();
         let quiet: Vec<QuietTimes> =
             schedules.cpus().iter().filter_map(|cpu| schedules.quiet_on(*cpu, None)).collect();
-        let epoch = Epoch::choose(start_delay(controls.len()), frequency, &quiet);
+        let epoch = Epoch::choose(start_delay(controls.len()), tick, frequency, &quiet);
         let starting = report::Starting {
             first_release_ns: options.began.map(|began| nanos(began.elapsed()) + epoch.delay.0),
             clearing_ns: nanos(clearing),
