@@ -69,6 +69,7 @@ impl<'a> Held<'a> {
         let signals = take_signals()?;
         own_process::stay_alive();
         own_process::outlive_a_full_file();
+        terminal::ignore_job_control();
         own_process::lock_memory()?;
         steps.pass()?;
         kick::install().map_err(|e| io::Error::from_raw_os_error(e.errno())).map_err(|source| {

@@ -39,7 +39,7 @@ impl MutEventSubscriber for Supervisor {
         }
         // Not every standard input can be waited for: /dev/null and files cannot. Then nothing
         // is typed.
-        self.listens = ops.add(Events::new_raw(STDIN, EventSet::IN)).is_ok();
+        self.listens = self.sources.keys && ops.add(Events::new_raw(STDIN, EventSet::IN)).is_ok();
         self.has_keys = self.listens;
     }
 
