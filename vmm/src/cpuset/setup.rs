@@ -168,7 +168,12 @@ impl<K: Kernel> Setup<K> {
             steps.push(self.write("cgroup.subtree_control", "-cpuset"));
         }
         if let Some(home) = self.home.take() {
-            steps.push(self.write(&format!("{home}/cgroup.procs"), "0"));
+            let path = format!("{home}/cgroup.procs");
+            steps.push(match self.kernel.write(&path, "0") {
+                // systemd removes a scope when its last process has left it: there is no place to go back to.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+                other => other.map_err(self.cannot("write to", &path)),
+            });
         }
         steps.into_iter().collect::<Result<(), _>>()?;
         if !own.is_empty() {

@@ -22,6 +22,8 @@ struct State {
     invalid: Option<&'static str>,
     /// How often a removal is too early.
     lingering: Cell<usize>,
+    /// The place where the process was is gone.
+    homeless: Cell<bool>,
     /// Refuse deadline threads everywhere.
     unprivileged: bool,
 }
@@ -95,6 +97,9 @@ impl Tree for Fake {
 
     fn write(&self, path: &str, text: &str) -> io::Result<()> {
         if path.ends_with("cgroup.procs") {
+            if self.0.homeless.get() && path != "cgroup.procs" {
+                return Err(missing());
+            }
             self.note(format!("{path} = {text}"))?;
             *self.0.home.borrow_mut() =
                 path.trim_end_matches("cgroup.procs").trim_end_matches('/').to_owned();
@@ -254,6 +259,15 @@ fn undoing_goes_on_after_a_step_that_fails() {
     assert!(kernel.apart().is_empty());
     kernel.remove("takt-cpu2").unwrap();
     assert_eq!(kernel.snapshot(), before);
+}
+
+#[test]
+fn a_process_whose_place_has_gone_stays_with_the_root() {
+    let kernel = fake(2, |state| *state.home.get_mut() = "system.slice/run-1.scope".into());
+    let mut setup = Setup::make(kernel.clone(), &[Cpu(1)]).unwrap();
+    kernel.0.homeless.set(true);
+    assert_eq!(setup.undo().unwrap(), [Cpu(1)]);
+    assert_eq!(*kernel.0.home.borrow(), "");
 }
 
 #[test]
