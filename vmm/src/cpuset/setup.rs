@@ -12,6 +12,7 @@ use takt_scheduler::table::Cpu;
 
 use super::CpusetError;
 use super::kernel::{Entry, Kernel};
+use super::watch::VALID;
 
 /// How often to look whether the last thread is gone, of all cgroups together: one that was joined still counts for a moment.
 /// One that waits for a hung disk counts for as long as the disk likes, which the end of the run does not wait for.
@@ -54,6 +55,11 @@ impl<K: Kernel> Setup<K> {
     /// The CPU that is alone in the root domain, since all others have been set apart.
     pub fn left(&self) -> Option<Cpu> {
         self.left
+    }
+
+    /// The CPUs that have a domain of their own, and the file that tells of each.
+    pub fn partitions(&self) -> impl Iterator<Item = (Cpu, PathBuf)> {
+        self.own.iter().map(|&cpu| (cpu, self.kernel.full_path(&partition(cpu))))
     }
 
     /// How a thread gets to `cpu`, if it cannot simply pin itself.
@@ -141,10 +147,10 @@ impl<K: Kernel> Setup<K> {
         self.own.push(cpu);
         self.write(&format!("{folder}/cgroup.type"), "threaded")?;
         self.write(&format!("{folder}/cpuset.cpus"), &cpu.0.to_string())?;
-        let partition = format!("{folder}/cpuset.cpus.partition");
-        self.write(&partition, "root")?;
+        let partition = partition(cpu);
+        self.write(&partition, VALID)?;
         let state = self.kernel.read(&partition).map_err(self.cannot("read", &partition))?;
-        if state.trim() != "root" {
+        if state.trim() != VALID {
             return Err(CpusetError::Invalid {
                 cpu,
                 path: self.kernel.full_path(&partition).display().to_string(),
@@ -232,6 +238,11 @@ fn is_busy(removed: &io::Result<()>) -> bool {
 /// The cgroup of a CPU.
 fn folder(Cpu(cpu): Cpu) -> String {
     format!("takt-cpu{cpu}")
+}
+
+/// What makes a scheduling domain of it, and tells whether it is one.
+fn partition(cpu: Cpu) -> String {
+    format!("{}/cpuset.cpus.partition", folder(cpu))
 }
 
 #[cfg(test)]

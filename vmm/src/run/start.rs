@@ -121,7 +121,7 @@ impl<'a> Waiting<'a> {
         }
         let watchdog = watchdog(file, options, &accounts, &enforcers)?;
         options.hooks.arm(&accounts, &enforcers)?;
-        let clock = HostClock::open(frequency);
+        let (clock, domains) = (HostClock::open(frequency), held.domains.watch());
         let cpu = this_cpu();
         let tick = tick_of_host();
         steps.pass()?;
@@ -180,6 +180,7 @@ impl<'a> Waiting<'a> {
         supervisor.watchdog = watchdog;
         supervisor.guardian = held.guardian.as_ref().map(AsRawFd::as_raw_fd);
         supervisor.clock = Some(clock);
+        supervisor.domains = domains;
         supervisor.quiet = cpu.and_then(|cpu| schedules.quiet_on(cpu, None));
         let enforcers = of_cpus;
         let facts = Facts { file, options, board, pages, host, enforcers, linux, epoch, starting };

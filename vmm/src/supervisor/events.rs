@@ -65,6 +65,7 @@ impl MutEventSubscriber for Supervisor {
             }
             self.look_at_guests();
             self.watch_clock();
+            self.watch_domains();
             self.watch_schedule();
             self.deliver_typed();
             if let Some(dropped) = self.typing.tick() {
