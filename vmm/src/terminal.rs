@@ -4,6 +4,9 @@
 //! and put back at every end of the run, also at that of a panic. One key is kept back, so that
 //! there is always a way out: `Ctrl-]` and then `q` ends the run, `s` asks for the next schedule,
 //! and `Ctrl-]` twice types it. What is shown, and how, is [`screen`](crate::screen)'s.
+//!
+//! A shell that starts Takt in the background, or `timeout`, keeps the terminal for another process group. Takt then neither sets
+//! nor reads it. The kernel's answer to both is a signal that stops the whole process, with CPUs taken and outputs as they are.
 
 use std::fmt::Display;
 use std::io::{self, Write};
@@ -22,18 +25,37 @@ pub fn tell(line: impl Display) {
     let _ = writeln!(io::stderr(), "{line}");
 }
 
-/// Puts the terminal on standard input into raw mode; does nothing if it is none. Returns whether
-/// it is raw now.
+/// Makes the use of a terminal from the background an error, or what it would be in the foreground, and no stop of the process:
+/// its group can lose the terminal in the middle of a run.
+pub fn ignore_job_control() {
+    for signal in [libc::SIGTTOU, libc::SIGTTIN] {
+        // SAFETY: the signal has no handler that could be lost.
+        unsafe { libc::signal(signal, libc::SIG_IGN) };
+    }
+}
+
+/// Whether no other process group has the terminal on standard input. Only the terminal that controls this process tells
+/// groups apart, and neither does what is no terminal.
+#[must_use]
+pub fn is_ours() -> bool {
+    // SAFETY: neither call takes a pointer.
+    let (foreground, own) = unsafe { (libc::tcgetpgrp(libc::STDIN_FILENO), libc::getpgrp()) };
+    foreground < 0 || foreground == own
+}
+
+/// Puts the terminal on standard input into raw mode; does nothing if it is none, or not
+/// [ours](is_ours). Returns whether it is raw now.
 ///
 /// # Errors
 /// What the terminal says.
 pub fn make_raw() -> io::Result<bool> {
     let mut settings = MaybeUninit::<libc::termios>::uninit();
     // SAFETY: isatty and tcgetattr look at descriptor 0; the latter fills in the structure.
-    let known = unsafe {
-        libc::isatty(libc::STDIN_FILENO) == 1
-            && libc::tcgetattr(libc::STDIN_FILENO, settings.as_mut_ptr()) == 0
-    };
+    let known = is_ours()
+        && unsafe {
+            libc::isatty(libc::STDIN_FILENO) == 1
+                && libc::tcgetattr(libc::STDIN_FILENO, settings.as_mut_ptr()) == 0
+        };
     if !known {
         return Ok(false);
     }
@@ -142,7 +164,45 @@ impl Lines {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::process::CommandExt;
+    use std::process::Command;
+    use std::ptr;
+
     use super::*;
+
+    /// Only in a session of its own can a process group lose the terminal, so this is done by a process of its own.
+    #[test]
+    fn a_terminal_that_another_process_group_has_is_left_as_it_is() {
+        const OWN_PROCESS: &str = "TAKT_TEST_TERMINAL";
+        const NAME: &str =
+            "terminal::tests::a_terminal_that_another_process_group_has_is_left_as_it_is";
+        if std::env::var_os(OWN_PROCESS).is_none() {
+            let mut own = Command::new(std::env::current_exe().unwrap());
+            let output = own.args(["--exact", NAME]).env(OWN_PROCESS, "1").output().unwrap();
+            assert!(output.status.success(), "{output:?}");
+            return;
+        }
+        let (mut other_end, mut terminal) = (-1, -1);
+        // SAFETY: the calls fill in two live descriptors, and put one of them in the place of standard input.
+        unsafe {
+            let (ends, none) = ((&raw mut other_end, &raw mut terminal), ptr::null_mut());
+            assert_eq!(libc::openpty(ends.0, ends.1, none, ptr::null(), ptr::null()), 0);
+            assert!(libc::setsid() > 0);
+            assert_eq!(libc::dup2(terminal, libc::STDIN_FILENO), libc::STDIN_FILENO);
+        }
+        assert!(is_ours(), "it controls no process yet");
+        // SAFETY: takes numbers only.
+        assert_eq!(unsafe { libc::ioctl(libc::STDIN_FILENO, libc::TIOCSCTTY, 0) }, 0);
+        ignore_job_control();
+        assert!(is_ours() && make_raw().unwrap());
+        restore();
+        let mut other = Command::new("sleep").arg("100").process_group(0).spawn().unwrap();
+        // SAFETY: takes numbers only.
+        assert_eq!(unsafe { libc::tcsetpgrp(libc::STDIN_FILENO, other.id() as libc::pid_t) }, 0);
+        let is_left = !is_ours() && !make_raw().unwrap();
+        other.kill().and_then(|()| other.wait()).unwrap();
+        assert!(is_left);
+    }
 
     #[test]
     fn the_escape_is_for_takt_and_can_be_typed() {

@@ -37,6 +37,7 @@
 
 mod kernel;
 mod setup;
+mod watch;
 
 use std::fs::TryLockError;
 use std::io::{self, Write};
@@ -51,6 +52,7 @@ use kernel::refusal;
 use setup::Setup;
 use takt_host::mounts;
 pub use takt_host::mounts::HierarchyError;
+pub use watch::DomainWatch;
 
 use crate::kernel_tree::LockedTree;
 use crate::outlet::last_line;
@@ -193,6 +195,12 @@ impl Domains {
     #[must_use]
     pub fn root(&self) -> Option<PathBuf> {
         self.setup.as_ref().map(Setup::root)
+    }
+
+    /// What notices later that the kernel has dissolved one of them.
+    #[must_use]
+    pub fn watch(&self) -> DomainWatch {
+        DomainWatch::open(self.setup.iter().flat_map(Setup::partitions))
     }
 
     /// What a thread must enter before it is pinned to `cpu`; `None` if it may stay where it is.

@@ -12,10 +12,11 @@ use takt_scheduler::table::Cpu;
 
 use super::CpusetError;
 use super::kernel::{Entry, Kernel};
+use super::watch::VALID;
 
-/// How often to look whether the last thread of a cgroup is gone: a thread that was joined still
-/// counts for a moment, and one of a start-up that failed still has its guest's memory to release.
-const PATIENCE: usize = 10_000;
+/// How often to look whether the last thread is gone, of all cgroups together: one that was joined still counts for a moment.
+/// One that waits for a hung disk counts for as long as the disk likes, which the end of the run does not wait for.
+const PATIENCE: usize = 100;
 
 /// CPUs that are set apart.
 pub struct Setup<K: Kernel> {
@@ -54,6 +55,11 @@ impl<K: Kernel> Setup<K> {
     /// The CPU that is alone in the root domain, since all others have been set apart.
     pub fn left(&self) -> Option<Cpu> {
         self.left
+    }
+
+    /// The CPUs that have a domain of their own, and the file that tells of each.
+    pub fn partitions(&self) -> impl Iterator<Item = (Cpu, PathBuf)> {
+        self.own.iter().map(|&cpu| (cpu, self.kernel.full_path(&partition(cpu))))
     }
 
     /// How a thread gets to `cpu`, if it cannot simply pin itself.
@@ -104,7 +110,7 @@ impl<K: Kernel> Setup<K> {
                 users: users.join(", "),
             });
         }
-        self.dissolve(&folder)
+        self.dissolve(&folder, &mut { PATIENCE })
     }
 
     /// CPUs of the root cgroup that no partition has, and the kernel's words for them.
@@ -141,10 +147,10 @@ impl<K: Kernel> Setup<K> {
         self.own.push(cpu);
         self.write(&format!("{folder}/cgroup.type"), "threaded")?;
         self.write(&format!("{folder}/cpuset.cpus"), &cpu.0.to_string())?;
-        let partition = format!("{folder}/cpuset.cpus.partition");
-        self.write(&partition, "root")?;
+        let partition = partition(cpu);
+        self.write(&partition, VALID)?;
         let state = self.kernel.read(&partition).map_err(self.cannot("read", &partition))?;
-        if state.trim() != "root" {
+        if state.trim() != VALID {
             return Err(CpusetError::Invalid {
                 cpu,
                 path: self.kernel.full_path(&partition).display().to_string(),
@@ -160,15 +166,20 @@ impl<K: Kernel> Setup<K> {
     /// The first step that failed; all others have been done.
     pub fn undo(&mut self) -> Result<Vec<Cpu>, CpusetError> {
         let own = std::mem::take(&mut self.own);
-        let mut steps = Vec::new();
+        let (mut steps, mut patience) = (Vec::new(), PATIENCE);
         for &cpu in own.iter().rev() {
-            steps.push(self.dissolve(&folder(cpu)));
+            steps.push(self.dissolve(&folder(cpu), &mut patience));
         }
         if std::mem::take(&mut self.enabled) {
             steps.push(self.write("cgroup.subtree_control", "-cpuset"));
         }
         if let Some(home) = self.home.take() {
-            steps.push(self.write(&format!("{home}/cgroup.procs"), "0"));
+            let path = format!("{home}/cgroup.procs");
+            steps.push(match self.kernel.write(&path, "0") {
+                // systemd removes a scope when its last process has left it: there is no place to go back to.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+                other => other.map_err(self.cannot("write to", &path)),
+            });
         }
         steps.into_iter().collect::<Result<(), _>>()?;
         if !own.is_empty() {
@@ -185,17 +196,29 @@ impl<K: Kernel> Setup<K> {
         self.kernel.full_path("")
     }
 
-    fn dissolve(&self, path: &str) -> Result<(), CpusetError> {
+    fn dissolve(&self, path: &str, patience: &mut usize) -> Result<(), CpusetError> {
         // The CPU comes back now, and not some time after the removal. If this fails, as where the
         // folder has just been made, the removal does it all the same.
         let _ = self.write(&format!("{path}/cpuset.cpus.partition"), "member");
-        for _ in 0..PATIENCE {
-            match self.kernel.remove(path) {
-                Err(error) if error.raw_os_error() == Some(libc::EBUSY) => self.kernel.pause(),
-                other => return other.map_err(self.cannot("remove", path)),
-            }
+        let mut removed = self.kernel.remove(path);
+        while is_busy(&removed) && *patience > 0 {
+            *patience -= 1;
+            self.kernel.pause();
+            removed = self.kernel.remove(path);
         }
-        self.kernel.remove(path).map_err(self.cannot("remove", path))
+        if is_busy(&removed) {
+            self.leave_threads_to_root(path);
+            removed = self.kernel.remove(path);
+        }
+        removed.map_err(self.cannot("remove", path))
+    }
+
+    fn leave_threads_to_root(&self, path: &str) {
+        let threads = self.kernel.read(&format!("{path}/cgroup.threads")).unwrap_or_default();
+        for thread in threads.split_whitespace() {
+            // Of one that cannot be moved the removal tells, and one that is gone need not be.
+            let _ = self.kernel.write("cgroup.threads", thread);
+        }
     }
 
     fn write(&self, path: &str, text: &str) -> Result<(), CpusetError> {
@@ -208,9 +231,18 @@ impl<K: Kernel> Setup<K> {
     }
 }
 
+fn is_busy(removed: &io::Result<()>) -> bool {
+    removed.as_ref().is_err_and(|error| error.raw_os_error() == Some(libc::EBUSY))
+}
+
 /// The cgroup of a CPU.
 fn folder(Cpu(cpu): Cpu) -> String {
     format!("takt-cpu{cpu}")
+}
+
+/// What makes a scheduling domain of it, and tells whether it is one.
+fn partition(cpu: Cpu) -> String {
+    format!("{}/cpuset.cpus.partition", folder(cpu))
 }
 
 #[cfg(test)]

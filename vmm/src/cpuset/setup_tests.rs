@@ -22,6 +22,10 @@ struct State {
     invalid: Option<&'static str>,
     /// How often a removal is too early.
     lingering: Cell<usize>,
+    /// How often it was waited.
+    pauses: Cell<usize>,
+    /// The place where the process was is gone.
+    homeless: Cell<bool>,
     /// Refuse deadline threads everywhere.
     unprivileged: bool,
 }
@@ -95,10 +99,17 @@ impl Tree for Fake {
 
     fn write(&self, path: &str, text: &str) -> io::Result<()> {
         if path.ends_with("cgroup.procs") {
+            if self.0.homeless.get() && path != "cgroup.procs" {
+                return Err(missing());
+            }
             self.note(format!("{path} = {text}"))?;
             *self.0.home.borrow_mut() =
                 path.trim_end_matches("cgroup.procs").trim_end_matches('/').to_owned();
             return Ok(());
+        }
+        if path == "cgroup.threads" {
+            self.0.lingering.set(0);
+            return self.note(format!("{path} = {text}"));
         }
         if !self.0.files.borrow().contains_key(path) {
             return Err(missing());
@@ -157,6 +168,7 @@ impl Kernel for Fake {
     }
 
     fn pause(&self) {
+        self.0.pauses.set(self.0.pauses.get() + 1);
         self.0.lingering.set(self.0.lingering.get().saturating_sub(1));
     }
 }
@@ -257,6 +269,15 @@ fn undoing_goes_on_after_a_step_that_fails() {
 }
 
 #[test]
+fn a_process_whose_place_has_gone_stays_with_the_root() {
+    let kernel = fake(2, |state| *state.home.get_mut() = "system.slice/run-1.scope".into());
+    let mut setup = Setup::make(kernel.clone(), &[Cpu(1)]).unwrap();
+    kernel.0.homeless.set(true);
+    assert_eq!(setup.undo().unwrap(), [Cpu(1)]);
+    assert_eq!(*kernel.0.home.borrow(), "");
+}
+
+#[test]
 fn a_thread_that_is_about_to_end_is_waited_for() {
     let kernel = fake(2, |_| {});
     let before = kernel.snapshot();
@@ -267,13 +288,26 @@ fn a_thread_that_is_about_to_end_is_waited_for() {
 }
 
 #[test]
-fn a_thread_that_never_ends_is_told_of_in_the_end() {
-    let kernel = fake(2, |_| {});
-    let mut setup = Setup::make(kernel.clone(), &[Cpu(1)]).unwrap();
+fn a_thread_that_never_ends_and_cannot_be_moved_is_told_of_in_the_end() {
+    let kernel = fake(3, |_| {});
+    let mut setup = Setup::make(kernel.clone(), &[Cpu(1), Cpu(2)]).unwrap();
     kernel.0.lingering.set(usize::MAX);
     let error = setup.undo().unwrap_err().to_string();
-    assert!(error.starts_with("cannot remove /cgroups/takt-cpu1: "), "{error}");
+    assert!(error.starts_with("cannot remove /cgroups/takt-cpu2: "), "{error}");
     assert!(kernel.apart().is_empty());
+    assert_eq!(kernel.0.pauses.get(), PATIENCE);
+}
+
+#[test]
+fn a_thread_that_hangs_is_left_to_the_host_and_holds_up_no_end() {
+    let kernel = fake(2, |_| {});
+    let before = kernel.snapshot();
+    let mut setup = Setup::make(kernel.clone(), &[Cpu(1)]).unwrap();
+    kernel.0.files.borrow_mut().insert("takt-cpu1/cgroup.threads".into(), "71\n".into());
+    kernel.0.lingering.set(usize::MAX);
+    assert_eq!(setup.undo().unwrap(), [Cpu(1)]);
+    assert!(kernel.log().contains(&"cgroup.threads = 71".to_owned()), "{:?}", kernel.log());
+    assert_eq!(kernel.snapshot(), before);
 }
 
 #[test]

@@ -244,8 +244,9 @@ impl Function {
             self.write(bound::OVERRIDE, "\n").map_err(failed)?;
             let function = &self.name;
             tell(format_args!(
-                "takt: {function}: {name} was left over by a run that was cut off; `echo {function} > /sys/bus/pci/drivers_probe` \
-                 gives it back to a driver of the host's when takt has ended"
+                "takt: {function}: {name} was left over by a run that was cut off; when takt has ended, \
+                 `echo 0 > /sys/bus/pci/devices/{function}/enable` until `cat` of that file says 0, and then \
+                 `echo {function} > /sys/bus/pci/drivers_probe` give it back to a driver of the host's"
             ));
         } else {
             self.driver = Some(driver);

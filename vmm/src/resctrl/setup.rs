@@ -85,8 +85,7 @@ impl<K: Kernel> Setup<K> {
     /// What people are told.
     pub fn told(&self) -> impl Iterator<Item = String> {
         let groups = self.plan.groups.iter();
-        groups
-            .map(|group| format!("{} has for itself: {}", group.partition, group.lines.join(", ")))
+        groups.map(|group| format!("{}'s share: {}", group.partition, group.lines.join(", ")))
     }
 }
 

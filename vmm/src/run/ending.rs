@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use takt_scheduler::time::{Nanos, Tsc};
 
 use super::nanos;
-use super::output::{Outputs, Patience};
+use super::output::{Output, Outputs, Patience};
 use super::start::{Facts, Running};
 use crate::account::Account;
 use crate::footprint;
@@ -34,6 +34,8 @@ const DISK_PATIENCE: Duration = Duration::from_millis(10);
 pub(super) struct Ended {
     report: Report,
     outputs: Outputs,
+    /// What has become of the trace and the samples.
+    written: Result<(), RunError>,
 }
 
 impl Running<'_> {
@@ -71,18 +73,19 @@ impl Running<'_> {
         // No guest with windows is left: from here on the watchdog is not fed, and does not run.
         drop(watchdog);
         facts.close_devices(waiting);
-        let report = supervised.map_err(RunError::from).and_then(|mut supervisor| {
+        let report = supervised.map_err(RunError::from).map(|mut supervisor| {
             if supervisor.ended_by_signal {
                 outputs.patience = Patience::SHORT;
             }
-            let (host_ports, dropped) = finish(&mut supervisor, &mut outputs, disks, duration)?;
+            let (host_ports, dropped, written) =
+                finish(&mut supervisor, &mut outputs, disks, duration);
             outputs.settle();
             let output = report::Output {
                 takt_dropped_bytes: supervisor.screen.own_dropped(),
                 unread_bytes: outputs.console.unwritten(),
                 trace_dropped_events: dropped,
             };
-            Ok(facts.report(&supervisor, duration, host_ports, process, output))
+            (facts.report(&supervisor, duration, host_ports, process, output), written)
         });
         // What is being loaded may have a device in its reset, which could not be given back. Values that are retained do not wait
         // for that.
@@ -101,7 +104,7 @@ impl Running<'_> {
             let _ = outputs.console.push(screen::OWN, text.as_bytes());
         }
         match report {
-            Ok(report) => Ok(Ended { report, outputs }),
+            Ok((report, written)) => Ok(Ended { report, outputs, written }),
             Err(error) => {
                 outputs.settle();
                 Err(error)
@@ -130,14 +133,14 @@ impl Facts<'_> {
     }
 }
 
-/// Takes what the supervisor still has, and lets go of what is still held. Gives the ends of channels that are Takt's own, and how
-/// many events the trace's file has not got.
+/// Takes what the supervisor still has, and lets go of what is still held. Gives the ends of channels that are Takt's own, how
+/// many events the trace's file has not got, and what has become of the trace and the samples.
 fn finish(
     supervisor: &mut Supervisor,
     outputs: &mut Outputs,
     disks: Vec<thread::Running<()>>,
     duration: Nanos,
-) -> Result<(Vec<host_ports::Account>, u64), RunError> {
+) -> (Vec<host_ports::Account>, u64, Result<(), RunError>) {
     supervisor.note_endings();
     supervisor.drain();
     let busy =
@@ -156,27 +159,25 @@ fn finish(
     }
     supervisor.serve_host_ports(HostPorts::finish);
     supervisor.tell_last_losses();
-    let dropped = outputs.finish_trace(supervisor.trace.take())?;
-    if let Some(file) = outputs.samples.take() {
-        let accounts = &supervisor.accounts;
-        let samples = Samples {
-            schema_version: samples::SCHEMA_VERSION,
-            partitions: accounts.iter().filter_map(Account::course).collect(),
-            loads: accounts.iter().filter_map(|a| a.load_course(duration)).collect(),
-        };
-        file.write(serde_json::to_string(&samples))?;
-    }
+    let accounts = &supervisor.accounts;
+    let (dropped, written) = outputs.finish(supervisor.trace.take(), || Samples {
+        schema_version: samples::SCHEMA_VERSION,
+        partitions: accounts.iter().filter_map(Account::course).collect(),
+        loads: accounts.iter().filter_map(|a| a.load_course(duration)).collect(),
+    });
     let host_ports = supervisor.host_ports.as_mut().map_or_else(Vec::new, HostPorts::accounts);
-    Ok((host_ports, dropped))
+    (host_ports, dropped, written)
 }
 
 impl Ended {
-    /// Writes the report, and shows it.
+    /// Writes the report, and shows it, whatever of the rest could not be written.
+    ///
+    /// # Errors
+    /// The first error of a file.
     pub(super) fn tell(self) -> Result<Report, RunError> {
-        let Ended { report, mut outputs } = self;
-        if let Some(file) = outputs.report.take() {
-            file.write(serde_json::to_string_pretty(&report))?;
-        }
+        let Ended { report, mut outputs, written } = self;
+        let write = |file: Output| file.write(serde_json::to_string_pretty(&report));
+        let reported = outputs.report.take().map_or(Ok(()), write);
         // If what came before it was not read, the table would not be read either.
         if report.output.unread_bytes == 0 {
             let table = format!("\n{}", report.table());
@@ -184,6 +185,6 @@ impl Ended {
             let _ = outputs.console.push(screen::OWN, table.as_bytes());
             outputs.settle();
         }
-        Ok(report)
+        written.and(reported).map(|()| report)
     }
 }

@@ -13,8 +13,9 @@ use takt_scheduler::time::{Nanos, Timebase, TscFrequency};
 
 use crate::report;
 
-/// How often the host's tick comes: the coarse clock moves once in each.
-fn tick_of_host() -> Nanos {
+/// How often the host's tick comes: the coarse clock moves once in each. Asked before the sandbox is entered: the call is in no
+/// thread's list, and not every kernel spares it by its vDSO.
+pub(super) fn tick_of_host() -> Nanos {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
     // SAFETY: fills in a live structure. Every Linux has this clock, so that it cannot fail.
     unsafe { libc::clock_getres(libc::CLOCK_MONOTONIC_COARSE, &raw mut time) };
@@ -36,10 +37,14 @@ pub(super) struct Epoch {
 }
 
 impl Epoch {
-    /// Chooses one at least so far ahead.
-    pub(super) fn choose(least: Nanos, frequency: TscFrequency, quiet: &[QuietTimes]) -> Epoch {
+    /// Chooses one at least so far ahead, on a host with this tick.
+    pub(super) fn choose(
+        least: Nanos,
+        tick: Nanos,
+        frequency: TscFrequency,
+        quiet: &[QuietTimes],
+    ) -> Epoch {
         let chosen = Moment::now(frequency);
-        let tick = tick_of_host();
         let phase = tick_phase(quiet, tick);
         let delay = match phase {
             Some(phase) => delay(chosen.clock, least, phase),

@@ -23,12 +23,11 @@ use crate::terminal;
 use crate::vcpu::kick;
 
 /// What is held until all threads have been let go. Each field gives back what it has at its drop, and they are dropped
-/// in this order: what was taken last goes first.
+/// in this order: what was taken last goes first. The CPUs come last, since a thread that hangs may keep them for a while, and
+/// devices need not wait for it.
 pub(super) struct Held<'a> {
     /// Shares of the cache and of the way to memory.
     pub groups: Groups,
-    /// CPUs with a scheduling domain of their own.
-    pub domains: Domains,
     /// Files of what programs retain.
     pub retained: Files,
     /// The memory between partitions.
@@ -37,6 +36,8 @@ pub(super) struct Held<'a> {
     pub guardian: Option<Guardian>,
     /// Devices of partitions.
     pub devices: Devices,
+    /// CPUs with a scheduling domain of their own.
+    pub domains: Domains,
 }
 
 /// What the next stage takes over.
@@ -69,6 +70,7 @@ impl<'a> Held<'a> {
         let signals = take_signals()?;
         own_process::stay_alive();
         own_process::outlive_a_full_file();
+        terminal::ignore_job_control();
         own_process::lock_memory()?;
         steps.pass()?;
         kick::install().map_err(|e| io::Error::from_raw_os_error(e.errno())).map_err(|source| {
@@ -96,7 +98,7 @@ impl<'a> Held<'a> {
         let groups = Groups::set_up(file.partitions())?;
         steps.pass()?;
         let saver = retained.start(&spawner(options))?;
-        let held = Self { groups, domains, retained, channels, guardian, devices };
+        let held = Self { groups, retained, channels, guardian, devices, domains };
         Ok((held, Begun { signals, operators, saver, expedited, steps }))
     }
 

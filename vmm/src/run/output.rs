@@ -10,6 +10,7 @@ use std::time::Duration;
 use super::Options;
 use crate::outlet::{Outlet, StandardOutput, Trace};
 use crate::run_error::RunError;
+use crate::samples::Samples;
 use crate::screen;
 
 /// Room for what waits for the trace's file: some seconds of a partition at 1000 windows a second.
@@ -72,19 +73,31 @@ impl Outputs {
         self.patience.settle(&self.console);
     }
 
-    /// Ends the trace, if there is one; returns how many events its file has not got.
-    pub(super) fn finish_trace(&self, trace: Option<Trace>) -> Result<u64, RunError> {
-        let (Some(trace), Some((outlet, path))) = (trace, &self.trace) else { return Ok(0) };
+    /// Ends the trace and writes the samples, where there are any; returns how many events the trace's file has not got, and the
+    /// first error. The samples are written also if the trace is not.
+    pub(super) fn finish(
+        &mut self,
+        trace: Option<Trace>,
+        samples: impl FnOnce() -> Samples,
+    ) -> (u64, Result<(), RunError>) {
+        let dropped = trace.as_ref().map_or(0, Trace::dropped);
+        let traced = self.finish_trace(trace);
+        let write = |file: Output| file.write(serde_json::to_string(&samples()));
+        let sampled = self.samples.take().map_or(Ok(()), write);
+        (dropped, traced.and(sampled))
+    }
+
+    fn finish_trace(&self, trace: Option<Trace>) -> Result<(), RunError> {
+        let (Some(trace), Some((outlet, path))) = (trace, &self.trace) else { return Ok(()) };
         let failed = cannot_write("trace", path);
         let Patience { stalled, slow } = Patience::LONG;
         outlet.settle(stalled, slow);
-        let dropped = trace.dropped();
         let ended = trace.finish();
         let settled = outlet.settle(stalled, slow);
         match outlet.take_error() {
             Some(error) => Err(failed(error)),
             None if !settled => Err(failed(io::ErrorKind::TimedOut.into())),
-            None => ended.map_err(failed).map(|()| dropped),
+            None => ended.map_err(failed),
         }
     }
 }
@@ -121,4 +134,42 @@ impl Output {
 fn cannot_write(what: &'static str, path: &Path) -> impl Fn(io::Error) -> RunError + use<> {
     let path = path.to_owned();
     move |source| RunError::Output { what, path: path.clone(), source }
+}
+
+#[cfg(test)]
+mod tests {
+    use takt_scheduler::time::{Timebase, Tsc, TscFrequency};
+
+    use super::*;
+    use crate::outlet::LaneWriter;
+
+    #[test]
+    fn samples_are_written_though_the_trace_cannot_be() {
+        let path = std::env::temp_dir().join(format!("takt-samples-{}", std::process::id()));
+        fs::write(&path, "what an older run has left\n").unwrap();
+        let started = |sink| {
+            let (outlet, work) = Outlet::new(&[4096], sink);
+            std::thread::spawn(work);
+            Arc::new(outlet)
+        };
+        let full = || fs::File::options().write(true).open("/dev/full").unwrap();
+        let trace = started(full());
+        let frequency = TscFrequency::from_khz(1_000_000).unwrap();
+        let base = Timebase { epoch: Tsc(0), frequency };
+        let lane = LaneWriter { outlet: trace.clone(), lane: 0 };
+        let mut outputs = Outputs {
+            console: started(full()),
+            trace: Some((trace, "/dev/full".into())),
+            report: None,
+            samples: Some(Output::create("samples", &path).unwrap()),
+            patience: Patience::LONG,
+        };
+        let samples = || Samples { schema_version: 2, partitions: Vec::new(), loads: Vec::new() };
+        let (_, written) = outputs.finish(Some(Trace::new(lane, base, &[], &["normal"])), samples);
+        let error = written.unwrap_err().to_string();
+        assert!(error.starts_with("cannot write the trace to /dev/full: "), "{error}");
+        let text = fs::read_to_string(&path).unwrap();
+        assert_eq!(text, "{\"schema_version\":2,\"partitions\":[],\"loads\":[]}\n");
+        fs::remove_file(&path).unwrap();
+    }
 }

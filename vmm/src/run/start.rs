@@ -12,7 +12,7 @@ use takt_scheduler::table::Cpu;
 use takt_scheduler::time::{Nanos, Timebase};
 use vmm_sys_util::eventfd::EventFd;
 
-use super::epoch::Epoch;
+use super::epoch::{Epoch, tick_of_host};
 use super::output::{Outputs, Patience};
 use super::waiting::Waiting;
 use super::{Options, nanos};
@@ -121,8 +121,9 @@ impl<'a> Waiting<'a> {
         }
         let watchdog = watchdog(file, options, &accounts, &enforcers)?;
         options.hooks.arm(&accounts, &enforcers)?;
-        let clock = HostClock::open(frequency);
+        let (clock, domains) = (HostClock::open(frequency), held.domains.watch());
         let cpu = this_cpu();
+        let tick = tick_of_host();
         steps.pass()?;
         // Nothing of the host is opened any more, and no guest has run yet.
         let given_back = held.given_back(file, options);
@@ -147,7 +148,7 @@ impl<'a> Waiting<'a> {
         let schedules = file.schedules();
         let quiet: Vec<QuietTimes> =
             schedules.cpus().iter().filter_map(|cpu| schedules.quiet_on(*cpu, None)).collect();
-        let epoch = Epoch::choose(start_delay(controls.len()), frequency, &quiet);
+        let epoch = Epoch::choose(start_delay(controls.len()), tick, frequency, &quiet);
         let starting = report::Starting {
             first_release_ns: options.began.map(|began| nanos(began.elapsed()) + epoch.delay.0),
             clearing_ns: nanos(clearing),
@@ -179,6 +180,7 @@ impl<'a> Waiting<'a> {
         supervisor.watchdog = watchdog;
         supervisor.guardian = held.guardian.as_ref().map(AsRawFd::as_raw_fd);
         supervisor.clock = Some(clock);
+        supervisor.domains = domains;
         supervisor.quiet = cpu.and_then(|cpu| schedules.quiet_on(cpu, None));
         let enforcers = of_cpus;
         let facts = Facts { file, options, board, pages, host, enforcers, linux, epoch, starting };

@@ -39,7 +39,7 @@ impl MutEventSubscriber for Supervisor {
         }
         // Not every standard input can be waited for: /dev/null and files cannot. Then nothing
         // is typed.
-        self.listens = ops.add(Events::new_raw(STDIN, EventSet::IN)).is_ok();
+        self.listens = self.sources.keys && ops.add(Events::new_raw(STDIN, EventSet::IN)).is_ok();
         self.has_keys = self.listens;
     }
 
@@ -65,6 +65,7 @@ impl MutEventSubscriber for Supervisor {
             }
             self.look_at_guests();
             self.watch_clock();
+            self.watch_domains();
             self.watch_schedule();
             self.deliver_typed();
             if let Some(dropped) = self.typing.tick() {

@@ -34,6 +34,7 @@ use crate::account::Account;
 use crate::console_log::ConsoleLog;
 use crate::control::Operators;
 use crate::control::protocol::EventKind;
+use crate::cpuset::DomainWatch;
 use crate::health::Detail;
 use crate::host_clock::HostClock;
 use crate::host_ports::HostPorts;
@@ -71,6 +72,8 @@ pub struct Supervisor {
     pub interrupts: Option<Interrupts>,
     /// The clock on which all of it lies.
     pub clock: Option<HostClock>,
+    /// The scheduling domains of CPUs with windows.
+    pub domains: DomainWatch,
     /// The windows of the CPU that this thread runs on, if there are any.
     pub quiet: Option<QuietTimes>,
     desk: ScheduleRequests,
@@ -113,6 +116,7 @@ impl Supervisor {
             operators: None,
             interrupts: None,
             clock: None,
+            domains: DomainWatch::default(),
             quiet: None,
             timers: None,
             desk,
@@ -307,6 +311,15 @@ impl Supervisor {
                 self.screen.line("takt", &format!("{name}: {line}"));
                 tell(&mut self.operators, now, EventKind::Health, Some(&name), line);
             });
+        }
+    }
+
+    /// Says which CPUs have lost their scheduling domains.
+    fn watch_domains(&mut self) {
+        let now = self.desk.now();
+        for news in self.domains.look(now) {
+            self.screen.line("takt", &news);
+            tell(&mut self.operators, now, EventKind::Health, None, &news);
         }
     }
 

@@ -7,6 +7,7 @@ use vmm_sys_util::eventfd::EventFd;
 use vmm_sys_util::timerfd::TimerFd;
 
 use super::error::{SupervisorError, cannot};
+use crate::terminal;
 
 /// What wakes the supervisor thread besides people and devices.
 pub struct Sources {
@@ -17,6 +18,8 @@ pub struct Sources {
     pub(super) deadline: TimerFd,
     /// People type at a terminal. Asked here, since the C library's way to ask is not in the thread's list.
     pub(super) typed: bool,
+    /// No other process group has the terminal. Asked once: a Takt that gets it later reads no keys.
+    pub(super) keys: bool,
 }
 
 impl Sources {
@@ -30,6 +33,7 @@ impl Sources {
                 .map_err(|e| cannot("make a timer")(io::Error::from_raw_os_error(e.errno())))
         };
         let typed = io::stdin().is_terminal();
-        Ok(Self { signals, endings, tick: timer()?, deadline: timer()?, typed })
+        let keys = terminal::is_ours();
+        Ok(Self { signals, endings, tick: timer()?, deadline: timer()?, typed, keys })
     }
 }

@@ -62,7 +62,7 @@ impl<R: Read> Typing<R> {
         self.read < PER_TICK && (has_room || self.is_terminal)
     }
 
-    /// Reads what waits, once; `None` if there will never be more.
+    /// Reads what waits, once; `None` if there will never be more, as where another process group has got the terminal (`EIO`).
     pub fn take(&mut self) -> Option<Vec<Key>> {
         let mut buffer = [0; PER_TICK];
         let most = PER_TICK - self.read;

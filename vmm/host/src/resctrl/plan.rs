@@ -83,9 +83,11 @@ pub fn plan(
     }
     for (one, domain, percent) in groups {
         let mut lines = Vec::new();
-        if let Some((_, division)) = caches.iter_mut().find(|(of, _)| *of == domain) {
-            let ways = one.ways.map_or(division.rest, |ways| division.next(ways));
-            lines.push(Resource::Cache.line(domain, ways));
+        // A new group begins with all ways that may be shared, and a Linux may have processors beside several caches.
+        for (of, division) in &mut caches {
+            let own = one.ways.filter(|_| *of == domain);
+            let ways = own.map_or(division.rest, |ways| division.next(ways));
+            lines.push(Resource::Cache.line(*of, ways));
         }
         lines.extend(percent.map(|percent| Resource::Bandwidth.line(domain, percent)));
         let folder = format!("{PREFIX}{}", one.partition);

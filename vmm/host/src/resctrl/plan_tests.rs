@@ -70,8 +70,8 @@ fn amds_caches_are_divided_each_by_itself() {
     let (info, default) = host_of("AuthenticAMD", EPYC);
     let all = [asked("plc", 3, Some(4), None), asked("far", 9, Some(15), None)];
     let plan = plan(&all, info, &default, &[]).unwrap();
-    assert_eq!(plan.groups[0].lines, ["L3:0=f"]);
-    assert_eq!(plan.groups[1].lines, ["L3:1=7fff"]);
+    assert_eq!(plan.groups[0].lines, ["L3:0=f", "L3:1=8000"]);
+    assert_eq!(plan.groups[1].lines, ["L3:0=fff0", "L3:1=7fff"]);
     assert_eq!(plan.taken, ["L3:0=fff0", "L3:1=8000"]);
 }
 
@@ -87,14 +87,21 @@ fn partitions_have_their_ways_for_themselves_and_the_rest_is_the_hosts() {
     let lines: Vec<_> =
         plan.groups.iter().map(|g| (g.folder.as_str(), g.lines.join(" "))).collect();
     let expected = [
-        ("takt-plc", "L3:0=f"),
-        ("takt-linux", "L3:0=7c0 MB:0=30"),
-        ("takt-cell", "L3:0=30 MB:0=50"),
-        ("takt-far", "L3:1=7"),
+        ("takt-plc", "L3:0=f L3:1=7f8"),
+        ("takt-linux", "L3:0=7c0 L3:1=7f8 MB:0=30"),
+        ("takt-cell", "L3:0=30 L3:1=7f8 MB:0=50"),
+        ("takt-far", "L3:0=7c0 L3:1=7"),
     ];
     assert_eq!(lines, expected.map(|(folder, lines)| (folder, lines.to_owned())));
     assert_eq!(plan.taken, ["L3:0=7c0", "L3:1=7f8"]);
     assert_eq!(plan.given_back, ["L3:0=7ff", "L3:1=7ff"]);
+}
+
+#[test]
+fn a_linux_beside_another_cache_has_no_way_that_a_plc_has_there() {
+    let plan = of(&[asked("plc", 9, Some(4), None), asked("linux", 2, None, Some(30))]).unwrap();
+    assert_eq!(plan.groups[0].lines, ["L3:1=f"]);
+    assert_eq!(plan.groups[1].lines, ["L3:1=7f0", "MB:0=30"]);
 }
 
 #[test]
