@@ -3,7 +3,7 @@
 mod machine;
 
 use takt_program::{Image, address};
-use takt_st::build::{BuildError, Built, build};
+use takt_st::build::{BuildError, Built, build, try_build};
 use takt_st::hir::{Area, Program, TrapKind};
 use takt_st::{project, source::Sources};
 
@@ -211,4 +211,42 @@ fn a_bit_that_two_tasks_use_leaves_the_bits_beside_it() {
         }
         assert_eq!(machine.read(address::MARKER, 1), [expected], "input {input}");
     }
+}
+
+/// What `takt plc check` tells about a program that has no image.
+fn refused(text: &str) -> (String, String) {
+    let mut sources = Sources::new();
+    sources.add("main.st", text.as_bytes()).unwrap();
+    let program = project::check("test", &mut sources).unwrap().program.unwrap();
+    // What is refused must not end the compiler here either.
+    takt_st::native::assembly(&program);
+    takt_st::native::intermediate(&program);
+    let one = try_build(&program).unwrap_err().diagnostic(&program, &sources);
+    let text = format!("{} {}: {}", sources.position(one.span), one.code, one.found);
+    (text, one.hint.unwrap())
+}
+
+#[test]
+fn a_frame_that_no_stack_holds_is_refused_before_it_is_laid_out() {
+    const HUGE: &str = "TYPE Huge : ARRAY[0..8388607] OF LREAL; END_TYPE\n";
+    // Beyond what Cranelift's 32 bits with a sign hold.
+    let locals: String = (0..33).map(|number| format!("v{number} : Huge; ")).collect();
+    let function = format!("{HUGE}FUNCTION Large : INT VAR {locals}END_VAR\nEND_FUNCTION\n");
+    let (found, hint) = refused(&function);
+    let needs = "needs 2214592512 bytes of stack; a task has at most 1044480";
+    assert_eq!(found, format!("2:10 stack-too-large: `Large` {needs}"));
+    assert!(hint.starts_with("`Large` takes most: 2214592512 bytes, of which its variable `v"));
+    let (found, _) = refused(&format!(
+        "{function}PROGRAM Main Large(); END_PROGRAM\nCONFIGURATION c\n\
+         TASK t (INTERVAL := T#1ms, PRIORITY := 1);\nPROGRAM p WITH t : Main;\nEND_CONFIGURATION"
+    ));
+    assert_eq!(found, format!("6:6 stack-too-large: the task `t` {needs}"));
+    // Beyond 32 bits: the sum would be 0 again, though none of the calls is reached.
+    let (found, _) = refused(&format!(
+        "{HUGE}FUNCTION Make : Huge END_FUNCTION\n\
+         FUNCTION Many VAR_IN_OUT a : Huge; END_VAR\nRETURN;\n{}END_FUNCTION\n",
+        "a := Make();\n".repeat(64)
+    ));
+    let needs = "needs 4294967296 bytes of stack; a task has at most 1044480";
+    assert_eq!(found, format!("3:10 stack-too-large: `Many` {needs}"));
 }

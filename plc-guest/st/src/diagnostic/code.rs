@@ -84,7 +84,7 @@ codes! {
     AddressConflict Error "address-conflict" "Two variables or tasks at one output address.";
     NoTask Error "no-task" "A program without a task, so that nothing of it would run.";
     Internal Error "internal" "The compiler could not compile what it accepts: a mistake of its own, or no room on this machine.";
-    StackTooLarge Error "stack-too-large" "A task that needs more stack than it can have.";
+    StackTooLarge Error "stack-too-large" "A task or a function that needs more stack than a task can have.";
     ProjectFile Error "project-file" "A mistake in the project file.";
     SharedOutput Warning "shared-output" "Instances of a program that write one output.";
     // Expressions and statements.
