@@ -250,3 +250,62 @@ fn a_frame_that_no_stack_holds_is_refused_before_it_is_laid_out() {
     let needs = "needs 4294967296 bytes of stack; a task has at most 1044480";
     assert_eq!(found, format!("3:10 stack-too-large: `Many` {needs}"));
 }
+
+/// Structures in each other as deep as that, with a level for the number in the innermost.
+fn nested(depth: usize, inner_first: bool) -> String {
+    let mut types: Vec<String> = (2..=depth)
+        .map(|level| match level {
+            2 => "T2 : STRUCT a : INT; END_STRUCT;\n".to_owned(),
+            _ => format!("T{level} : STRUCT a : T{}; END_STRUCT;\n", level - 1),
+        })
+        .collect();
+    if !inner_first {
+        types.reverse();
+    }
+    format!("TYPE\n{}END_TYPE\n", types.concat())
+}
+
+#[test]
+fn types_are_as_deep_as_allowed_whatever_their_order() {
+    let codes = |text: String| -> Vec<String> {
+        let mut sources = Sources::new();
+        sources.add("main.st", text.as_bytes()).unwrap();
+        let checked = project::check("test", &mut sources).unwrap();
+        checked.diagnostics.iter().map(|one| format!("{}: {}", one.code, one.found)).collect()
+    };
+    let told = ["too-deep: a type with 101 types within each other"];
+    for inner_first in [true, false] {
+        assert_eq!(codes(nested(100, inner_first)), [""; 0]);
+        assert_eq!(codes(nested(101, inner_first)), told);
+        let block = "FUNCTION_BLOCK Block VAR a : T100; END_VAR END_FUNCTION_BLOCK\n";
+        assert_eq!(codes(nested(100, inner_first) + block), told);
+        assert_eq!(
+            codes(nested(100, inner_first) + "VAR_GLOBAL a : ARRAY[0..1] OF T100; END_VAR\n"),
+            told
+        );
+        // What refers to a structure is no deeper for what is in that.
+        let list = "TYPE L : STRUCT next : REF_TO L; a : REF_TO T100; END_STRUCT; END_TYPE\n";
+        assert_eq!(codes(nested(100, inner_first) + list), [""; 0]);
+    }
+    let references: String =
+        (1..120).map(|level| format!("R{level} : REF_TO R{};\n", level - 1)).collect();
+    assert_eq!(codes(format!("TYPE R0 : INT;\n{references}END_TYPE\n"))[0], told[0]);
+    // As many as a stack would not hold.
+    assert!(codes(nested(50_000, true)).contains(&told[0].to_owned()));
+}
+
+#[test]
+fn an_image_has_its_own_limit_of_depth() {
+    let image = |depth| {
+        let text = format!(
+            "{}PROGRAM Main VAR a : T{depth}; END_VAR a := a; END_PROGRAM\n\
+             CONFIGURATION c\nTASK t (INTERVAL := T#1ms, PRIORITY := 1);\n\
+             PROGRAM p WITH t : Main;\nEND_CONFIGURATION",
+            nested(depth, true)
+        );
+        build(&checked(&text)).map(drop).map_err(|error| error.to_string())
+    };
+    assert_eq!(image(31), Ok(()));
+    let told = image(32).unwrap_err();
+    assert!(told.contains("depth: found 33, the limit is 32"), "{told}");
+}

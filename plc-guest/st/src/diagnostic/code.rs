@@ -68,7 +68,7 @@ codes! {
     PragmaIgnored Warning "pragma-ignored" "A pragma: Takt knows none.";
     // The grammar.
     Syntax Error "syntax" "Something that cannot stand there.";
-    TooDeep Error "too-deep" "Expressions or statements too deep within each other.";
+    TooDeep Error "too-deep" "Expressions, statements or types too deep within each other.";
     NotSupported Error "not-supported" "A part of the standard that this compiler does not have.";
     // Names.
     UnknownName Error "unknown-name" "A name that is not declared here.";
