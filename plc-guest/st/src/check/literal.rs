@@ -7,7 +7,7 @@ use super::body::Body;
 use super::expression::Operand;
 use super::names::elementary;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::hir::{Class, Constant, Elementary, ExprKind, TypeId};
+use crate::hir::{Class, Constant, Elementary, Expr, ExprKind, TypeId};
 use crate::source::Span;
 use crate::syntax::ast::{Literal, LiteralValue};
 
@@ -86,8 +86,18 @@ impl Body<'_, '_> {
         Some(Operand::untyped(self.expr(ty, kind, span)))
     }
 
-    /// Character 0 ends a text in memory: what stands behind it would be lost. Alone it may be of CHAR.
-    pub(super) fn without_zero(&mut self, has_zero: bool, span: Span) -> Option<()> {
+    /// Refuses a constant with the character 0 where it is a string: alone it may have been one of CHAR.
+    pub(super) fn used_as_string(&mut self, expr: &Expr, span: Span) -> Option<()> {
+        let has_zero = match &expr.kind {
+            ExprKind::Constant(Constant::String(bytes)) => bytes.contains(&0),
+            ExprKind::Constant(Constant::WString(units)) => units.contains(&0),
+            _ => false,
+        };
+        self.without_zero(has_zero, span)
+    }
+
+    /// Character 0 ends a text in memory: what stands behind it would be lost.
+    fn without_zero(&mut self, has_zero: bool, span: Span) -> Option<()> {
         if has_zero {
             let one = Diagnostic::new(Code::InvalidLiteral, span, "character 0 in a string");
             self.tell(one.allowed("characters from `$01` on; `CHAR#'$00'` and `WCHAR#\"$0000\"`"));
