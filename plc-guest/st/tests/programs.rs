@@ -309,3 +309,22 @@ fn an_image_has_its_own_limit_of_depth() {
     let told = image(32).unwrap_err();
     assert!(told.contains("depth: found 33, the limit is 32"), "{told}");
 }
+
+#[test]
+fn a_literal_is_the_nearest_real() {
+    let mut plant = Plant::start(
+        "PROGRAM Main VAR q AT %QD0 : ARRAY[0..4] OF REAL; one : REAL := 1.0; END_VAR\n\
+         q[0] := 1.00000005960464478;\n\
+         q[1] := -1.00000005960464478;\n\
+         q[2] := REAL#1.00000005960464478;\n\
+         q[3] := one * 1.00000005960464478;\n\
+         q[4] := 3.40282356779733661E38;\n\
+         END_PROGRAM\nCONFIGURATION c\nTASK t (INTERVAL := T#1ms, PRIORITY := 1);\n\
+         PROGRAM p WITH t : Main;\nEND_CONFIGURATION",
+    );
+    plant.cycle().unwrap();
+    // Each lies so close beside the middle of two REALs that the nearest LREAL is that middle.
+    let above = 1.0 + f32::EPSILON;
+    let expected = [above, -above, above, above, f32::MAX];
+    assert_eq!(plant.output::<20>(0).as_chunks::<4>().0, expected.map(f32::to_le_bytes));
+}

@@ -144,7 +144,10 @@ impl Body<'_, '_> {
             (Constant::Real(_), Type::Elementary(elementary))
                 if super::types::is_real(*elementary) =>
             {
-                let value = self.fitted(&value, ty)?;
+                let value = match operand.short.filter(|_| *elementary == Elementary::Real) {
+                    Some(short) => Constant::Real(f64::from(short)),
+                    None => self.fitted(&value, ty)?,
+                };
                 if value == Constant::Real(f64::INFINITY) || value == Constant::Real(-f64::INFINITY)
                 {
                     let found = "a number that is too large for REAL";

@@ -21,7 +21,12 @@ impl Body<'_, '_> {
             LiteralValue::Integer(value) => {
                 return Some(self.number((*value).into(), span));
             }
-            LiteralValue::Real(value) => return Some(self.real_number(*value, span)),
+            LiteralValue::Real { long, short } => {
+                let ty = self.elementary(Elementary::Lreal);
+                let kind = ExprKind::Constant(Constant::Real(*long));
+                let operand = Operand::untyped(self.expr(ty, kind, span));
+                return Some(Operand { short: Some(*short), ..operand });
+            }
             LiteralValue::Duration { nanoseconds, long } => (
                 if *long { Elementary::Ltime } else { Elementary::Time },
                 Constant::Integer((*nanoseconds).into()),
@@ -57,11 +62,6 @@ impl Body<'_, '_> {
             .find(|elementary| fits(*elementary, value));
         let ty = self.elementary(fitting.unwrap_or(Elementary::Ulint));
         Operand::untyped(self.integer(ty, value, span))
-    }
-
-    pub(super) fn real_number(&mut self, value: f64, span: Span) -> Operand {
-        let ty = self.elementary(Elementary::Lreal);
-        Operand::untyped(self.expr(ty, ExprKind::Constant(Constant::Real(value)), span))
     }
 
     fn text(&mut self, bytes: Vec<u8>, span: Span) -> Option<Operand> {
@@ -148,8 +148,10 @@ impl Body<'_, '_> {
                 Constant::Integer(units[0].into())
             }
             (Elementary::Bool, LiteralValue::Bool(value)) => Constant::Integer((*value).into()),
-            (Elementary::Real, LiteralValue::Real(value)) => real(elementary, *value),
-            (Elementary::Lreal, LiteralValue::Real(value)) => Constant::Real(*value),
+            (Elementary::Real, LiteralValue::Real { short, .. }) => {
+                Constant::Real(f64::from(*short))
+            }
+            (Elementary::Lreal, LiteralValue::Real { long, .. }) => Constant::Real(*long),
             (Elementary::Real | Elementary::Lreal, LiteralValue::Integer(value)) => {
                 real_of(elementary, i128::from(*value))
             }

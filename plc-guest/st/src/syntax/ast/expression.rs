@@ -122,7 +122,12 @@ pub enum LiteralValue {
     /// Decimal or based, without its sign.
     Integer(u64),
     /// With a point.
-    Real(f64),
+    Real {
+        /// As an LREAL.
+        long: f64,
+        /// As a REAL: the LREAL is rounded already, and might become another one.
+        short: f32,
+    },
     /// A duration in nanoseconds; `long` if LTIME is written.
     Duration {
         /// Nanoseconds.
