@@ -54,11 +54,10 @@ impl Compiled {
         loops: Vec<Loop>,
     ) -> Compiled {
         let location = |at: u32| {
-            let found = code
-                .buffer
-                .get_srclocs_sorted()
-                .iter()
-                .rfind(|range| range.start <= at && at < range.end);
+            let ranges = code.buffer.get_srclocs_sorted();
+            // They do not overlap.
+            let behind = ranges.partition_point(|range| range.start <= at);
+            let found = ranges[..behind].last().filter(|range| at < range.end);
             let index = found.map_or(0, |range| range.loc.bits() as usize);
             index.checked_sub(1).and_then(|index| locations.get(index)).copied().unwrap_or_default()
         };
