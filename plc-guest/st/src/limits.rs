@@ -10,7 +10,8 @@ pub const FILES: usize = 4096;
 /// stages walk trees by recursion; on this bound and the next rests that none exhausts its stack.
 pub const DEPTH: u32 = 100;
 
-/// The height of an expression's tree. `a + b + c` is a tree as high as it has operators.
+/// The height of an expression's tree. `a + b + c` is a tree as high as it has operators, and `ADD(a, b, c)` one as high as
+/// it has arguments.
 pub const HEIGHT: u32 = 250;
 
 /// The stack that any stage takes at most, in bytes; see [`crate::stack`].

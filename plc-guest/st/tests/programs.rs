@@ -3,7 +3,7 @@
 mod machine;
 
 use takt_program::{Image, address};
-use takt_st::build::{BuildError, Built, build};
+use takt_st::build::{BuildError, Built, build, try_build};
 use takt_st::hir::{Area, Program, TrapKind};
 use takt_st::{project, source::Sources};
 
@@ -211,4 +211,120 @@ fn a_bit_that_two_tasks_use_leaves_the_bits_beside_it() {
         }
         assert_eq!(machine.read(address::MARKER, 1), [expected], "input {input}");
     }
+}
+
+/// What `takt plc check` tells about a program that has no image.
+fn refused(text: &str) -> (String, String) {
+    let mut sources = Sources::new();
+    sources.add("main.st", text.as_bytes()).unwrap();
+    let program = project::check("test", &mut sources).unwrap().program.unwrap();
+    // What is refused must not end the compiler here either.
+    takt_st::native::assembly(&program);
+    takt_st::native::intermediate(&program);
+    let one = try_build(&program).unwrap_err().diagnostic(&program, &sources);
+    let text = format!("{} {}: {}", sources.position(one.span), one.code, one.found);
+    (text, one.hint.unwrap())
+}
+
+#[test]
+fn a_frame_that_no_stack_holds_is_refused_before_it_is_laid_out() {
+    const HUGE: &str = "TYPE Huge : ARRAY[0..8388607] OF LREAL; END_TYPE\n";
+    // Beyond what Cranelift's 32 bits with a sign hold.
+    let locals: String = (0..33).map(|number| format!("v{number} : Huge; ")).collect();
+    let function = format!("{HUGE}FUNCTION Large : INT VAR {locals}END_VAR\nEND_FUNCTION\n");
+    let (found, hint) = refused(&function);
+    let needs = "needs 2214592512 bytes of stack; a task has at most 1044480";
+    assert_eq!(found, format!("2:10 stack-too-large: `Large` {needs}"));
+    assert!(hint.starts_with("`Large` takes most: 2214592512 bytes, of which its variable `v"));
+    let (found, _) = refused(&format!(
+        "{function}PROGRAM Main Large(); END_PROGRAM\nCONFIGURATION c\n\
+         TASK t (INTERVAL := T#1ms, PRIORITY := 1);\nPROGRAM p WITH t : Main;\nEND_CONFIGURATION"
+    ));
+    assert_eq!(found, format!("6:6 stack-too-large: the task `t` {needs}"));
+    // Beyond 32 bits: the sum would be 0 again, though none of the calls is reached.
+    let (found, _) = refused(&format!(
+        "{HUGE}FUNCTION Make : Huge END_FUNCTION\n\
+         FUNCTION Many VAR_IN_OUT a : Huge; END_VAR\nRETURN;\n{}END_FUNCTION\n",
+        "a := Make();\n".repeat(64)
+    ));
+    let needs = "needs 4294967296 bytes of stack; a task has at most 1044480";
+    assert_eq!(found, format!("3:10 stack-too-large: `Many` {needs}"));
+}
+
+/// Structures in each other as deep as that, with a level for the number in the innermost.
+fn nested(depth: usize, inner_first: bool) -> String {
+    let mut types: Vec<String> = (2..=depth)
+        .map(|level| match level {
+            2 => "T2 : STRUCT a : INT; END_STRUCT;\n".to_owned(),
+            _ => format!("T{level} : STRUCT a : T{}; END_STRUCT;\n", level - 1),
+        })
+        .collect();
+    if !inner_first {
+        types.reverse();
+    }
+    format!("TYPE\n{}END_TYPE\n", types.concat())
+}
+
+#[test]
+fn types_are_as_deep_as_allowed_whatever_their_order() {
+    let codes = |text: String| -> Vec<String> {
+        let mut sources = Sources::new();
+        sources.add("main.st", text.as_bytes()).unwrap();
+        let checked = project::check("test", &mut sources).unwrap();
+        checked.diagnostics.iter().map(|one| format!("{}: {}", one.code, one.found)).collect()
+    };
+    let told = ["too-deep: a type with 101 types within each other"];
+    for inner_first in [true, false] {
+        assert_eq!(codes(nested(100, inner_first)), [""; 0]);
+        assert_eq!(codes(nested(101, inner_first)), told);
+        let block = "FUNCTION_BLOCK Block VAR a : T100; END_VAR END_FUNCTION_BLOCK\n";
+        assert_eq!(codes(nested(100, inner_first) + block), told);
+        assert_eq!(
+            codes(nested(100, inner_first) + "VAR_GLOBAL a : ARRAY[0..1] OF T100; END_VAR\n"),
+            told
+        );
+        // What refers to a structure is no deeper for what is in that.
+        let list = "TYPE L : STRUCT next : REF_TO L; a : REF_TO T100; END_STRUCT; END_TYPE\n";
+        assert_eq!(codes(nested(100, inner_first) + list), [""; 0]);
+    }
+    let references: String =
+        (1..120).map(|level| format!("R{level} : REF_TO R{};\n", level - 1)).collect();
+    assert_eq!(codes(format!("TYPE R0 : INT;\n{references}END_TYPE\n"))[0], told[0]);
+    // As many as a stack would not hold.
+    assert!(codes(nested(50_000, true)).contains(&told[0].to_owned()));
+}
+
+#[test]
+fn an_image_has_its_own_limit_of_depth() {
+    let image = |depth| {
+        let text = format!(
+            "{}PROGRAM Main VAR a : T{depth}; END_VAR a := a; END_PROGRAM\n\
+             CONFIGURATION c\nTASK t (INTERVAL := T#1ms, PRIORITY := 1);\n\
+             PROGRAM p WITH t : Main;\nEND_CONFIGURATION",
+            nested(depth, true)
+        );
+        build(&checked(&text)).map(drop).map_err(|error| error.to_string())
+    };
+    assert_eq!(image(31), Ok(()));
+    let told = image(32).unwrap_err();
+    assert!(told.contains("depth: found 33, the limit is 32"), "{told}");
+}
+
+#[test]
+fn a_literal_is_the_nearest_real() {
+    let mut plant = Plant::start(
+        "PROGRAM Main VAR q AT %QD0 : ARRAY[0..4] OF REAL; one : REAL := 1.0; END_VAR\n\
+         q[0] := 1.00000005960464478;\n\
+         q[1] := -1.00000005960464478;\n\
+         q[2] := REAL#1.00000005960464478;\n\
+         q[3] := one * 1.00000005960464478;\n\
+         q[4] := 3.40282356779733661E38;\n\
+         END_PROGRAM\nCONFIGURATION c\nTASK t (INTERVAL := T#1ms, PRIORITY := 1);\n\
+         PROGRAM p WITH t : Main;\nEND_CONFIGURATION",
+    );
+    plant.cycle().unwrap();
+    // Each lies so close beside the middle of two REALs that the nearest LREAL is that middle.
+    let above = 1.0 + f32::EPSILON;
+    let expected = [above, -above, above, above, f32::MAX];
+    assert_eq!(plant.output::<20>(0).as_chunks::<4>().0, expected.map(f32::to_le_bytes));
 }

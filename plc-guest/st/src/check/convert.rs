@@ -144,7 +144,10 @@ impl Body<'_, '_> {
             (Constant::Real(_), Type::Elementary(elementary))
                 if super::types::is_real(*elementary) =>
             {
-                let value = self.fitted(&value, ty)?;
+                let value = match operand.short.filter(|_| *elementary == Elementary::Real) {
+                    Some(short) => Constant::Real(f64::from(short)),
+                    None => self.fitted(&value, ty)?,
+                };
                 if value == Constant::Real(f64::INFINITY) || value == Constant::Real(-f64::INFINITY)
                 {
                     let found = "a number that is too large for REAL";
@@ -207,15 +210,10 @@ impl Body<'_, '_> {
     /// Strings of different lengths fit each other, and are cut when they are assigned; a constant that
     /// would be cut is a mistake.
     fn fitting_string(&mut self, expr: Expr, ty: TypeId, span: Span) -> Option<Expr> {
+        self.used_as_string(&expr, span)?;
         let length = match &expr.kind {
-            ExprKind::Constant(Constant::String(bytes)) => {
-                self.without_zero(bytes.contains(&0), span)?;
-                bytes.len()
-            }
-            ExprKind::Constant(Constant::WString(units)) => {
-                self.without_zero(units.contains(&0), span)?;
-                units.len()
-            }
+            ExprKind::Constant(Constant::String(bytes)) => bytes.len(),
+            ExprKind::Constant(Constant::WString(units)) => units.len(),
             _ => return Some(expr),
         };
         let (Type::String { capacity } | Type::WString { capacity }) =

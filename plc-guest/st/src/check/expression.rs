@@ -14,15 +14,17 @@ pub(super) struct Operand {
     pub(super) expr: Expr,
     /// Whether it is a constant of literals without a type, which takes the type that is needed.
     pub(super) untyped: bool,
+    /// What a literal with a point is as a REAL.
+    pub(super) short: Option<f32>,
 }
 
 impl Operand {
     pub(super) fn typed(expr: Expr) -> Self {
-        Self { expr, untyped: false }
+        Self { expr, untyped: false, short: None }
     }
 
     pub(super) fn untyped(expr: Expr) -> Self {
-        Self { expr, untyped: true }
+        Self { expr, untyped: true, short: None }
     }
 
     /// The value of a constant.

@@ -7,7 +7,7 @@ use super::body::Body;
 use super::expression::Operand;
 use super::names::elementary;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::hir::{Class, Constant, Elementary, ExprKind, TypeId};
+use crate::hir::{Class, Constant, Elementary, Expr, ExprKind, TypeId};
 use crate::source::Span;
 use crate::syntax::ast::{Literal, LiteralValue};
 
@@ -21,7 +21,12 @@ impl Body<'_, '_> {
             LiteralValue::Integer(value) => {
                 return Some(self.number((*value).into(), span));
             }
-            LiteralValue::Real(value) => return Some(self.real_number(*value, span)),
+            LiteralValue::Real { long, short } => {
+                let ty = self.elementary(Elementary::Lreal);
+                let kind = ExprKind::Constant(Constant::Real(*long));
+                let operand = Operand::untyped(self.expr(ty, kind, span));
+                return Some(Operand { short: Some(*short), ..operand });
+            }
             LiteralValue::Duration { nanoseconds, long } => (
                 if *long { Elementary::Ltime } else { Elementary::Time },
                 Constant::Integer((*nanoseconds).into()),
@@ -59,11 +64,6 @@ impl Body<'_, '_> {
         Operand::untyped(self.integer(ty, value, span))
     }
 
-    pub(super) fn real_number(&mut self, value: f64, span: Span) -> Operand {
-        let ty = self.elementary(Elementary::Lreal);
-        Operand::untyped(self.expr(ty, ExprKind::Constant(Constant::Real(value)), span))
-    }
-
     fn text(&mut self, bytes: Vec<u8>, span: Span) -> Option<Operand> {
         self.without_zero(bytes.len() > 1 && bytes.contains(&0), span)?;
         let Ok(length) = u16::try_from(bytes.len()) else {
@@ -86,8 +86,18 @@ impl Body<'_, '_> {
         Some(Operand::untyped(self.expr(ty, kind, span)))
     }
 
-    /// Character 0 ends a text in memory: what stands behind it would be lost. Alone it may be of CHAR.
-    pub(super) fn without_zero(&mut self, has_zero: bool, span: Span) -> Option<()> {
+    /// Refuses a constant with the character 0 where it is a string: alone it may have been one of CHAR.
+    pub(super) fn used_as_string(&mut self, expr: &Expr, span: Span) -> Option<()> {
+        let has_zero = match &expr.kind {
+            ExprKind::Constant(Constant::String(bytes)) => bytes.contains(&0),
+            ExprKind::Constant(Constant::WString(units)) => units.contains(&0),
+            _ => false,
+        };
+        self.without_zero(has_zero, span)
+    }
+
+    /// Character 0 ends a text in memory: what stands behind it would be lost.
+    fn without_zero(&mut self, has_zero: bool, span: Span) -> Option<()> {
         if has_zero {
             let one = Diagnostic::new(Code::InvalidLiteral, span, "character 0 in a string");
             self.tell(one.allowed("characters from `$01` on; `CHAR#'$00'` and `WCHAR#\"$0000\"`"));
@@ -138,8 +148,10 @@ impl Body<'_, '_> {
                 Constant::Integer(units[0].into())
             }
             (Elementary::Bool, LiteralValue::Bool(value)) => Constant::Integer((*value).into()),
-            (Elementary::Real, LiteralValue::Real(value)) => real(elementary, *value),
-            (Elementary::Lreal, LiteralValue::Real(value)) => Constant::Real(*value),
+            (Elementary::Real, LiteralValue::Real { short, .. }) => {
+                Constant::Real(f64::from(*short))
+            }
+            (Elementary::Lreal, LiteralValue::Real { long, .. }) => Constant::Real(*long),
             (Elementary::Real | Elementary::Lreal, LiteralValue::Integer(value)) => {
                 real_of(elementary, i128::from(*value))
             }

@@ -3,7 +3,7 @@
 use super::body::Body;
 use super::types::{Resolved, STATE_BYTES, STRING_LENGTH, is_bit_string, is_integer};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::hir::{Constant, Elementary, Type};
+use crate::hir::{Constant, Elementary, Type, TypeId};
 use crate::limits;
 use crate::source::Span;
 use crate::syntax::ast::{self, ArrayRange, Name, TypeKind, TypeSpec};
@@ -39,7 +39,8 @@ impl<'a> Body<'_, 'a> {
                     self.checker.tell(one.allowed("bounds, or ARRAY[*] for a parameter"));
                     return None;
                 }
-                Some(self.checker.program.types.reference(target.ty).into())
+                let ty = self.checker.program.types.reference(target.ty);
+                self.not_too_deep(ty, spec.span)
             }
             TypeKind::Subrange { base, low, high } => {
                 let shown = shown.to_owned();
@@ -63,6 +64,11 @@ impl<'a> Body<'_, 'a> {
             }
             TypeKind::Error => None,
         }
+    }
+
+    fn not_too_deep(&mut self, ty: TypeId, span: Span) -> Option<Resolved> {
+        self.checker.not_too_deep(self.checker.program.types.depth(ty), span)?;
+        Some(ty.into())
     }
 
     fn string_length(&mut self, length: &'a ast::Expression) -> Option<u16> {
@@ -89,9 +95,10 @@ impl<'a> Body<'_, 'a> {
         element: &'a TypeSpec,
         span: Span,
     ) -> Option<Resolved> {
-        if ranges.len() > limits::DEPTH as usize {
+        // Each is an array, and the elements are a level too.
+        if ranges.len() >= limits::DEPTH as usize {
             let found = format!("an array of {} dimensions", ranges.len());
-            let allowed = format!("at most {} dimensions", limits::DEPTH);
+            let allowed = format!("at most {} dimensions", limits::DEPTH - 1);
             self.checker.tell(Diagnostic::new(Code::TooDeep, span, found).allowed(allowed));
             return None;
         }
@@ -101,8 +108,9 @@ impl<'a> Body<'_, 'a> {
             return None;
         }
         let open = ranges.iter().filter(|range| matches!(range, ArrayRange::Open(_))).count();
-        if open == ranges.len() && open <= usize::from(u8::MAX) {
-            return Some(self.checker.program.types.open_array(resolved.ty, open as u8).into());
+        if open == ranges.len() {
+            let ty = self.checker.program.types.open_array(resolved.ty, open as u8);
+            return self.not_too_deep(ty, span);
         }
         if open > 0 {
             self.checker.tell(
@@ -144,6 +152,7 @@ impl<'a> Body<'_, 'a> {
                 return None;
             }
             ty = self.checker.program.types.array(ty, low, high);
+            self.not_too_deep(ty, span)?;
             if initial != Constant::Default {
                 initial = Constant::Fill(Box::new(initial));
             }

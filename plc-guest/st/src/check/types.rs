@@ -5,6 +5,7 @@ use super::names::{elementary, similar};
 use super::{Checker, Entry, Progress};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::hir::{Class, Constant, Elementary, Retention, Section, StructureKind, Type, TypeId};
+use crate::limits;
 use crate::source::Span;
 use crate::syntax::ast::{self, Name, TypeKind, UnitKind};
 
@@ -138,7 +139,7 @@ impl<'a> Checker<'a> {
         self.program.types.complete(id);
     }
 
-    /// Adds a field to a structure, unless that grows too large.
+    /// Adds a field to a structure, unless that grows too large or too deep.
     pub(super) fn field(
         &mut self,
         id: TypeId,
@@ -147,6 +148,7 @@ impl<'a> Checker<'a> {
         section: Section,
         retention: Retention,
     ) -> Option<u32> {
+        self.not_too_deep(1 + self.program.types.depth(resolved.ty), name.span)?;
         let types = &mut self.program.types;
         let size = u64::from(types.structure(id).map_or(0, |structure| structure.size));
         if size + u64::from(types.size(resolved.ty)) + 8 > STATE_BYTES {
@@ -154,6 +156,17 @@ impl<'a> Checker<'a> {
             return None;
         }
         Some(types.define(id, &name.text, resolved.ty, resolved.initial, section, retention))
+    }
+
+    /// Refuses a type that is deeper than what the stages walk by recursion may be.
+    pub(super) fn not_too_deep(&mut self, depth: u32, span: Span) -> Option<()> {
+        if depth <= limits::DEPTH {
+            return Some(());
+        }
+        let found = format!("a type with {depth} types within each other");
+        let allowed = format!("at most {} levels", limits::DEPTH);
+        self.tell(Diagnostic::new(Code::TooDeep, span, found).allowed(allowed));
+        None
     }
 
     pub(super) fn too_large(&mut self, span: Span) {

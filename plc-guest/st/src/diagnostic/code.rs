@@ -68,7 +68,7 @@ codes! {
     PragmaIgnored Warning "pragma-ignored" "A pragma: Takt knows none.";
     // The grammar.
     Syntax Error "syntax" "Something that cannot stand there.";
-    TooDeep Error "too-deep" "Expressions or statements too deep within each other.";
+    TooDeep Error "too-deep" "Expressions, statements or types too deep within each other.";
     NotSupported Error "not-supported" "A part of the standard that this compiler does not have.";
     // Names.
     UnknownName Error "unknown-name" "A name that is not declared here.";
@@ -84,7 +84,7 @@ codes! {
     AddressConflict Error "address-conflict" "Two variables or tasks at one output address.";
     NoTask Error "no-task" "A program without a task, so that nothing of it would run.";
     Internal Error "internal" "The compiler could not compile what it accepts: a mistake of its own, or no room on this machine.";
-    StackTooLarge Error "stack-too-large" "A task that needs more stack than it can have.";
+    StackTooLarge Error "stack-too-large" "A task or a function that needs more stack than a task can have.";
     ProjectFile Error "project-file" "A mistake in the project file.";
     SharedOutput Warning "shared-output" "Instances of a program that write one output.";
     // Expressions and statements.

@@ -87,6 +87,8 @@ enum Key {
 #[derive(Clone, Debug, Default)]
 pub struct Types {
     list: Vec<Type>,
+    /// How deep each one is.
+    depths: Vec<u32>,
     known: HashMap<Key, TypeId>,
 }
 
@@ -106,6 +108,14 @@ impl Types {
     }
 
     fn add(&mut self, ty: Type) -> TypeId {
+        let deepest = match &ty {
+            Type::Array { element, .. } | Type::OpenArray { element, .. } => self.depth(*element),
+            // It ends there: the structure may have the reference in it.
+            Type::Reference { target } if self.structure(*target).is_some() => 0,
+            Type::Reference { target } => self.depth(*target),
+            _ => 0,
+        };
+        self.depths.push(1 + deepest);
         self.list.push(ty);
         TypeId(self.list.len() as u32 - 1)
     }
@@ -182,6 +192,8 @@ impl Types {
         retention: super::Retention,
     ) -> u32 {
         let (size, align) = (self.size(ty), self.align(ty));
+        let depth = self.depth(id).max(1 + self.depth(ty));
+        self.depths[id.0 as usize] = depth;
         let Type::Structure(structure) = &mut self.list[id.0 as usize] else {
             panic!("fields of a type that is no structure");
         };
@@ -276,6 +288,12 @@ impl Types {
             }
         }
         false
+    }
+
+    /// How many types are within each other in `id`, with itself: what walks types goes as deep. A reference goes on to
+    /// what it refers to unless that is a structure.
+    pub fn depth(&self, id: TypeId) -> u32 {
+        self.depths[id.0 as usize]
     }
 
     /// All types with their indices.

@@ -51,17 +51,17 @@ impl Knowledge {
     pub fn promotable(&self, routine: &Routine, effects: &Effects) -> Vec<(Cell, bool)> {
         let mut cells: Vec<(Cell, u32, bool)> = Vec::new();
         for (target, uses) in &effects.accesses {
-            if let Target::Cell(cell) = target {
-                let written = uses.writes > 0;
-                if !self.is_shared(routine, target) && !self.hidden(routine, effects, cell, written)
-                {
-                    cells.push((*cell, uses.total, written));
-                }
+            if let Target::Cell(cell) = target
+                && !self.is_shared(routine, target)
+            {
+                cells.push((*cell, uses.total, uses.writes > 0));
             }
         }
         cells.sort_by_key(|(cell, total, _)| (std::cmp::Reverse(*total), *cell));
-        cells.truncate(PROMOTED);
-        cells.into_iter().map(|(cell, _, written)| (cell, written)).collect()
+        // Each is compared with all accesses: so the first ones only, and not all of thousands.
+        let cells = cells.into_iter().map(|(cell, _, written)| (cell, written));
+        let alone = |(cell, written): &(Cell, bool)| !self.hidden(routine, effects, cell, *written);
+        cells.filter(alone).take(PROMOTED).collect()
     }
 
     /// Whether another task may use what an access of a routine touches.

@@ -4,6 +4,7 @@ use std::collections::HashSet;
 
 use cranelift_codegen::ir::{InstBuilder, StackSlot, StackSlotData, StackSlotKind, Value, types};
 use cranelift_frontend::Variable;
+use takt_program::limit::STACK_BYTES;
 
 use super::effects::{Target, target};
 use super::lower::{Home, Lower};
@@ -102,6 +103,10 @@ impl Lower<'_> {
 
     /// Gives variables and outputs their initial values.
     pub(super) fn initialise(&mut self) {
+        // Such a routine is refused, and its initial values may be gigabytes.
+        if self.is_too_large() {
+            return;
+        }
         let routine = self.routine;
         for (index, local) in routine.locals.iter().enumerate() {
             if !matches!(local.kind, LocalKind::Variable | LocalKind::Output) {
@@ -124,6 +129,10 @@ impl Lower<'_> {
                 Home::Open(..) => unreachable!("an open array is a VAR_IN_OUT"),
             }
         }
+    }
+
+    fn is_too_large(&self) -> bool {
+        self.slot_bytes > u64::from(STACK_BYTES)
     }
 
     fn initialise_memory(&mut self, address: Value, ty: TypeId, initial: &Constant) {
@@ -161,8 +170,12 @@ impl Lower<'_> {
         }
     }
 
+    /// Room in the frame. Behind the limit it is made no larger: Cranelift computes the places of the slots in 32 bits.
     pub(super) fn slot(&mut self, size: u32, align: u32) -> StackSlot {
         let shift = align.max(1).trailing_zeros() as u8;
+        let start = self.slot_bytes.next_multiple_of(u64::from(align.max(8)));
+        self.slot_bytes = start + u64::from(size.max(1));
+        let size = if self.is_too_large() { 1 } else { size };
         self.builder.create_sized_stack_slot(StackSlotData::new(
             StackSlotKind::ExplicitSlot,
             size.max(1),

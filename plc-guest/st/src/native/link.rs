@@ -1,6 +1,6 @@
 //! From compiled routines to the bytes of a program: order, addresses, constants, traps.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use cranelift_codegen::FinalizedRelocTarget;
 use cranelift_codegen::binemit::Reloc;
@@ -54,11 +54,10 @@ impl Compiled {
         loops: Vec<Loop>,
     ) -> Compiled {
         let location = |at: u32| {
-            let found = code
-                .buffer
-                .get_srclocs_sorted()
-                .iter()
-                .rfind(|range| range.start <= at && at < range.end);
+            let ranges = code.buffer.get_srclocs_sorted();
+            // They do not overlap.
+            let behind = ranges.partition_point(|range| range.start <= at);
+            let found = ranges[..behind].last().filter(|range| at < range.end);
             let index = found.map_or(0, |range| range.loc.bits() as usize);
             index.checked_sub(1).and_then(|index| locations.get(index)).copied().unwrap_or_default()
         };
@@ -191,7 +190,7 @@ fn most(program: &Program, compiled: &[Compiled], size: impl Fn(&Compiled) -> us
     let found = routines.max_by_key(|(_, bytes)| *bytes);
     found.map_or_else(Most::default, |(routine, bytes)| Most {
         name: routine.name.clone(),
-        bytes: bytes as u32,
+        bytes: bytes as u64,
         location: routine.location,
     })
 }
@@ -268,14 +267,40 @@ pub fn too_much_stack(
             most = at;
         }
     }
-    let routine = program.routine(most);
+    let (most, variable) = largest(program, most, frame(most).into());
+    NativeError::TooMuchStack {
+        needing: format!("the task `{}`", task.name).into(),
+        location: task.location,
+        bytes: bytes.into(),
+        most,
+        variable,
+    }
+}
+
+/// Why a routine has no room whose own frame is larger than any stack. It has not been compiled.
+pub fn too_large_frame(program: &Program, id: RoutineId, bytes: u64) -> NativeError {
+    let calls = |task: &&Task| {
+        let (mut waiting, mut seen) = (vec![task.entry], BTreeSet::new());
+        while let Some(next) = waiting.pop() {
+            if seen.insert(next) {
+                waiting.extend(super::alias::called(program, next));
+            }
+        }
+        seen.contains(&id)
+    };
+    let (most, variable) = largest(program, id, bytes);
+    let (needing, location) = match program.tasks.iter().find(calls) {
+        Some(task) => (format!("the task `{}`", task.name), task.location),
+        None => (format!("`{}`", most.name), most.location),
+    };
+    NativeError::TooMuchStack { needing: needing.into(), location, bytes, most, variable }
+}
+
+/// A routine that takes so many bytes of stack, with its largest variable there.
+fn largest(program: &Program, id: RoutineId, bytes: u64) -> (Most, Option<(String, u32)>) {
+    let routine = program.routine(id);
     let own = routine.locals.iter().filter(|local| local.kind != LocalKind::InOut);
     let own = own.map(|local| (local.name.clone(), program.types.size(local.ty)));
-    NativeError::TooMuchStack {
-        task: task.name.clone(),
-        location: task.location,
-        bytes,
-        most: Most { name: routine.name.clone(), bytes: frame(most), location: routine.location },
-        variable: own.filter(|(_, bytes)| *bytes > 0).max_by_key(|(_, bytes)| *bytes),
-    }
+    let variable = own.filter(|(_, bytes)| *bytes > 0).max_by_key(|(_, bytes)| *bytes);
+    (Most { name: routine.name.clone(), bytes, location: routine.location }, variable)
 }

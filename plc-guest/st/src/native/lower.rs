@@ -38,6 +38,9 @@ pub struct Lowered {
     pub constants: Vec<Vec<u8>>,
     /// Source locations of Cranelift are indices of this list, from 1.
     pub locations: Vec<Location>,
+    /// Bytes of the slots in its frame. If they are more than any task has, the function must not be compiled: its slots
+    /// are not as large as what lies in them.
+    pub slot_bytes: u64,
     /// Its loops; the numbers of their marks are indices of this list.
     pub loops: Vec<Loop>,
 }
@@ -87,6 +90,7 @@ pub(super) struct Lower<'a> {
     pub return_block: Block,
     pub functions: HashMap<(u32, u32), FuncRef>,
     pub constants: Vec<Vec<u8>>,
+    pub slot_bytes: u64,
     marked: Vec<Loop>,
     locations: Vec<Location>,
     known_locations: HashMap<Location, u32>,
@@ -122,14 +126,15 @@ pub fn lower(
         return_block: Block::from_u32(0),
         functions: HashMap::new(),
         constants: Vec::new(),
+        slot_bytes: 0,
         marked: Vec::new(),
         locations: Vec::new(),
         known_locations: HashMap::new(),
     };
     lower.routine();
-    let Lower { builder, constants, locations, marked, .. } = lower;
+    let Lower { builder, constants, slot_bytes, locations, marked, .. } = lower;
     builder.finalize(frontend);
-    Lowered { function, constants, locations, loops: marked }
+    Lowered { function, constants, locations, slot_bytes, loops: marked }
 }
 
 impl<'a> Lower<'a> {

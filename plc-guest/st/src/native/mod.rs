@@ -41,6 +41,7 @@ use cranelift_codegen::ir::Function;
 use cranelift_codegen::isa::TargetIsa;
 use cranelift_codegen::{Context, control::ControlPlane};
 use cranelift_frontend::FunctionBuilderContext;
+use takt_program::limit::STACK_BYTES;
 use thiserror::Error;
 
 use crate::hir::{Area, Constant, GlobalId, Location, Program, RoutineId, Trap};
@@ -131,14 +132,14 @@ pub enum NativeError {
         locations: [Location; 2],
     },
     /// More stack than a task can have.
-    #[error("the task `{task}` needs {bytes} bytes of stack; it has at most {max}", max = takt_program::limit::STACK_BYTES)]
+    #[error("{needing} needs {bytes} bytes of stack; a task has at most {STACK_BYTES}")]
     TooMuchStack {
-        /// The task.
-        task: String,
+        /// The task, or the routine if no task calls it.
+        needing: Box<str>,
         /// Where it is declared.
         location: Location,
         /// What it needs.
-        bytes: u32,
+        bytes: u64,
         /// The routine that takes most of it itself.
         most: Most,
         /// The largest variable of that routine, with its bytes.
@@ -152,7 +153,7 @@ pub struct Most {
     /// Its name.
     pub name: String,
     /// How many bytes it takes.
-    pub bytes: u32,
+    pub bytes: u64,
     /// Where it is declared.
     pub location: Location,
 }
@@ -179,7 +180,7 @@ pub fn compile(program: &Program) -> Result<Native, NativeError> {
     let mut of_tasks = Vec::new();
     for task in &program.tasks {
         let bytes = stacks[&task.entry];
-        if bytes > takt_program::limit::STACK_BYTES {
+        if bytes > STACK_BYTES {
             return Err(link::too_much_stack(program, &compiled, &stacks, task));
         }
         of_tasks.push(bytes);
@@ -203,7 +204,7 @@ fn largest_variable(program: &Program) -> Most {
     let largest = state.max_by_key(size);
     largest.map_or_else(Most::default, |global| Most {
         name: global.name.clone(),
-        bytes: size(&global),
+        bytes: size(&global).into(),
         location: global.location,
     })
 }
@@ -239,6 +240,9 @@ fn routine(
     id: RoutineId,
 ) -> Result<link::Compiled, NativeError> {
     let lowered = lower::lower(program, knowledge, id, frontend, machine.frontend_config());
+    if lowered.slot_bytes > STACK_BYTES.into() {
+        return Err(link::too_large_frame(program, id, lowered.slot_bytes));
+    }
     let mut context = Context::for_function(lowered.function);
     if let Err(error) = context.compile(machine, &mut ControlPlane::default()) {
         let routine = program.routine(id).name.clone();
@@ -254,8 +258,8 @@ fn routine(
     ))
 }
 
-/// The machine code of each routine as text, for `--emit asm`. A routine that Cranelift refuses is left out: building
-/// tells of it.
+/// The machine code of each routine as text, for `--emit asm`. A routine that is refused is left out: building tells of
+/// it.
 pub fn assembly(program: &Program) -> String {
     let machine = target::machine();
     each_routine(program, &*machine, |function| {
@@ -285,7 +289,9 @@ fn each_routine(
         let id = RoutineId(index as u32);
         let lowered =
             lower::lower(program, &knowledge, id, &mut frontend, machine.frontend_config());
-        if let Some(text) = text_of(lowered.function) {
+        if lowered.slot_bytes <= STACK_BYTES.into()
+            && let Some(text) = text_of(lowered.function)
+        {
             all.push_str(&format!("; {}\n{text}\n", program.routine(id).name));
         }
     }

@@ -64,8 +64,8 @@ fn digits(text: &str, base: u32) -> Result<u64, Wrong> {
 /// If it is out of LREAL's range.
 pub fn real(text: &str) -> Result<LiteralValue, Wrong> {
     let plain: String = text.chars().filter(|c| *c != '_').collect();
-    match plain.parse::<f64>() {
-        Ok(value) if value.is_finite() => Ok(LiteralValue::Real(value)),
+    match (plain.parse::<f64>(), plain.parse::<f32>()) {
+        (Ok(long), Ok(short)) if long.is_finite() => Ok(LiteralValue::Real { long, short }),
         _ => Err((format!("the number {}", cut(text)), "at most about 1.8E308")),
     }
 }

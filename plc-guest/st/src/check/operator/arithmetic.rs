@@ -75,7 +75,7 @@ impl<'a> Body<'_, 'a> {
             }
             if let Some(value) = self.fold_arithmetic(operator, a, b, ty) {
                 let expr = self.expr(ty, ExprKind::Constant(value), span);
-                return Some(Operand { expr, untyped });
+                return Some(Operand { untyped, ..Operand::typed(expr) });
             }
         }
         let kind = ExprKind::Arithmetic(operator, Box::new(left), Box::new(right));

@@ -32,6 +32,8 @@ impl<'a> Body<'_, 'a> {
             }
             let target = if char_or_text(&left.0) { b } else { a };
             if self.both_strings(a, b) {
+                self.used_as_string(&left.0.expr, left.1)?;
+                self.used_as_string(&right.0.expr, right.1)?;
                 (left.0.expr, right.0.expr)
             } else {
                 (self.converted(left.0, target, left.1)?, self.converted(right.0, target, right.1)?)

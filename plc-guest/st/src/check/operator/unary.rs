@@ -67,7 +67,8 @@ impl<'a> Body<'_, 'a> {
             }
             (Some(Constant::Real(value)), hir::UnaryOperator::Negate) => {
                 let kind = ExprKind::Constant(Constant::Real(-value));
-                Some(Operand { expr: self.expr(ty, kind, span), ..operand })
+                let short = operand.short.map(|short| -short);
+                Some(Operand { expr: self.expr(ty, kind, span), short, ..operand })
             }
             (Some(Constant::Integer(value)), hir::UnaryOperator::Not) if !operand.untyped => {
                 let value = match elementary {

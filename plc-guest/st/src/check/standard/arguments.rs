@@ -115,7 +115,11 @@ impl<'a> Body<'_, 'a> {
                 one = one.hint(format!("convert it: `{}_TO_LREAL(...)`", integer.name()));
             }
             self.tell(one);
+            return false;
         }
-        fits
+        match parameter {
+            Parameter::Same(Group::String) => self.used_as_string(&operand.expr, span).is_some(),
+            _ => true,
+        }
     }
 }

@@ -98,6 +98,7 @@ impl<'a> Body<'_, 'a> {
             .into_iter()
             .map(|(operand, span)| {
                 if self.both_strings(operand.expr.ty, ty) {
+                    self.used_as_string(&operand.expr, span)?;
                     return Some(operand.expr);
                 }
                 self.converted(operand, ty, span)

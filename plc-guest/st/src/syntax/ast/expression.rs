@@ -10,7 +10,7 @@ pub struct Expression {
     pub kind: ExpressionKind,
     /// Where it is.
     pub span: Span,
-    /// The height of its tree, which the parser keeps within [`crate::limits::HEIGHT`].
+    /// The height of the tree that is made of it, which the parser keeps within [`crate::limits::HEIGHT`].
     pub height: u32,
 }
 
@@ -73,10 +73,12 @@ impl ExpressionKind {
             Self::Index(base, indices) => {
                 indices.iter().fold(base.height, |height, index| height.max(index.height))
             }
-            Self::Call(callee, arguments) => arguments
-                .iter()
-                .filter_map(|argument| argument.value.as_ref())
-                .fold(callee.height, |height, value| height.max(value.height)),
+            Self::Call(callee, arguments) => {
+                let values = arguments.iter().filter_map(|argument| argument.value.as_ref());
+                let highest = values.fold(callee.height, |height, part| height.max(part.height));
+                // Standard functions become an operation for each further argument, one over the other.
+                highest + (arguments.len() as u32).saturating_sub(1)
+            }
         }
     }
 }
@@ -120,7 +122,12 @@ pub enum LiteralValue {
     /// Decimal or based, without its sign.
     Integer(u64),
     /// With a point.
-    Real(f64),
+    Real {
+        /// As an LREAL.
+        long: f64,
+        /// As a REAL: the LREAL is rounded already, and might become another one.
+        short: f32,
+    },
     /// A duration in nanoseconds; `long` if LTIME is written.
     Duration {
         /// Nanoseconds.

@@ -269,7 +269,10 @@ impl Parser<'_> {
             return Ok(grown);
         }
         let found = "an expression with too many parts";
-        let allowed = format!("at most {} operators in a row or within each other", limits::HEIGHT);
+        let allowed = format!(
+            "at most {} operators and arguments in a row or within each other",
+            limits::HEIGHT
+        );
         let one = Diagnostic::new(Code::TooDeep, span, found).allowed(allowed);
         self.tell(one.hint("use several statements"));
         Err(Told)

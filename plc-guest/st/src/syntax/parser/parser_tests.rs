@@ -52,6 +52,16 @@ fn a_chain_without_end_is_an_error_and_no_exhausted_stack() {
 }
 
 #[test]
+fn arguments_count_like_the_operators_that_they_become() {
+    let call = |first: &str, count: usize| format!("ADD({first}{})", ", 1".repeat(count - 1));
+    let told = |call: &str| errors(&format!("PROGRAM p\nx := {call};\nEND_PROGRAM"));
+    assert_eq!(told(&call("1", 200)), 0);
+    assert_eq!(told(&call("1", 1000)), 1);
+    assert_eq!(told(&call(&call("1", 120), 120)), 0);
+    assert_eq!(told(&call(&call("1", 200), 200)), 1);
+}
+
+#[test]
 fn a_text_of_errors_only_is_read_to_its_end() {
     for piece in ["(* ", "IF ", "; ", "VAR ", "END_IF ", "{", "'", ":= ", "CASE ", "x : ", "\u{1}"]
     {
