@@ -8,7 +8,8 @@
 //! | module | what it decides |
 //! | --- | --- |
 //! | [`task`] | what a task is, and in which state |
-//! | [`scheduler`] | who runs; releases, ends, programs that start and stop |
+//! | [`rank`] | who runs |
+//! | [`scheduler`] | releases, limits, ends, programs that start and stop |
 //! | [`objects`] | semaphores, queues, mailboxes and event flags |
 //! | [`can`] | what is received and sent by CAN controllers, and when |
 //! | [`process_image`] | what becomes of the bytes of inputs and outputs |
@@ -34,6 +35,7 @@ pub mod process_image;
 mod process_image_tests;
 #[cfg(test)]
 mod random_tests;
+pub mod rank;
 pub mod scheduler;
 #[cfg(test)]
 mod scheduler_tests;

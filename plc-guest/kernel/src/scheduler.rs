@@ -1,24 +1,16 @@
-//! Who runs: fixed priorities, preemptive.
-//!
-//! All tasks are ranked together: by priority, those of one priority in the order in which they were added, which is
-//! that of the programs and of the tasks in them. Tasks whose releases or execution nothing bounds come after all
-//! others, whatever their priority ([`Class`](crate::task::Class)); of initialisations, the one that has executed the
-//! least comes first, so that one without an end does not keep the others from theirs. A holder of a semaphore comes
-//! before all of the semaphore's ceiling. There is always one most urgent task, and what runs follows from the state
-//! alone.
+//! The life of tasks and programs: releases, limits, ends, starts and stops.
 //!
 //! The kernel calls this at each of its entries, with the time that it is then: [`Scheduler::account`]
 //! for what has run, [`Scheduler::advance`] for what time alone changes, what the running task asked for, and
-//! [`Scheduler::pick`] for what runs next. Each takes a number of steps that depends on the number of
-//! tasks only. Sets of tasks are words with a bit for each rank, so the most urgent task of a set is its lowest bit, and
-//! no entry looks at tasks that it does not concern.
+//! [`Scheduler::pick`] for what runs next ([`rank`](crate::rank)). Each takes a number of steps that depends on the number of
+//! tasks only.
 //!
 //! Releases are kept as `offset + k * period` and never reckoned from now, so a late one moves no later
 //! one. A release that finds the job before it unfinished is lost and counted; it is not made up.
 
 use crate::objects::{Object, ObjectId};
 use crate::statistics::count;
-use crate::task::{Class, ProgramId, Release, Settings, State, Task, TaskId, Wait, Wake};
+use crate::task::{ProgramId, Release, Settings, State, Task, TaskId, Wait, Wake};
 use crate::time::{Instant, Span};
 use crate::watchdog::Watchdog;
 use core::ops::Range;
@@ -58,19 +50,6 @@ pub enum Violation {
     Deadline,
 }
 
-/// What the processor is given to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Picked {
-    /// The task.
-    pub task: TaskId,
-    /// Its job begins: it starts at its entry.
-    pub begins: bool,
-    /// The start of its job is still to be measured.
-    pub starts: bool,
-    /// The wait in a call that has ended, if one has.
-    pub wake: Option<Wake>,
-}
-
 /// There is no room for one more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Full;
@@ -85,7 +64,7 @@ pub struct Scheduler<const T: usize, const P: usize, const O: usize> {
     pub(crate) objects: [Object; O],
     pub(crate) objects_count: u8,
     /// All tasks by rank, the most urgent first.
-    order: [TaskId; T],
+    pub(crate) order: [TaskId; T],
     /// Tasks in state ready, a bit for each rank.
     pub(crate) ready: u64,
     /// Tasks that wait in a call, a bit for each rank.
@@ -94,7 +73,7 @@ pub struct Scheduler<const T: usize, const P: usize, const O: usize> {
     pub(crate) out_of_rank: u64,
     pub(crate) running: Option<TaskId>,
     /// Who had the processor last; at first a task that there is not.
-    last: TaskId,
+    pub(crate) last: TaskId,
     /// Before this instant time alone changes nothing.
     pub(crate) next: Instant,
     /// Tasks whose deadline has passed, a bit for each.
@@ -231,11 +210,6 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
     #[must_use]
     pub fn switches(&self) -> u64 {
         self.tasks.iter().fold(0, |sum, task| sum + task.statistics.switches)
-    }
-
-    /// The most urgent task of a set of ranks.
-    pub(crate) const fn first_of(&self, set: u64) -> Option<TaskId> {
-        if set == 0 { None } else { Some(self.order[set.trailing_zeros() as usize % T]) }
     }
 
     /// The next instant at which time alone changes something.
@@ -481,42 +455,6 @@ impl<const T: usize, const P: usize, const O: usize> Scheduler<T, P, O> {
     /// Notes when time will change something about a task.
     pub(crate) fn expect(&mut self, id: TaskId) {
         self.next = self.next.min(self.tasks[id.index()].event());
-    }
-
-    /// Gives the processor to the most urgent ready task.
-    #[inline]
-    pub fn pick(&mut self) -> Option<Picked> {
-        self.running = if self.ready & self.out_of_rank == 0 {
-            self.first_of(self.ready)
-        } else {
-            self.first_out_of_rank()
-        };
-        let id = self.running?;
-        let task = &mut self.tasks[id.index()];
-        if self.last != id {
-            self.last = id;
-            task.statistics.switches += 1;
-        }
-        let begins = !core::mem::replace(&mut task.started, true);
-        Some(Picked { task: id, begins, starts: !task.measured, wake: task.wake.take() })
-    }
-
-    /// The most urgent ready task, if one of them is not at its rank.
-    fn first_out_of_rank(&self) -> Option<TaskId> {
-        let task = |id: TaskId| &self.tasks[id.index()];
-        let ready = || self.order.iter().copied().filter(|id| self.ready & task(*id).bit() != 0);
-        let key = |id: &TaskId| {
-            let task = task(*id);
-            (task.class(), task.urgency(), task.held == 0, task.rank)
-        };
-        let best = ready().min_by_key(key)?;
-        if task(best).class() != Class::Freewheeling {
-            return Some(best);
-        }
-        // Neither of them need ever end.
-        let starting = ready().filter(|id| task(*id).class() == Class::Initialisation);
-        let shares = |id: &TaskId| task(*id).executed <= task(best).executed;
-        Some(starting.min_by_key(key).filter(shares).unwrap_or(best))
     }
 
     /// A task that has been picked gets the processor at this instant, for the first time in its job.
