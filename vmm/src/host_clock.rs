@@ -50,10 +50,17 @@ pub struct HostClock {
 }
 
 impl HostClock {
-    /// Opens what is looked at later.
+    /// Opens what is looked at later, and looks at the clock for the first time.
     #[must_use]
     pub fn open(frequency: TscFrequency) -> HostClock {
-        HostClock::of(Path::new(SOURCE), frequency)
+        let last = Some(Moment::now(frequency));
+        HostClock { last, ..HostClock::of(Path::new(SOURCE), frequency) }
+    }
+
+    /// Both clocks when they were last looked at.
+    #[must_use]
+    pub const fn last(&self) -> Option<Moment> {
+        self.last
     }
 
     fn of(path: &Path, frequency: TscFrequency) -> HostClock {
@@ -187,8 +194,10 @@ mod tests {
     #[test]
     fn this_hosts_clock_is_looked_at_four_times_a_second() {
         let mut clock = HostClock::open(FREQUENCY);
+        let opened = clock.last();
+        assert!(opened.is_some());
         assert_eq!(clock.look(Nanos::ZERO), None);
-        assert!(clock.last.is_none());
+        assert_eq!(clock.last(), opened);
         let _ = clock.look(INTERVAL);
         assert_eq!(clock.looked, INTERVAL);
         let _ = clock.look(INTERVAL.plus(Nanos(1)));

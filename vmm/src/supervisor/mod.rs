@@ -142,7 +142,8 @@ impl Supervisor {
         let mut this = self;
         let (base, now) = (this.desk.base(), this.desk.now());
         this.until = until;
-        this.timers = Some(OwnTimers::new(this.quiet.take(), base, now, until));
+        let looked = this.clock.as_ref().and_then(HostClock::last);
+        this.timers = Some(OwnTimers::new(this.quiet.take(), base, now, until, looked));
         this.arm_timers().map_err(cannot("arm a timer"))?;
         let mut events = EventManager::new().map_err(SupervisorError::Events)?;
         let id = events.add_subscriber(this);

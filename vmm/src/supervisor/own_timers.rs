@@ -37,21 +37,23 @@ pub(super) struct OwnTimers {
     due: Nanos,
     /// When the run is to end.
     end: Option<Nanos>,
-    /// When the timers were last set.
+    /// When the timers were last set; before that, an earlier moment.
     set: Option<Moment>,
     /// How far the clock had then gone ahead of the counter since the time before, and in how long.
     gone: (i64, Nanos),
 }
 
 impl OwnTimers {
-    /// From now on, and until `end`.
+    /// From now on, and until `end`. The clock has had its rate since `earlier`; without that it is taken to run with the
+    /// counter until the first tick.
     pub(super) fn new(
         quiet: Option<QuietTimes>,
         base: Timebase,
         now: Nanos,
         end: Option<Nanos>,
+        earlier: Option<Moment>,
     ) -> Self {
-        Self { quiet, base, due: now, end, set: None, gone: (0, TICK) }
+        Self { quiet, base, due: now, end, set: earlier, gone: (0, TICK) }
     }
 
     /// The run is to end at another time.
@@ -160,7 +162,7 @@ mod tests {
         let frequency = TscFrequency::from_khz(1_000_000).unwrap();
         let hour = ms(3_600_000);
         let base = Timebase { epoch: Tsc::now().after(frequency.ticks(hour)), frequency };
-        let mut timers = OwnTimers::new(None, base, hour, None);
+        let mut timers = OwnTimers::new(None, base, hour, None, None);
         let [tick, end] = [(); 2].map(|()| TimerFd::new().unwrap());
         timers.arm(&tick, &end, STAY).unwrap();
         let zero = libc::timespec { tv_sec: 0, tv_nsec: 0 };
@@ -173,13 +175,28 @@ mod tests {
     }
 
     #[test]
+    fn the_first_timer_goes_by_the_rate_that_the_clock_had_before() {
+        let frequency = TscFrequency::from_khz(1_000_000).unwrap();
+        let now = Moment::now(frequency);
+        let base = Timebase { epoch: now.tsc, frequency };
+        let earlier =
+            Moment { tsc: Tsc(now.tsc.0 - 10_000_000_000), clock: now.clock.less(ms(11_000)) };
+        let mut timers = OwnTimers::new(None, base, Nanos::ZERO, None, Some(earlier));
+        let [tick, end] = [(); 2].map(|()| TimerFd::new().unwrap());
+        timers.arm(&tick, &end, STAY).unwrap();
+        let (ahead, passed) = timers.gone;
+        // A second in ten; what passes meanwhile counts too, by a counter that is faster than that.
+        assert!((500_000_000..1_500_000_000).contains(&ahead), "{ahead} ns in {passed}");
+    }
+
+    #[test]
     fn no_timer_is_set_into_a_window() {
         let frequency = TscFrequency::from_khz(1_000_000).unwrap();
         let base = Timebase { epoch: Tsc::now(), frequency };
         let quiet = quiet(Nanos::from_micros(300), ms(1));
-        let timers = OwnTimers::new(quiet, base, Nanos::ZERO, None);
+        let timers = OwnTimers::new(quiet, base, Nanos::ZERO, None, None);
         assert_eq!(timers.place(ms(20), STAY), Nanos(20_355_000));
-        let beside = OwnTimers::new(None, base, Nanos::ZERO, None);
+        let beside = OwnTimers::new(None, base, Nanos::ZERO, None, None);
         assert_eq!(beside.place(ms(20), STAY), ms(20));
     }
 
@@ -187,7 +204,7 @@ mod tests {
     fn a_long_window_holds_up_no_tick() {
         let frequency = TscFrequency::from_khz(1_000_000).unwrap();
         let base = Timebase { epoch: Tsc::now(), frequency };
-        let timers = OwnTimers::new(quiet(ms(3_000), ms(4_000)), base, Nanos::ZERO, None);
+        let timers = OwnTimers::new(quiet(ms(3_000), ms(4_000)), base, Nanos::ZERO, None, None);
         let mut last = Nanos::ZERO;
         let mut due = Nanos::ZERO;
         while last < ms(12_000) {
@@ -207,7 +224,7 @@ mod tests {
         let base = Timebase { epoch: Tsc::now(), frequency };
         let (tick, deadline) = (TimerFd::new().unwrap(), TimerFd::new().unwrap());
         let is_armed = |timer: &TimerFd| timer.is_armed().unwrap();
-        let mut timers = OwnTimers::new(None, base, Nanos::ZERO, Some(ms(3_600_000)));
+        let mut timers = OwnTimers::new(None, base, Nanos::ZERO, Some(ms(3_600_000)), None);
         timers.arm(&tick, &deadline, STAY).unwrap();
         assert_eq!((is_armed(&tick), is_armed(&deadline)), (true, false));
         timers.end = Some(Nanos::ZERO);
