@@ -10,6 +10,10 @@ use crate::time::{Nanos, Tsc, TscFrequency};
 /// further apart; otherwise something has interrupted them.
 const APART: Nanos = Nanos::from_micros(1);
 
+/// How far the two clocks may differ, as a part of the time that has passed: more than ADJ_TICK and ADJ_FREQUENCY allow
+/// together.
+pub const STEERING_PART: u64 = 8;
+
 /// Both clocks at one moment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Moment {

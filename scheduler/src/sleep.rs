@@ -21,7 +21,8 @@
 //!
 //! What has room for some microseconds may be [lazy](Sleeper::lazy): its sleeps of up to [`LAZY`] are one
 //! piece while the clock is trusted, and it is told by others when the clock is found steered
-//! ([`Rest::on_steered`]). Then it looks how fast the clock is now, and sleeps the rest by that. Under a clock that is not trusted it wakes once in the last [`LAZY`] of a sleep, be it by such
+//! ([`Rest::on_steered`]). Then it measures the clock's rate, and sleeps the rest by that rate. Under a clock that is not
+//! trusted it wakes once in the last [`LAZY`] of a sleep, be it by such
 //! a message or between two pieces, and not more often: its budget is that of one end of a window
 //! ([`KICKER_RUNTIME`](crate::reservation::KICKER_RUNTIME)), and who has used that up is late by whole periods.
 //!
@@ -34,7 +35,7 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use crate::moment::Moment;
+use crate::moment::{Moment, STEERING_PART};
 use crate::quiet::WAKE_UP;
 use crate::rest::Rest;
 use crate::time::{Nanos, Ticks, Tsc, TscFrequency};
@@ -73,9 +74,9 @@ const PIECE_MIN: Nanos = Nanos::from_micros(20);
 /// What remains is waited for without a sleep if it is shorter than this: a sleep takes longer.
 const SPIN: Nanos = Nanos::from_micros(2);
 
-/// How long the lazy look how fast the clock is when they are told that it is steered: readings that are 20 ns off make
+/// How long the lazy measure the clock's rate when they are told that it is steered: readings that are 20 ns off make
 /// an error of 0.5 %. It is a part of the budget of a wake-up.
-const LOOK: Nanos = Nanos::from_micros(4);
+const MEASURED: Nanos = Nanos::from_micros(4);
 
 /// How a sleep ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -259,9 +260,10 @@ impl Sleeper {
             let now = machine.moment();
             let (ahead, passed) = now.ahead_since(moment, self.frequency);
             // A counter that has gone back is not waited for.
-            if passed >= LOOK || now.tsc <= moment.tsc {
-                let ahead = if ahead.unsigned_abs() > passed.0 / 8 { 0 } else { ahead };
-                return now.clock_at_rate((ahead, passed), instant, self.frequency);
+            if passed >= MEASURED || now.tsc <= moment.tsc {
+                let is_rate = ahead.unsigned_abs() <= passed.0 / STEERING_PART;
+                let rate = (if is_rate { ahead } else { 0 }, passed);
+                return now.clock_at_rate(rate, instant, self.frequency);
             }
         }
     }

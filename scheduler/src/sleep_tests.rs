@@ -239,6 +239,21 @@ fn what_the_lazy_are_told_in_mid_sleep_is_their_wake_up() {
     assert!(late <= 400, "{late}");
 }
 
+#[test]
+fn a_rate_that_no_steering_explains_is_none() {
+    let instant = Tsc(1_000_000);
+    // By the counter, the clock is asked for what it says a millisecond later.
+    for (ppm, at) in
+        [(-100_000, 900_000), (100_000, 1_100_000), (-200_000, 1_000_000), (300_000, 1_000_000)]
+    {
+        let mut machine = Steered::new(&[(0, ppm)]);
+        let moment = machine.moment();
+        let until = Sleeper::new(FREQUENCY).at_rate_of_now(&mut machine, moment, instant);
+        let until = until.less(Nanos(5_000_000_000)).0;
+        assert!(until.abs_diff(at) <= 2_000, "{ppm} ppm: {until}");
+    }
+}
+
 /// A machine that sends a signal at this instant, once, and counts sleeps.
 struct Told(Steered, u64, u32);
 

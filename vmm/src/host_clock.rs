@@ -18,7 +18,7 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-use takt_scheduler::moment::Moment;
+use takt_scheduler::moment::{Moment, STEERING_PART};
 use takt_scheduler::time::{Nanos, TscFrequency};
 
 use crate::health::{ClockFault, Text};
@@ -30,9 +30,7 @@ const INTERVAL: Nanos = Nanos::from_millis(250);
 /// Clock sources that are the counter itself. The early one makes way for the other once the kernel
 /// has measured the counter's frequency.
 const COUNTERS: [&[u8]; 2] = [b"tsc", b"tsc-early"];
-/// How far the two clocks may differ: more than ADJ_TICK and ADJ_FREQUENCY allow together, as a part of
-/// the time that has passed, and what readings may be off.
-const STEERING_PART: u64 = 8;
+/// What readings may be off when the two clocks are compared.
 const READINGS: Nanos = Nanos::from_micros(500);
 /// How long it may take to read both clocks for the readings to be one moment. A clock source that is
 /// a device takes some microseconds.
