@@ -185,7 +185,8 @@ fn a_load_that_stands_still_is_not_all_limits_are_kept() {
 #[test]
 fn a_linux_whose_kernel_hangs_is_not_all_limits_are_kept() {
     let initrd = initrd_with("hang-kernel", &[Path::new(env!("CARGO_BIN_EXE_hang-kernel"))]);
-    let (outcome, report) = measure("kernel-hangs", &system(&initrd, "sleep 2; hang-kernel"), "6s");
+    // Some two seconds of boot, two until it hangs, and two and a half until that is told.
+    let (outcome, report) = measure("kernel-hangs", &system(&initrd, "sleep 2; hang-kernel"), "8s");
     outcome.assert_shows("hang-kernel: now");
     assert_eq!(outcome.status, 5, "{}", outcome.output);
     outcome.assert_shows("[takt] linux: its kernel spins with interrupts off since ");
@@ -198,7 +199,7 @@ fn a_linux_whose_kernel_hangs_is_not_all_limits_are_kept() {
     let last = points(&report).last().map_or(0, |point| point.0);
     let since = stuck["since_ns"].as_u64().unwrap_or_default();
     assert!((last..last + 1_500_000_000).contains(&since), "{last} {stuck}");
-    outcome.assert_kept_its_time("plc", 5_900);
+    outcome.assert_kept_its_time("plc", 7_900);
 }
 
 #[ignore = "takes long: scripts/test --all"]
