@@ -17,7 +17,7 @@
 //! refuse a new one in the middle of a run.
 
 use crate::schedules::Schedules;
-use crate::sleep::LAZY;
+use crate::sleep::{LAZY, SHORT, Steering};
 use thiserror::Error;
 
 use crate::table::{Cpu, PartitionId, Placement, Role};
@@ -164,6 +164,30 @@ impl CpuReservations {
         CpuReservations { partitions, kicker }
     }
 
+    /// The same by a clock of which that is known. Where its rate may change, a step by a tenth that comes after a
+    /// partition's last look at the clock makes the kick late by a ninth of what is left of the kicker's sleep.
+    /// A thread that has used up its budget by then is throttled, and released by a timer on that clock: late by up to a
+    /// ninth of its period. So each partition has that ninth too, as far as the CPU's ceiling has room for it.
+    #[must_use]
+    pub fn by_a_clock_whose_steering_is(mut self, steering: Steering) -> CpuReservations {
+        if steering == Steering::Impossible {
+            return self;
+        }
+        let room = |r: &Reservation| {
+            let asleep = r.runtime.less(KICK_MARGIN).plus(SHORT).min(LAZY);
+            Nanos(asleep.0.div_ceil(9)).min(r.period.less(r.runtime))
+        };
+        let share = |r: &Reservation| Reservation { runtime: room(r), ..*r }.permille();
+        let wanted: u64 = self.partitions.iter().map(|(_, r)| share(r)).sum();
+        let left = CEILING_PERMILLE.saturating_sub(self.permille());
+        for (_, r) in &mut self.partitions {
+            let room = room(r);
+            let given = if wanted <= left { room } else { Nanos(room.0 * left / wanted) };
+            r.runtime = r.runtime.plus(given);
+        }
+        self
+    }
+
     /// Sum of all shares, in parts of a thousand.
     #[must_use]
     pub fn permille(&self) -> u64 {
@@ -218,6 +242,55 @@ mod tests {
         let plc = Reservation { runtime: us(370), period: us(1000) };
         assert_eq!(r.partitions, [(PartitionId(0), plc)]);
         assert_eq!(r.permille(), 370 + 59);
+    }
+
+    #[test]
+    fn where_the_clock_may_be_steered_a_budget_has_room_for_a_kick_that_is_late_by_a_ninth() {
+        let runtime = |windows| {
+            one_plc(windows).by_a_clock_whose_steering_is(Steering::Possible).partitions[0]
+                .1
+                .runtime
+        };
+        // 112 us before the wake-up, 20 us of guard, the window.
+        assert_eq!(runtime(&[(0, 300)]), us(370 + 48));
+        // 720 of 1000 are the partition's and up to 180 the kicker's: what is left, and not more.
+        let full = one_plc(&[(0, 650)]);
+        let (base, all) = (full.permille(), full.by_a_clock_whose_steering_is(Steering::Possible));
+        assert!((base..=CEILING_PERMILLE).contains(&all.permille()), "{all:?}");
+        let given = all.partitions[0].1.runtime.less(us(720));
+        assert!(
+            given <= us(CEILING_PERMILLE - base) && given.plus(us(1)) > us(CEILING_PERMILLE - base),
+            "{all:?}"
+        );
+        // A file that has been refused before asks for no more.
+        let too_much = one_plc(&[(0, 800)]);
+        assert_eq!(too_much.clone().by_a_clock_whose_steering_is(Steering::Possible), too_much);
+    }
+
+    #[test]
+    fn what_is_left_for_late_kicks_is_shared_and_no_kicker_sleeps_longer_than_the_lazy_do() {
+        let placements =
+            [0, 1].map(|_| Placement { cpu: Cpu(0), role: Role::Windowed { guard: us(20) } });
+        let of = |frame: u64, durations: [u64; 2]| {
+            let windows = [0, 1].map(|n| Window {
+                partition: PartitionId(n),
+                offset: us(frame / 2 * n as u64),
+                duration: us(durations[n]),
+                period: us(frame),
+            });
+            let schedules = Schedules::new(us(frame), &placements, &[&windows]).unwrap();
+            CpuReservations::of(&schedules, Cpu(0)).by_a_clock_whose_steering_is(Steering::Possible)
+        };
+        let runtimes = |all: &CpuReservations| [0, 1].map(|n| all.partitions[n].1.runtime);
+        // 2 ms at most are slept by a clock that was good.
+        let ninth = Nanos(LAZY.0.div_ceil(9));
+        let long = of(20_000, [5_000, 2_000]);
+        assert_eq!(runtimes(&long), [us(5_070).plus(ninth), us(2_070).plus(ninth)]);
+        let full = of(1_000, [380, 220]);
+        assert!(full.permille() <= CEILING_PERMILLE, "{full:?}");
+        let [first, second] = runtimes(&full);
+        assert!(first > us(450) && second > us(290), "{full:?}");
+        assert!(first < us(450 + 57) && second < us(290 + 40), "{full:?}");
     }
 
     #[test]

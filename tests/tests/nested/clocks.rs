@@ -135,6 +135,54 @@ fn windows_and_releases_are_where_they_were_under_any_steering_of_the_clock() {
     assert_all_keep_time("clocks", &runs);
 }
 
+/// The first step of a clock's rate, at any place of a frame. In the last 112 us before a partition's wake-up
+/// it makes the kick late by a ninth of that, the guard and the window: by 102 us here or more, for which its reservation has room.
+#[ignore = "takes long: scripts/test --all"]
+#[test]
+fn a_first_step_of_the_clock_at_any_place_of_a_frame_keeps_no_thread_from_its_next_window() {
+    const FRAME: u64 = 2_000;
+    const WINDOW: u64 = 900;
+    let places = (0..FRAME).step_by(if long() { 20 } else { 80 });
+    let files: Vec<(u64, PathBuf)> = places
+        .map(|place| {
+            let file = File::new(&format!("{FRAME}us"))
+                .plc("runaway", Some(plc_image("never-done")), "")
+                .plc("good", None, "")
+                .schedule("normal")
+                .window("runaway", 0, WINDOW)
+                .window("good", 1_200, 200);
+            (place, file.save(&format!("clocks-step-{place}")))
+        })
+        .collect();
+    let line = |(place, file): &(u64, PathBuf)| format!("{} 200ms {FRAME} {place}", file.display());
+    let lines: Vec<String> = files.iter().map(line).collect();
+    let paths: Vec<PathBuf> = files.iter().map(|(_, path)| path.clone()).collect();
+    let host = Host::new().with("--memory", "768").with("--clock", "steered");
+    let host = host.with("--program", env!("CARGO_BIN_EXE_step-clock"));
+    let host = host.with_file(&plc_image("never-done"));
+    let bound = 20_000 + (WINDOW * 1_000 + 20_000 + 112_000) / 9;
+    let mut latest = 0;
+    for ((place, _), outcome) in
+        files.iter().zip(host.run_list("clock-steps", "clock-steps", &lines, &paths))
+    {
+        let context = format!("a step {place} us on\n{}", outcome.output);
+        assert_eq!(outcome.status, 0, "{context}");
+        for key in ["lost", "late_releases", "overruns"] {
+            assert_eq!(outcome.number("good", key), 0, "{key} of {context}");
+        }
+        assert!(outcome.number("good", "releases") >= 95, "{context}");
+        let kick = outcome.number("runaway", "kick_ns.max");
+        assert!(kick <= bound, "a kick came {kick} ns late: {context}");
+        latest = latest.max(kick);
+    }
+    // One of them at least came where it is felt.
+    println!("the latest kick of {} runs came {latest} ns after the end", files.len());
+    assert!(
+        latest > 100_000,
+        "no step came after a partition's last look at the clock: {latest} ns"
+    );
+}
+
 /// What has interrupted the processor in a run: places in the frame, in ns.
 #[derive(Default)]
 struct Interrupts {

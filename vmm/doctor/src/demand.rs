@@ -6,6 +6,7 @@ use takt_host::resctrl::Asked;
 use takt_plan::{HugePages, Kind, MemorySource, Partition, PartitionFile};
 use takt_scheduler::reservation::{CpuReservations, Reservation};
 use takt_scheduler::schedules::Schedules;
+use takt_scheduler::sleep::Steering;
 use takt_scheduler::table::{Cpu, PartitionId, Placement, Role, Window};
 use takt_scheduler::time::Nanos;
 
@@ -167,7 +168,8 @@ fn one_word(path: &Path) -> String {
 /// The CPU without its guard.
 fn windowed(schedules: &Schedules, cpu: Cpu) -> Option<WindowedCpu> {
     schedules.timetable_on(cpu)?;
-    let own = CpuReservations::of(schedules, cpu);
+    // What it is at most: takt asks for less where no process can steer the clock.
+    let own = CpuReservations::of(schedules, cpu).by_a_clock_whose_steering_is(Steering::Possible);
     let timetables = own.partitions.iter().filter_map(|(id, _)| schedules.timetable_of(*id));
     let longest = timetables.max_by_key(|timetable| timetable.longest())?;
     Some(WindowedCpu {

@@ -120,9 +120,10 @@ impl Preparation<'_> {
         let schedules = self.file.schedules();
         let says_done = guest.says_done();
         let enforcer = self.enforcer(cpu);
-        let reservation =
-            CpuReservations::of(schedules, cpu).partitions.into_iter().find(|(p, _)| *p == id);
-        let reservation = reservation.map(|(_, r)| r);
+        let reservations =
+            CpuReservations::of(schedules, cpu).by_a_clock_whose_steering_is(self.steering);
+        let mut reservations = reservations.partitions.into_iter();
+        let reservation = reservations.find_map(|(p, r)| (p == id).then_some(r));
         let role = schedules.placements()[id.0].role;
         let plan = match (role, schedules.timetable_of(id), reservation) {
             (Role::Windowed { guard }, Some(timetable), Some(reservation)) => Some(Plan {
