@@ -2,6 +2,7 @@
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::OnceLock;
@@ -187,6 +188,14 @@ fn interrupt_a_recording(file: &str) {
     let mut command = Command::new(root().join("target/x86_64-unknown-linux-gnu/debug/takt-plc"));
     let options = ["--trigger", "p.main.n < 0", "--for", "100s", "--out", out.to_str().unwrap()];
     command.args(["record", file, "--points", "p.main.n"]).args(options).stderr(Stdio::piped());
+    // A shell that starts these tests in the background has it ignored, and all that they start would inherit that.
+    let hear = || {
+        // SAFETY: touches no memory, and may be called between fork and exec.
+        unsafe { libc::signal(libc::SIGINT, libc::SIG_DFL) };
+        Ok(())
+    };
+    // SAFETY: `hear` makes one system call.
+    unsafe { command.pre_exec(hear) };
     let child = command.spawn().expect("takt-plc starts");
     for _ in 0..20_000 {
         if out.exists() {
