@@ -1,4 +1,4 @@
-// Heals two faults of QEMU's emulation of SVM, in the running QEMU. It is preloaded (LD_PRELOAD) wherever
+// Heals three faults of QEMU's emulation of SVM, in the running QEMU. It is preloaded (LD_PRELOAD) wherever
 // scripts/common/nested.sh starts QEMU with emulation.
 //
 // 1. An interrupt is delivered twice. VMRUN delivers an interrupt that the hypervisor injects by
@@ -10,6 +10,11 @@
 // 2. An interrupt is lost. VMRUN sets a bit of CPUState.interrupt_request without QEMU's lock, by an
 //    instruction that reads, changes and writes. A bit that another thread sets at the same time is gone.
 //    Here VMRUN takes the lock first. (docs/decisions/0012-qemu-takes-its-lock.md)
+//
+// 3. The first processor's global interrupt flag is set back to what it was. FXRSTOR and XRSTOR clear another flag in the
+//    same word, always that of the first processor and so on another one's thread too, by an instruction that reads,
+//    changes and writes. If STGI, or VMRUN's exit, changes the word at the same time, that is undone: interrupts stay out for
+//    ever, or come in where none may. Here that instruction is an atomic one. (the same decision)
 //
 // It also makes PAUSE cheap. QEMU leaves its loop over translated code for each, so that another processor of the
 // machine gets its turn; a machine with one has no other. Where a kernel waits by PAUSE, as Linux does for 100 ms to
@@ -216,6 +221,20 @@ static bool heal_lost_interrupt(void) {
     return !mprotect(page, 4096, PROT_READ | PROT_EXEC) && overwrite(vmrun.at, call, sizeof call);
 }
 
+// Expects nothing. HF2_IGNNE_MASK, the flag that is cleared, is a bit of the word's lowest byte.
+static bool heal_undone_flags(void) {
+    enum { IGNNE = 0x80 };
+    const uint8_t *clear = dlsym(RTLD_DEFAULT, "cpu_clear_ignne");
+    if (!clear) return false;
+    // andl $~IGNNE,HFLAGS2(%rax)
+    uint8_t *at = (uint8_t *)within(clear, "\x81\xa0", 2);
+    if (!at || operand(at + 6) != ~IGNNE) return false;
+    // lock andb $~IGNNE,HFLAGS2(%rax), and a nop of two bytes
+    uint8_t atomic[10] = {0xf0, 0x80, 0xa0, 0, 0, 0, 0, 0x7f, 0x66, 0x90};
+    memcpy(atomic + 3, at + 2, 4);
+    return overwrite(at, atomic, sizeof atomic);
+}
+
 // Why QEMU's loop over translated code ends (EXCP_INTERRUPT), or that it goes on.
 enum { LEAVE_THE_LOOP = 0x10000, GO_ON = -1 };
 
@@ -239,7 +258,7 @@ __attribute__((constructor)) static void heal(void) {
     // Scripts start QEMU by way of other programs.
     if (!dlsym(RTLD_DEFAULT, "cpu_interrupt")) return;
     bool once = heal_double_delivery();
-    bool kept = once && heal_lost_interrupt();
+    bool kept = once && heal_lost_interrupt() && heal_undone_flags();
     if (once) shorten_pause();
     if (getenv("TAKT_HEAL_TELL")) {
         printf("%s %s\n", once ? "once" : "twice", kept ? "kept" : "lost");

@@ -6,7 +6,6 @@
 //! or how busy the machine below is, so figures may be asserted.
 
 mod dialogue;
-mod emulator_fault;
 mod file;
 mod host;
 mod initrd;
@@ -22,7 +21,6 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use dialogue::converse;
-use emulator_fault::unless_qemu_failed;
 pub use file::{BUSY, File, SOON, System};
 pub use host::Host;
 pub use initrd::{archive, initrd_and, initrd_of, initrd_with};
@@ -354,10 +352,6 @@ impl<'a> Run<'a> {
     /// Runs it.
     #[must_use]
     pub fn run(&self) -> Outcome {
-        unless_qemu_failed(|| self.once())
-    }
-
-    fn once(&self) -> Outcome {
         let name = self.file.file_stem().expect("a partition file has a name").to_owned();
         let output_file = |kind: &str| {
             let mut name = name.clone();
