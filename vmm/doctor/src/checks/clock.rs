@@ -101,8 +101,16 @@ pub fn steering(host: &Host) -> Finding {
     };
     let kept =
         if steering.synchronised() { "kept by NTP" } else { "not kept by any daemon (STA_UNSYNC)" };
+    // A millionth of a second is a microsecond.
+    let creep = steering.ppm().abs();
+    let tick = match creep >= 0.05 {
+        true => format!(
+            "; the host's tick creeps by {creep:.1} us in each second, and so comes into windows"
+        ),
+        false => String::new(),
+    };
     let found = format!(
-        "{:+.1} ppm, {:+.0} ppm of it by the length of a tick ({} us); {kept}",
+        "{:+.1} ppm, {:+.0} ppm of it by the length of a tick ({} us); {kept}{tick}",
         steering.ppm(),
         steering.tick_ppm(),
         steering.tick

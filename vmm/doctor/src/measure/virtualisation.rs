@@ -79,7 +79,11 @@ fn deadlines(host: &Host, handed_over: Option<bool>) -> Finding {
     const CHECK: &str = "deadlines";
     const TIMER: &str = "sys/module/kvm_intel/parameters/preemption_timer";
     if handed_over == Some(true) {
-        return Finding::good(CHECK, "KVM leaves it to takt where a Linux's timers go");
+        let found = format!(
+            "KVM leaves it to takt where a Linux's timers go; the one-shot timer of a kernel that means harm is left, and moves a release by one interrupt, {}",
+            interrupt(host)
+        );
+        return Finding::good(CHECK, found);
     }
     let remedy = match host.text(TIMER).as_deref() {
         Some("Y" | "1") => checks::with_option("kvm_intel", "kvm_intel", "preemption_timer=0"),
@@ -118,16 +122,21 @@ fn bus_locks(host: &Host, told: bool) -> Finding {
 
 /// What a Linux's timers cost that go off in windows on its CPU.
 fn interrupt_cost(host: &Host) -> String {
+    format!(
+        "each of a Linux's timers that goes off in a window of its CPU moves a release or lengthens a scan by one interrupt, {}",
+        interrupt(host)
+    )
+}
+
+/// How long an interrupt keeps a guest from going on.
+fn interrupt(host: &Host) -> &'static str {
     let flushes = host.text("sys/devices/system/cpu/vulnerabilities/l1tf");
     let flushes = flushes.is_some_and(|text| text.contains("cache flushes"));
     // CPUID leaf 7, EDX bit 28: one instruction does it.
-    let longer = match flushes && !host.has_feature("flush_l1d") {
+    match flushes && !host.has_feature("flush_l1d") {
         true => "6 us on this processor, where KVM flushes a cache in software after each (L1TF)",
         false => "2 us in the lab",
-    };
-    format!(
-        "each of a Linux's timers that goes off in a window of its CPU moves a release or lengthens a scan by one interrupt, {longer}"
-    )
+    }
 }
 
 fn speed(measured: &Speed) -> Finding {
@@ -203,7 +212,11 @@ mod tests {
     fn timers_that_takt_cannot_place_are_told_with_cost_and_remedy() {
         let host = Recorded::named("workstation");
         let of = |host: &Recorded, it| deadlines(&host.unpack().host, it);
-        assert_eq!(of(&host, Some(true)).severity, Severity::Good);
+        let good = of(&host, Some(true));
+        assert_eq!(good.severity, Severity::Good);
+        assert!(
+            good.found.contains("is left, and moves a release by one interrupt, 2 us in the lab")
+        );
         let newer = of(&host, Some(false));
         assert_eq!(newer.severity, Severity::Warning);
         assert!(newer.remedy.unwrap().contains("before 6.18"));
