@@ -176,7 +176,8 @@ impl Ended {
     /// The first error of a file.
     pub(super) fn tell(self) -> Result<Report, RunError> {
         let Ended { report, mut outputs, written } = self;
-        let write = |file: Output| file.write(serde_json::to_string_pretty(&report));
+        let patience = outputs.patience;
+        let write = |file: Output| file.write(serde_json::to_string_pretty(&report), patience);
         let reported = outputs.report.take().map_or(Ok(()), write);
         // If what came before it was not read, the table would not be read either.
         if report.output.unread_bytes == 0 {

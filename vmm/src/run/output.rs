@@ -2,10 +2,12 @@
 //! opened after its start.
 
 use std::fs;
-use std::io::{self, Write};
+use std::io::{self, ErrorKind, Write};
+use std::os::fd::AsRawFd;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::Options;
 use crate::outlet::{Outlet, StandardOutput, Trace};
@@ -29,6 +31,26 @@ impl Patience {
     /// Waits for the reader of Takt's own output, if there is one.
     pub fn settle(self, console: &Outlet) {
         console.settle(self.stalled, self.slow);
+    }
+
+    /// Writes all of it to a file that does not wait.
+    fn write(self, file: &mut fs::File, mut bytes: &[u8]) -> io::Result<()> {
+        let end = Instant::now() + self.slow;
+        while !bytes.is_empty() {
+            match file.write(bytes) {
+                Ok(0) => return Err(ErrorKind::WriteZero.into()),
+                Ok(count) => bytes = bytes.get(count..).unwrap_or_default(),
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                    let left = end.saturating_duration_since(Instant::now());
+                    if left.is_zero() || !is_writable_within(file, self.stalled.min(left)) {
+                        return Err(ErrorKind::TimedOut.into());
+                    }
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
     }
 
     /// Somebody has sent a signal, and kills what does not end.
@@ -82,7 +104,7 @@ impl Outputs {
     ) -> (u64, Result<(), RunError>) {
         let dropped = trace.as_ref().map_or(0, Trace::dropped);
         let traced = self.finish_trace(trace);
-        let write = |file: Output| file.write(serde_json::to_string(&samples()));
+        let write = |file: Output| file.write(serde_json::to_string(&samples()), self.patience);
         let sampled = self.samples.take().map_or(Ok(()), write);
         (dropped, traced.and(sampled))
     }
@@ -102,7 +124,8 @@ impl Outputs {
     }
 }
 
-/// A file of results, opened while files can be.
+/// A file of results, opened while files can be. What is no file on a disk may have a reader that takes nothing: it is waited for
+/// as long as that of Takt's own output.
 pub(super) struct Output {
     what: &'static str,
     path: PathBuf,
@@ -112,12 +135,25 @@ pub(super) struct Output {
 impl Output {
     /// Opens it; what it has stays there until it is written.
     fn create(what: &'static str, path: &Path) -> Result<Self, RunError> {
-        let mut options = fs::File::options();
-        let file = options.write(true).create(true).truncate(false).open(path);
-        Ok(Self { what, path: path.to_owned(), file: file.map_err(cannot_write(what, path))? })
+        let open = || {
+            let file = fs::File::options().write(true).create(true).truncate(false).open(path)?;
+            if file.metadata()?.is_file() {
+                return Ok(file);
+            }
+            // Only now: to open it may be to wait for its reader. Opened again, since the setting belongs to what was opened, which
+            // others may have too.
+            let opened = format!("/proc/self/fd/{}", file.as_raw_fd());
+            fs::File::options().write(true).custom_flags(libc::O_NONBLOCK).open(opened)
+        };
+        let file = open().map_err(cannot_write(what, path))?;
+        Ok(Self { what, path: path.to_owned(), file })
     }
 
-    pub(super) fn write(self, json: serde_json::Result<String>) -> Result<(), RunError> {
+    pub(super) fn write(
+        self,
+        json: serde_json::Result<String>,
+        patience: Patience,
+    ) -> Result<(), RunError> {
         let Self { what, path, mut file } = self;
         let write = || {
             let mut json = json?;
@@ -125,10 +161,20 @@ impl Output {
             if file.metadata()?.is_file() {
                 file.set_len(0)?;
             }
-            file.write_all(json.as_bytes())
+            patience.write(&mut file, json.as_bytes())
         };
         write().map_err(cannot_write(what, &path))
     }
+}
+
+/// Whether a write would get on, or fail, before so much time has passed.
+fn is_writable_within(file: &fs::File, time: Duration) -> bool {
+    let mut descriptor = libc::pollfd { fd: file.as_raw_fd(), events: libc::POLLOUT, revents: 0 };
+    let milliseconds = time.as_millis().try_into().unwrap_or(libc::c_int::MAX);
+    // SAFETY: one live descriptor is read and written.
+    let ready = unsafe { libc::poll(&raw mut descriptor, 1, milliseconds) };
+    // A signal is none of the file's.
+    ready > 0 || ready < 0 && io::Error::last_os_error().kind() == ErrorKind::Interrupted
 }
 
 fn cannot_write(what: &'static str, path: &Path) -> impl Fn(io::Error) -> RunError + use<> {
@@ -170,6 +216,24 @@ mod tests {
         assert!(error.starts_with("cannot write the trace to /dev/full: "), "{error}");
         let text = fs::read_to_string(&path).unwrap();
         assert_eq!(text, "{\"schema_version\":2,\"partitions\":[],\"loads\":[]}\n");
+        fs::remove_file(&path).unwrap();
+    }
+    #[test]
+    fn a_report_is_not_waited_for_where_its_reader_takes_nothing() {
+        let path = std::env::temp_dir().join(format!("takt-report-{}", std::process::id()));
+        let name = std::ffi::CString::new(path.to_str().unwrap()).unwrap();
+        // SAFETY: a live string is read.
+        assert_eq!(unsafe { libc::mkfifo(name.as_ptr(), 0o600) }, 0);
+        let reader = fs::File::options().read(true).write(true).open(&path).unwrap();
+        let write = |text: String| {
+            let output = Output::create("report", &path).unwrap();
+            output.write(Ok(text), Patience::SHORT)
+        };
+        write("short".into()).unwrap();
+        // More than a pipe has room for.
+        let error = write("x".repeat(1 << 20)).unwrap_err().to_string();
+        assert!(error.contains("timed out"), "{error}");
+        drop(reader);
         fs::remove_file(&path).unwrap();
     }
 }
