@@ -203,6 +203,61 @@ pub fn aiming_kernel(aim: Aim) -> PathBuf {
     write(&format!("aiming-kernel-{aim:?}"), &code)
 }
 
+/// Writes a kernel that switches its local APIC off and on for ever, by both registers that can, and says "switching" after
+/// a thousand times. Returns its path.
+#[must_use]
+pub fn switching_kernel() -> PathBuf {
+    let mut code = vec![
+        0xb9, 0x1b, 0x00, 0x00, 0x00, // mov ecx, 0x1b
+        0x0f, 0x32, // rdmsr
+        0x25, 0xff, 0xf3, 0xff, 0xff, // and eax, ~0xc00
+        0x89, 0xc3, // mov ebx, eax: off
+        0x89, 0xd6, // mov esi, edx
+        0x31, 0xff, // xor edi, edi
+    ];
+    let again = code.len();
+    let base = |code: &mut Vec<u8>, bits: u32| {
+        code.extend([0x89, 0xd8, 0x0d]); // mov eax, ebx; or eax, bits
+        code.extend(bits.to_le_bytes());
+        code.extend([
+            0x89, 0xf2, // mov edx, esi
+            0xb9, 0x1b, 0x00, 0x00, 0x00, // mov ecx, 0x1b
+            0x0f, 0x30, // wrmsr
+        ]);
+    };
+    // The spurious-interrupt vector register of the x2APIC mode, with its bit 8.
+    let software = |code: &mut Vec<u8>, value: u32| {
+        code.push(0xb8); // mov eax, value
+        code.extend(value.to_le_bytes());
+        code.extend([
+            0x31, 0xd2, // xor edx, edx
+            0xb9, 0x0f, 0x08, 0x00, 0x00, // mov ecx, 0x80f
+            0x0f, 0x30, // wrmsr
+        ]);
+    };
+    // Off, on, and in the mode in which its registers are those of the processor.
+    base(&mut code, 0);
+    base(&mut code, 0x800);
+    base(&mut code, 0xc00);
+    software(&mut code, 0x1ff);
+    software(&mut code, 0xff);
+    software(&mut code, 0x1ff);
+    code.extend([
+        0xff, 0xc7, // inc edi
+        0x81, 0xff, 0xe8, 0x03, 0x00, 0x00, // cmp edi, 1000
+        0x0f, 0x85, // jne
+    ]);
+    let back = |code: &mut Vec<u8>| {
+        let distance = again as i32 - (code.len() as i32 + 4);
+        code.extend(distance.to_le_bytes());
+    };
+    back(&mut code);
+    code.extend(saying(b"switching\n"));
+    code.push(0xe9); // jmp
+    back(&mut code);
+    write("switching-kernel", &code)
+}
+
 /// With what [`aiming_kernel`] aims: a mode of its timer, or something else.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Aim {

@@ -24,7 +24,9 @@ use dialogue::converse;
 pub use file::{BUSY, File, SOON, System};
 pub use host::Host;
 pub use initrd::{archive, initrd_and, initrd_of, initrd_with};
-pub use kernel::{Aim, aiming_kernel, erring_kernel, restarting_kernel, silent_kernel};
+pub use kernel::{
+    Aim, aiming_kernel, erring_kernel, restarting_kernel, silent_kernel, switching_kernel,
+};
 pub use serde_json::Value;
 
 /// For `TAKT_TIMEOUT`: after how much real time, in seconds, a run is given up. It is at least this much, a quarter of an hour, and

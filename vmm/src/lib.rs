@@ -4,6 +4,7 @@
 //! on one machine, neither trusting the other. `docs/architecture.md` tells the whole story.
 
 pub mod account;
+pub mod apic_keys;
 pub mod appliance;
 pub mod attendance;
 pub mod boot;

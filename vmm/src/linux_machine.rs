@@ -17,6 +17,7 @@ use thiserror::Error;
 use vm_memory::{Bytes, GuestAddress};
 use vmm_sys_util::eventfd::EventFd;
 
+use crate::apic_keys::ApicKeys;
 use crate::boot;
 use crate::boot::acpi::{
     AcpiConfig, POWER_BUTTON_GSI, POWER_PORT, SERIAL_IRQ, SERIAL_PORT, WATCHDOG_PORT,
@@ -110,6 +111,8 @@ pub struct LinuxMachine {
     pub deadlines: Vec<Arc<Deadlines>>,
     /// The machine of the last start. Its processor keeps it alive, but its interrupts go with this.
     pub vm: Option<VmFd>,
+    /// Held from the first start on, without a gap: guests can ask for their restart.
+    pub apic_keys: Option<ApicKeys>,
 }
 
 impl LinuxMachine {
@@ -136,8 +139,9 @@ impl LinuxMachine {
         )
         .map_err(|source| LinuxMachineError::Image { partition: self.partition.clone(), source })?;
         let owner = if self.deadlines.is_empty() { TimerOwner::Kvm } else { TimerOwner::Takt };
-        let Machine { vcpu, further, vm, tsc } =
+        let Machine { vcpu, further, vm, tsc, apic_keys } =
             machine::for_linux(&self.kvm, &self.memory, owner, self.processors)?;
+        self.apic_keys = apic_keys;
         long_mode::start(&vcpu, self.memory.regions(), entry)?;
         vm.register_irqfd(&self.irq, SERIAL_IRQ).map_err(|source| MachineError::Call {
             what: "attach the serial port's interrupt",

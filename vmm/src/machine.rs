@@ -16,6 +16,7 @@ use takt_scheduler::time::TscFrequency;
 use thiserror::Error;
 use vmm_sys_util::ioctl::ioctl_with_ref;
 
+use crate::apic_keys::ApicKeys;
 use crate::cpuid;
 use crate::event::EventError;
 use crate::health::bus_locks;
@@ -31,6 +32,7 @@ mod request {
     use kvm_bindings::{KVMIO, kvm_device_attr};
 
     vmm_sys_util::ioctl_iow_nr!(KVM_SET_DEVICE_ATTR, KVMIO, 0xe1, kvm_device_attr);
+    vmm_sys_util::ioctl_iow_nr!(KVM_GET_DEVICE_ATTR, KVMIO, 0xe2, kvm_device_attr);
     vmm_sys_util::ioctl_iow_nr!(KVM_X86_SETUP_MCE, KVMIO, 0x9c, u64);
 }
 
@@ -103,6 +105,8 @@ pub struct Machine {
     pub vm: VmFd,
     /// Speed of the TSC, which host and guests share.
     pub tsc: TscFrequency,
+    /// What is kept as long as the guest can switch an APIC; `None` if it has none.
+    pub apic_keys: Option<ApicKeys>,
 }
 
 /// A machine for a PLC guest. Without interrupts it has no interrupt controller, so nothing is ever
@@ -124,7 +128,8 @@ pub fn for_plc(kvm: &Kvm, memory: &GuestMemory, interrupts: bool) -> Result<Mach
     let vcpu = vm.create_vcpu(0).map_err(cannot("create a vCPU"))?;
     vcpu.set_cpuid2(&supported(kvm)?).map_err(cannot("set the CPUID"))?;
     bound_machine_checks(&vcpu)?;
-    finish(vm, vec![vcpu])
+    let apic_keys = interrupts.then(|| ApicKeys::hold(&vm, 1)).transpose()?;
+    finish(vm, vec![vcpu], apic_keys)
 }
 
 /// Leaves a processor one bank of machine checks instead of 32, which no PLC reads and a restart would
@@ -180,7 +185,8 @@ pub fn for_linux(
         set_firmware_state(&vcpu, number == 0)?;
         vcpus.push(vcpu);
     }
-    finish(vm, vcpus)
+    let apic_keys = Some(ApicKeys::hold(&vm, processors)?);
+    finish(vm, vcpus, apic_keys)
 }
 
 /// A halted guest must give its CPU away at once, not poll on it for the next interrupt.
@@ -207,25 +213,24 @@ fn create(kvm: &Kvm, memory: &GuestMemory) -> Result<VmFd, MachineError> {
     Ok(vm)
 }
 
-fn finish(vm: VmFd, vcpus: Vec<VcpuFd>) -> Result<Machine, MachineError> {
+fn finish(
+    vm: VmFd,
+    vcpus: Vec<VcpuFd>,
+    apic_keys: Option<ApicKeys>,
+) -> Result<Machine, MachineError> {
     vcpus.iter().try_for_each(share_tsc)?;
     let mut vcpus = vcpus.into_iter();
     let vcpu = vcpus.next().ok_or(MachineError::Missing("a processor"))?;
     let khz = vcpu.get_tsc_khz().map_err(cannot("tell the TSC's frequency"))?;
     let tsc = TscFrequency::from_khz(khz).ok_or(MachineError::Missing("a usable TSC"))?;
-    Ok(Machine { vcpu, further: vcpus.collect(), vm, tsc })
+    Ok(Machine { vcpu, further: vcpus.collect(), vm, tsc, apic_keys })
 }
 
 /// Sets the guest's TSC offset to 0: an instant stamped by any guest can be compared with one
 /// stamped by the host or by another guest.
 pub(crate) fn share_tsc(vcpu: &VcpuFd) -> Result<(), MachineError> {
     let offset = 0u64;
-    let attribute = kvm_device_attr {
-        group: KVM_VCPU_TSC_CTRL,
-        attr: u64::from(KVM_VCPU_TSC_OFFSET),
-        addr: &raw const offset as u64,
-        flags: 0,
-    };
+    let attribute = tsc_offset_at(&raw const offset as u64);
     // SAFETY: the kernel reads the live attribute, and 8 bytes from the live `offset` it names.
     let result = unsafe { ioctl_with_ref(vcpu, request::KVM_SET_DEVICE_ATTR(), &attribute) };
     if result == 0 {
@@ -233,6 +238,22 @@ pub(crate) fn share_tsc(vcpu: &VcpuFd) -> Result<(), MachineError> {
     } else {
         Err(cannot("let the guest share the host's TSC (Linux 5.16)")(kvm_ioctls::Error::last()))
     }
+}
+
+/// How far the guest's TSC is ahead of the host's, in ticks; `None` if KVM does not tell. Waits for a guest that runs: only the
+/// processor's own thread may ask.
+pub(crate) fn tsc_offset(vcpu: &VcpuFd) -> Option<i64> {
+    let mut offset = 0i64;
+    let attribute = tsc_offset_at(&raw mut offset as u64);
+    // SAFETY: the kernel reads the live attribute, and writes 8 bytes to the live `offset` it names.
+    let result = unsafe { ioctl_with_ref(vcpu, request::KVM_GET_DEVICE_ATTR(), &attribute) };
+    (result == 0).then_some(offset)
+}
+
+/// KVM's name for a processor's TSC offset, which is at this address.
+fn tsc_offset_at(addr: u64) -> kvm_device_attr {
+    let attr = u64::from(KVM_VCPU_TSC_OFFSET);
+    kvm_device_attr { group: KVM_VCPU_TSC_CTRL, attr, addr, flags: 0 }
 }
 
 fn supported(kvm: &Kvm) -> Result<CpuId, MachineError> {

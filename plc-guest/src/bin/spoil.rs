@@ -190,6 +190,11 @@ fn states() -> [u64; STATES] {
     states
 }
 
+/// A state's name: the number of a model-specific register, and for others their place, from 0x22 on.
+fn name(number: usize) -> u32 {
+    MSRS.get(number).map_or(number as u32, |(index, _)| *index)
+}
+
 fn spoil() {
     for (number, (index, how)) in MSRS.into_iter().enumerate() {
         let value = match how {
@@ -241,8 +246,13 @@ impl Program for Spoiler {
             return;
         }
         spoil();
-        let pairs = states().into_iter().zip(&FIRST);
-        let spoilt = pairs.filter(|(now, first)| *now != first.load(Relaxed)).count();
+        let mut spoilt = STATES;
+        for (number, (now, first)) in states().into_iter().zip(&FIRST).enumerate() {
+            if now == first.load(Relaxed) {
+                print(format_args!("state {:#x} is as before: {now:#x}", name(number)));
+                spoilt -= 1;
+            }
+        }
         print(format_args!("spoilt {spoilt} of {STATES}"));
         // SAFETY: the division raises an exception, from which the handler does not return. Assembly,
         // because a division by zero in Rust is a panic.
@@ -260,8 +270,7 @@ fn main() -> ! {
         for (number, (now, first)) in now.into_iter().zip(&FIRST).enumerate() {
             let first = first.load(Relaxed);
             if now != first {
-                let register = MSRS.get(number).map_or(number as u32, |(index, _)| *index);
-                print(format_args!("state {register:#x} was {first:#x} and is {now:#x}"));
+                print(format_args!("state {:#x} was {first:#x} and is {now:#x}", name(number)));
                 left += 1;
             }
         }

@@ -36,7 +36,7 @@ macro_rules! said {
     };
 }
 
-/// No guest makes these errors: one is the host's, and the module `clocks` makes it, with every action. The other
+/// The module `clocks` makes the first, which is the host's as a rule, with every action. The other
 /// takes a processor that tells of bus locks, and the lab has none.
 const OF_THE_HOST: [&str; 2] = ["clock-fault", "bus-lock"];
 

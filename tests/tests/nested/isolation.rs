@@ -131,6 +131,12 @@ fn a_plc_that_spoils_its_processor_finds_it_as_new_when_it_starts_again() {
     let (_, spoilt) = line.unwrap_or_else(|| panic!("{}", outcome.output));
     let spoilt: u32 = spoilt.split(' ').next().and_then(|n| n.parse().ok()).unwrap_or(0);
     assert!(spoilt >= 30, "{spoilt}\n{}", outcome.output);
+    // The rest this processor does not have. The time stamp counter's adjustment is not among it, nor are those from CR2 to
+    // the upper half of a vector register, but for XCR0: QEMU's processor does not let KVM see it changed, and Bochs' does (`vmx`).
+    for state in [0x3b_u32].into_iter().chain((0x22..0x2b).filter(|state| *state != 0x24)) {
+        let kept = format!("[spoil] state {state:#x} is as before:");
+        assert!(!outcome.output.contains(&kept), "{kept}\n{}", outcome.output);
+    }
     assert_eq!(outcome.number("spoil", "restarts"), 1, "{}", outcome.output);
     outcome.assert_shows("[spoil] left of 43 states: 0");
 

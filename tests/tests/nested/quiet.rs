@@ -3,7 +3,9 @@
 
 use std::path::Path;
 
-use takt_tests::{Aim, File, Outcome, aiming_kernel, initrd_with, long, parse};
+use takt_tests::{
+    Aim, File, Host, Outcome, aiming_kernel, initrd_with, long, parse, switching_kernel,
+};
 
 use crate::evidence::{assert_stressed, stress_until};
 
@@ -80,6 +82,61 @@ fn a_storm_of_timers_moves_no_release_of_three_plcs() {
     }
 }
 
+/// The windows are elsewhere from a frame on, and deadlines that wait for the end of one that is no more go off all the same.
+#[ignore = "takes long: scripts/test --all"]
+#[test]
+fn a_switch_of_schedules_in_a_storm_of_timers_moves_no_release() {
+    let initrd = initrd_with("quiet-switch", &[Path::new(env!("CARGO_BIN_EXE_timers"))]);
+    let exec = "timers 2 storm & sleep 0.6; echo storm $((1)); sleep 0.6; echo storm $((2)); wait; echo calm $((3))";
+    let file = File::new("2ms")
+        .plc("plc", None, "")
+        .plc("other", None, "")
+        .linux_with(&initrd, exec)
+        .schedule("first")
+        .window("plc", 0, 200)
+        .window("other", 500, 200)
+        .window("plc", 1_000, 200)
+        .schedule("second")
+        .window("plc", 300, 200)
+        .window("other", 1_600, 300);
+    let dialogue = [
+        ("storm 1", "\x1ds"),
+        ("[takt] schedule \"second\" holds since ", ""),
+        ("storm 2", "\x1ds"),
+        ("[takt] schedule \"first\" holds since ", ""),
+    ];
+    let outcome = file.run("quiet-switch").lasting("4500ms").typing(&dialogue).run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("calm 3");
+    assert_eq!(outcome.report["schedule"]["current"], "first");
+    assert!(outcome.number("linux", "deadlines.moved") > 100, "{}", outcome.output);
+    // At least one window in each frame of 2 ms.
+    for plc in ["plc", "other"] {
+        assert_quiet(&outcome, plc, 2_200);
+    }
+}
+
+/// Its deadlines are moved out of the windows of others, and not out of its own.
+#[ignore = "takes long: scripts/test --all"]
+#[test]
+fn a_linux_with_windows_and_a_storm_of_timers_moves_no_release() {
+    let initrd = initrd_with("quiet-windows", &[Path::new(env!("CARGO_BIN_EXE_timers"))]);
+    let exec = "timers 2 storm; echo calm $((3))";
+    let file = File::new("4ms")
+        .plc("plc", None, "")
+        .linux_with(&initrd, exec)
+        .in_windows()
+        .schedule("normal")
+        .window("linux", 0, 2_700)
+        .window("plc", 2_750, 200);
+    let outcome = file.run("quiet-windows").lasting("6s").until("calm 3").run();
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("calm 3");
+    let moved = outcome.number("linux", "deadlines.moved");
+    assert!(moved > 100, "{moved}\n{}", outcome.output);
+    assert_quiet(&outcome, "plc", outcome.cycles(4_000) - 10);
+}
+
 /// Three PLCs, and how often they are released, in ms.
 pub const THREE: [(&str, u64); 3] = [("axis", 1), ("cell", 2), ("climate", 4)];
 
@@ -107,16 +164,21 @@ fn stress_ng_moves_no_release_of_three_plcs() {
     }
 }
 
-/// A PLC beside a kernel that aims a timer at its releases, and at its wake-ups. The guard is as narrow as the lab's
-/// wake-ups allow: an interrupt that delays one is felt.
-fn aimed_at(aim: Aim) -> Outcome {
-    let kernel = aiming_kernel(aim);
+/// A PLC with a guard as narrow as the lab's wake-ups allow, and a kernel in the place of Linux.
+fn beside_a_kernel(kernel: &Path) -> File {
     let file = File::new("1ms").plc("plc", None, "release_guard = \"10us\"").lines(&format!(
         "[[partition]]\nname = \"linux\"\nkind = \"linux\"\ncpu = 0\nbackground = true\n\
          memory = \"64MiB\"\nkernel = {kernel:?}"
     ));
-    let file = file.schedule("normal").window("plc", 0, 300);
-    let outcome = file.run(&format!("aimed-{aim:?}")).lasting("3s").run();
+    file.schedule("normal").window("plc", 0, 300)
+}
+
+/// A PLC beside a kernel that aims a timer at its releases, and at its wake-ups. An interrupt that delays one
+/// is felt, as the guard is narrow.
+pub fn aimed_at(aim: Aim, lane: &'static str) -> Outcome {
+    let file = beside_a_kernel(&aiming_kernel(aim));
+    let run = file.run(&format!("aimed-{aim:?}-{lane}")).in_lane(lane);
+    let outcome = run.lasting("3s").run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     // It has got so far as to do without the board's timer.
     assert_eq!(outcome.number("linux", "illegal_accesses"), 3, "{}", outcome.output);
@@ -126,7 +188,7 @@ fn aimed_at(aim: Aim) -> Outcome {
 #[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_kernel_that_aims_deadlines_at_releases_moves_none() {
-    let outcome = aimed_at(Aim::Deadline);
+    let outcome = aimed_at(Aim::Deadline, "lab");
     let moved = outcome.number("linux", "deadlines.moved");
     assert!(moved >= 1_000, "{moved} aimed\n{}", outcome.output);
     // The PLC is done early, and the kernel's timer then goes off as if nothing had been.
@@ -138,7 +200,7 @@ fn a_kernel_that_aims_deadlines_at_releases_moves_none() {
 /// The kernel's log is written with interrupts off, for longer than the guard has to spare.
 #[test]
 fn a_kernel_that_writes_what_kvm_would_log_delays_no_wake_up() {
-    let outcome = aimed_at(Aim::Logged);
+    let outcome = aimed_at(Aim::Logged, "lab");
     outcome.assert_shows("aimed");
     assert_quiet(&outcome, "plc", 2_990);
     let latest = outcome.number("plc", "wake_up_latency_ns.max");
@@ -149,7 +211,7 @@ fn a_kernel_that_writes_what_kvm_would_log_delays_no_wake_up() {
 #[test]
 fn a_kernel_that_aims_other_timers_at_releases_moves_them_by_one_interrupt() {
     for aim in [Aim::OneShot, Aim::Periodic] {
-        let outcome = aimed_at(aim);
+        let outcome = aimed_at(aim, "lab");
         assert_eq!(outcome.number("linux", "deadlines.programmed"), 0);
         outcome.assert_kept_its_time("plc", 2_990);
         let latest = outcome.number("plc", "release_latency_ns.max");
@@ -160,4 +222,30 @@ fn a_kernel_that_aims_other_timers_at_releases_moves_them_by_one_interrupt() {
             outcome.output
         );
     }
+}
+
+/// The kernel would put questions into its code and take them out for as long as a guest likes, each time with an
+/// interrupt to all processors.
+#[ignore = "takes long: scripts/test --all"]
+#[test]
+fn a_kernel_that_switches_its_apic_off_and_on_changes_no_code_of_the_hosts() {
+    let kernel = switching_kernel();
+    let file = beside_a_kernel(&kernel).save("switching-apic");
+    let host = Host::new().with("--memory", "192").with_file(&kernel).with_file(&file);
+    let path = file.to_string_lossy();
+    let outcome = host.run("patched-code", &[&*path]);
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("switching");
+    let times = |before: &str, after: &str| {
+        let line =
+            outcome.output.lines().find_map(|line| line.split_once(before)?.1.split_once(after));
+        line.and_then(|(count, _)| count.parse::<u32>().ok())
+    };
+    assert_eq!(times("code was changed ", " times"), Some(0), "{}", outcome.output);
+    assert!(
+        times("and before that ", " times").is_some_and(|count| count > 0),
+        "{}",
+        outcome.output
+    );
+    assert_quiet(&outcome, "plc", 3_490);
 }

@@ -74,6 +74,50 @@ fn a_reader_that_stops_costs_what_it_does_not_read_and_nothing_else() {
     outcome.assert_shows("[takt] test: starting good, one, other");
 }
 
+/// Two PLCs fail at once. The one with much memory comes first, and the supervisor thread does not clear that itself: the other
+/// one starts long before.
+#[ignore = "takes long: scripts/test --all"]
+#[test]
+fn a_plc_whose_memory_takes_long_to_clear_keeps_no_other_from_its_start() {
+    let image = plc_image("fault");
+    let failing = |name: &str, memory: &str| {
+        format!(
+            "[[partition]]\nname = {name:?}\nkind = \"plc\"\ncpu = 0\nmemory = {memory:?}\nimage = {image:?}\n\
+             restarts = {{ at_most = 1, within = \"60s\" }}"
+        )
+    };
+    let outcome = File::new("10ms")
+        .lines(&failing("large", "640MiB"))
+        .lines(&failing("small", "4MiB"))
+        .plc("good", None, "")
+        .health("large", "memory-violation", "cold-start")
+        .health("small", "memory-violation", "cold-start")
+        .schedule("normal")
+        .window("large", 1_000, 200)
+        .window("small", 2_000, 200)
+        .window("good", 3_000, 200)
+        .run("large-plc")
+        .lasting("3s")
+        .run();
+    // Both fail once more, and have no start left.
+    assert_eq!(outcome.status, 4, "{}", outcome.output);
+    let between_faults = |name: &str| {
+        assert_eq!(outcome.number(name, "restarts"), 1, "{}", outcome.output);
+        let at = |number: usize| {
+            let fault = &outcome.partition(name)["events"]["list"][number];
+            assert_eq!(fault["error"], "memory-violation", "{}", outcome.output);
+            fault["at_ns"].as_u64().unwrap_or_default()
+        };
+        at(1) - at(0)
+    };
+    // 101 releases after its start, which takes a second, and the start itself.
+    let (large, small) = (between_faults("large"), between_faults("small"));
+    println!("from fault to fault: {large} ns and {small} ns");
+    assert!(large > 1_070_000_000, "its memory is cleared within some frames: {large} ns");
+    assert!(small < 1_060_000_000, "it waited for the other one: {small} ns");
+    assert_nothing_late(&outcome, "good", 290);
+}
+
 /// An ext4 with a file for a disk.
 fn slow_image(test: &str) -> PathBuf {
     let folder = target("tests").join(test);

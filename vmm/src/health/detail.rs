@@ -41,6 +41,11 @@ pub enum ClockFault {
         /// How many ns the kernel's clock has gone ahead of it since the last look.
         clock_ahead_ns: i64,
     },
+    /// That of a guest is not the host's any more.
+    Offset {
+        /// How many ns it is ahead.
+        guest_ahead_ns: i64,
+    },
 }
 
 impl fmt::Display for ClockFault {
@@ -52,6 +57,10 @@ impl fmt::Display for ClockFault {
             ClockFault::Rate { clock_ahead_ns } => {
                 let ms = *clock_ahead_ns as f64 / 1e6;
                 write!(f, "the TSC and the kernel's clock differ by {ms:.3} ms within a look")
+            }
+            ClockFault::Offset { guest_ahead_ns } => {
+                let ms = *guest_ahead_ns as f64 / 1e6;
+                write!(f, "the guest's TSC is {ms:.3} ms ahead of the host's")
             }
         }
     }

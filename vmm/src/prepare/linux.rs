@@ -127,6 +127,7 @@ impl Preparation<'_> {
             processors: cpus.len(),
             deadlines: deadlines.clone(),
             vm: None,
+            apic_keys: None,
         };
         let ((vcpu, guest), further) = board.start()?;
         self.frequency = board.frequency;

@@ -108,6 +108,7 @@ impl Preparation<'_> {
             space,
             safe_values,
             processor,
+            apic_keys: machine.apic_keys,
         };
         let (restart, revivals) = Restart::new(loader, self.spawner)?;
         let touched = memory.clone();

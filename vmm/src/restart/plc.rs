@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::{LoadError, Loader, Revival};
+use crate::apic_keys::ApicKeys;
 use crate::boot::Start;
 use crate::boot::long_mode::{self, StartError};
 use crate::boot::plc::PlcImage;
@@ -35,6 +36,8 @@ pub struct PlcLoader {
     pub safe_values: SafeValues,
     /// What the guest may have changed in the processor.
     pub processor: FirstState,
+    /// Held as long as the guest can switch an APIC, if it has one.
+    pub apic_keys: Option<ApicKeys>,
 }
 
 impl Loader for PlcLoader {
@@ -129,6 +132,7 @@ mod tests {
             space: configuration.map(space).map(Arc::new),
             safe_values,
             processor: FirstState::none(),
+            apic_keys: None,
         };
         let start = Start { mode: StartMode::Cold, reason: StartReason::Operator };
         let loaded = loader.load(start, &mut handoff(1).0).is_ok();

@@ -25,6 +25,7 @@ pub mod exit_count;
 mod first_scan;
 pub mod first_state;
 pub mod guest;
+mod guest_counter;
 pub mod guest_timer;
 pub mod kick;
 pub mod linux;

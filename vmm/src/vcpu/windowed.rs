@@ -22,6 +22,7 @@ use takt_scheduler::timetable::{Idle, Slot, Timetable};
 use super::Control;
 use super::first_scan::FirstScan;
 use super::guest::{End, Guest, KvmFailure, Step};
+use super::guest_counter::GuestCounter;
 use super::guest_timer::{self, Deadlines};
 use super::kick::Kickable;
 use super::port_access::PortAccess;
@@ -75,6 +76,7 @@ pub struct Windowed {
     /// Releases that have passed since the last window.
     skipped: u64,
     tick: Tick,
+    counter: GuestCounter,
 }
 
 /// How a window ended.
@@ -127,6 +129,7 @@ impl Windowed {
             rejoins: false,
             skipped: 0,
             tick: Tick::default(),
+            counter: GuestCounter::new(base),
         }
     }
 
@@ -226,6 +229,11 @@ impl Windowed {
             let ended = ended.or_else(|| {
                 let missed = self.missed(&record, guest.says_done())?;
                 health.raise(missed, 1)
+            });
+            let ended = ended.or_else(|| {
+                let fault =
+                    guest.says_done().then(|| self.counter.look(kickable.vcpu(), ran.left))??;
+                health.raise(Detail::Clock(fault), 1)
             });
             record.ended = ended.is_some();
             self.log.push(Record::Window(record));

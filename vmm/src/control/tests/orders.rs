@@ -36,8 +36,16 @@ fn account() -> (Account, Revivals<PlcGuest>) {
     let processor = FirstState::none();
     let (channels, safe_values) = (Vec::new(), SafeValues::default());
     let programs = None;
-    let loader =
-        PlcLoader { memory, image, programs, channels, space: None, safe_values, processor };
+    let loader = PlcLoader {
+        memory,
+        image,
+        programs,
+        channels,
+        space: None,
+        safe_values,
+        processor,
+        apic_keys: None,
+    };
     let spawn = |_: &str, _, work: Box<dyn FnOnce() + Send>| {
         std::thread::spawn(work);
         Ok(())
