@@ -218,6 +218,7 @@ mod tests {
         assert_eq!(text, "{\"schema_version\":2,\"partitions\":[],\"loads\":[]}\n");
         fs::remove_file(&path).unwrap();
     }
+
     #[test]
     fn a_report_is_not_waited_for_where_its_reader_takes_nothing() {
         let path = std::env::temp_dir().join(format!("takt-report-{}", std::process::id()));
