@@ -82,7 +82,7 @@ fn a_storm_of_timers_moves_no_release_of_three_plcs() {
     }
 }
 
-/// The windows are elsewhere from a frame on, and deadlines that wait for the end of one that is no more go off all the same.
+/// From one frame to the next the windows are elsewhere. A deadline that waits for the end of a window goes off also if that window is gone.
 #[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_switch_of_schedules_in_a_storm_of_timers_moves_no_release() {
@@ -224,8 +224,7 @@ fn a_kernel_that_aims_other_timers_at_releases_moves_them_by_one_interrupt() {
     }
 }
 
-/// The kernel would put questions into its code and take them out for as long as a guest likes, each time with an
-/// interrupt to all processors.
+/// The kernel would patch its code for as long as a guest likes, each time with an interrupt to all processors.
 #[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_kernel_that_switches_its_apic_off_and_on_changes_no_code_of_the_hosts() {

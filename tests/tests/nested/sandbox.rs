@@ -58,9 +58,11 @@ impl Looked {
         for (thread, calls) in threads {
             let (name, _) = thread.rsplit_once('-').expect("a name, and a number");
             let mut calls = calls.into_iter();
-            // Before a thread has its name, it has that of the one that started it.
             if calls.any(|call| call.number == libc::SYS_seccomp) {
                 behind_doors.entry(name.to_owned()).or_default().extend(calls);
+            } else {
+                // Before a thread has its name, it has that of the one that started it.
+                assert_eq!(name, "takt", "no thread does without a filter");
             }
         }
         behind_doors
