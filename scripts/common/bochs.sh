@@ -34,7 +34,7 @@ bochs_machine() {
     open_console
     configure_bochs
     # Bochs shows its clock in local time.
-    machine=(env TZ=UTC ${control_line:+"BOCHS_SHARED_MEMORY=$control_line"}
+    machine=(env TZ=UTC ${control_line:+"BOCHS_SHARED_MEMORY=$control_line"} ${allocation:+BOCHS_ALLOCATION=yes}
         "$root/target/bochs/bochs" -q -f "$work/bochsrc")
     # What the appliance writes to port 0xe9 is Bochs's output. Its errors are what it has to say at the
     # end, which it has always.

@@ -37,6 +37,13 @@ impl Host {
         self
     }
 
+    /// On a processor that says that it can divide its cache and the way to memory.
+    #[must_use]
+    pub fn allocating(mut self) -> Self {
+        self.0.arg("--allocation");
+        self
+    }
+
     /// Not given up before so much real time, in seconds; see [`timeout_s`].
     #[must_use]
     pub fn given_up_after(mut self, least_timeout_s: u32) -> Self {

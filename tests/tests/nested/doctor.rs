@@ -11,7 +11,7 @@ use takt_tests::{Value, root, target, timeout_s};
 type Findings = BTreeMap<String, Value>;
 
 /// `takt-doctor` as users have it.
-fn doctor() -> PathBuf {
+pub fn doctor() -> PathBuf {
     let mut cargo = Command::new("cargo");
     cargo.args(["build", "--release", "--quiet", "--bin", "takt-doctor"]).current_dir(root());
     // What this test's cargo tells its programs is not meant for another cargo.

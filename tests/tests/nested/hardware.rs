@@ -1,7 +1,11 @@
 //! Shared hardware: memory in huge pages, what it wins, that restarts find it cleared; and what is refused
 //! since the host has it not.
 
-use takt_tests::{File, Outcome, plc_image};
+use std::fs;
+
+use takt_tests::{File, Host, Outcome, plc_image, root, target};
+
+use crate::doctor::doctor;
 
 /// A PLC that lives for a fifth of a second and starts warm, a good one, and a Linux.
 fn run(pages: &str) -> Outcome {
@@ -90,3 +94,74 @@ fn a_share_of_the_cache_that_the_host_cannot_divide_is_refused() {
     outcome.assert_shows("this host cannot divide its cache");
     outcome.assert_shows("leave `cache` and `memory_bandwidth` out of the partition file");
 }
+
+/// Bochs's processor says that it can divide its cache and the way to memory, and so the kernel's resctrl is there: its
+/// files, what it refuses, and the classes that it gives to threads. That nothing is divided there no kernel can see.
+#[ignore = "takes long: scripts/test --all"]
+#[test]
+fn the_kernels_own_resctrl_has_the_shares_during_a_run_and_nothing_after_it() {
+    let file = |plc, linux| {
+        File::new("1ms")
+            .plc("plc", None, plc)
+            .linux("poweroff -f")
+            .lines(linux)
+            .schedule("normal")
+            .window("plc", 0, 300)
+    };
+    let divided = file("cache = 4", "memory_bandwidth = 30").save("divided");
+    let plain = file("", "").save("undivided");
+    let files = [&divided, &plain, &target("guest/vmlinuz"), &target("guest/initrd.img")];
+    let machine = Host::new().with("--lane", "vmx").allocating();
+    let outcome = files
+        .into_iter()
+        .fold(machine, |machine, file| machine.with_file(file))
+        .with("--program", &doctor().to_string_lossy())
+        .run("divide-cache", &[&divided.to_string_lossy(), &plain.to_string_lossy()]);
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    assert!(!outcome.output.contains("wrong: "), "{}", outcome.output);
+    outcome.assert_shows("plc: L3:0=f; linux: L3:0=fff0, MB:0=30");
+    outcome.assert_shows("== all is as it was");
+    // The tracer takes time in the windows, so the releases need not be exact.
+    outcome.assert_kept_its_time("plc", 1_980);
+    assert_eq!(outcome.partition("linux")["end"], "powered off", "{}", outcome.output);
+    let left = |name| {
+        let path = target("tests/divide-cache.out").join(name);
+        fs::read_to_string(path).expect("the script leaves it")
+    };
+    // The tests of units go by this record; a newer kernel has more files.
+    let file = root().join("vmm/host/tests/hosts/resctrl-emulated.host");
+    let known = fs::read_to_string(file).expect("the record is there");
+    let record = left("record");
+    for part in known.split("== ").filter(|part| part.starts_with("sys/")) {
+        assert!(record.contains(&format!("== {part}")), "{part}\n{record}");
+    }
+    assert_eq!(left("groups"), SHARES);
+    let classes = left("classes");
+    for thread in classes.lines() {
+        let mut words = thread.split_whitespace();
+        let count: u32 = words.next().and_then(|count| count.parse().ok()).expect("a count");
+        let class = match words.next() {
+            Some("plc") => "100000000",
+            Some("linux") => "200000000",
+            _ => "0",
+        };
+        assert_eq!(words.next_back(), Some(class), "{classes}");
+        assert!(class == "0" || count > 1_900, "{classes}");
+    }
+    assert!(classes.contains(" plc ") && classes.contains(" linux "), "{classes}");
+}
+
+/// What the groups have, and the threads in those of Takt's. The same is in `vmm/src/resctrl/setup_tests.rs`.
+const SHARES: &str = "\
+== sys/fs/resctrl/schemata
+    MB:0= 100
+    L3:0=fff0
+== sys/fs/resctrl/takt-linux/schemata
+    MB:0=  30
+    L3:0=fff0
+== sys/fs/resctrl/takt-plc/schemata
+    MB:0= 100
+    L3:0=000f
+takt-plc: plc
+takt-linux: linux
+";

@@ -8,7 +8,8 @@
 //! A Takt that was killed leaves its groups. The next one on this host removes them, whether its file asks for anything
 //! or not: their names begin with `takt-`, and they have no threads.
 //!
-//! None of it has run on hardware: the tests have a file system that is made up, with the record of a host.
+//! None of it has run on hardware that divides anything. It has run on the kernel's file system, in an emulator whose
+//! processor only says that it divides (docs/partition-file.md).
 
 mod kernel;
 mod setup;

@@ -1,4 +1,5 @@
-//! Against a file system that is made up and holds the record of a host.
+//! Against a file system that is made up and holds the record of a host. That the kernel's own does the same is tested
+//! in a whole machine (`tests/tests/nested/hardware.rs`).
 
 #[path = "fake_tests.rs"]
 mod fake;
@@ -13,6 +14,8 @@ use fake::Fake;
 const XEON: &str = include_str!("../../host/tests/hosts/resctrl-xeon.host");
 const CDP: &str = include_str!("../../host/tests/hosts/resctrl-xeon-cdp.host");
 const EPYC: &str = include_str!("../../host/tests/hosts/resctrl-epyc.host");
+/// What Debian's kernel 6.1 has on a processor of Bochs's that only says that it divides.
+const EMULATED: &str = include_str!("../../host/tests/hosts/resctrl-emulated.host");
 
 fn fake() -> Fake {
     Fake::of(XEON)
@@ -56,6 +59,21 @@ fn groups_are_made_in_order_and_all_is_undone() {
     assert_eq!(kernel.files(), before);
     setup.undo().unwrap();
     assert_eq!(kernel.log().len(), steps.len() + undone.len());
+}
+
+/// A test of whole machines asserts that the kernel shows the same (`tests/tests/nested/hardware.rs`).
+#[test]
+fn the_groups_are_what_a_kernel_made_of_the_same_shares() {
+    let kernel = Fake::of(EMULATED);
+    let before = kernel.files();
+    let on_cpu_0 = usual().map(|asked| Asked { cpu: Cpu(0), ..asked });
+    let mut setup = Setup::make(kernel.clone(), &on_cpu_0).unwrap();
+    let of = |path: &str| kernel.read(path).unwrap();
+    assert_eq!(of("schemata"), "    MB:0= 100\n    L3:0=fff0\n");
+    assert_eq!(of("takt-linux/schemata"), "    MB:0=  30\n    L3:0=fff0\n");
+    assert_eq!(of("takt-plc/schemata"), "    MB:0= 100\n    L3:0=000f\n");
+    setup.undo().unwrap();
+    assert_eq!(kernel.files(), before);
 }
 
 #[test]

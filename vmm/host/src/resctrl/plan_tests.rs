@@ -1,7 +1,8 @@
-//! Against records of hosts (`tests/hosts/resctrl-*.host`), which were written by hand from the kernel's documentation
+//! Against records of hosts (`tests/hosts/resctrl-*.host`). Three were written by hand from the kernel's documentation
 //! and from what owners of such processors have published: one of Intel's with eleven ways, of which devices share the
 //! upper two, and sixteen groups for the cache but eight for bandwidth; the same with code and data apart; and one of
-//! AMD's with sixteen ways in each of four caches.
+//! AMD's with sixteen ways in each of four caches. One more was recorded: Debian's kernel 6.1 on a processor of Bochs's that
+//! only says that it divides.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -12,6 +13,7 @@ use crate::resctrl::{BandwidthInfo, info};
 const XEON: &str = include_str!("../../tests/hosts/resctrl-xeon.host");
 const CDP: &str = include_str!("../../tests/hosts/resctrl-xeon-cdp.host");
 const EPYC: &str = include_str!("../../tests/hosts/resctrl-epyc.host");
+const EMULATED: &str = include_str!("../../tests/hosts/resctrl-emulated.host");
 
 /// The files of a record below the file system's root.
 fn recorded(record: &str) -> BTreeMap<String, String> {
@@ -63,6 +65,11 @@ fn the_records_say_what_can_be_divided() {
     assert_eq!(info, Info { cache: Some(cache), bandwidth: Some(bandwidth), absolute: true });
     let whole = (0..4).map(|domain| (domain, 0xffff));
     assert!(schemata.of(Resource::Cache).eq(whole));
+    let (info, schemata) = host_of("GenuineIntel", EMULATED);
+    let cache = CacheInfo { groups: 16, all: 0xffff, least: 1, shared: 0xc000 };
+    let bandwidth = Some(BandwidthInfo { groups: 8, least: 10, step: 10 });
+    assert_eq!(info, Info { cache: Some(cache), bandwidth, absolute: false });
+    assert!(schemata.of(Resource::Cache).eq([(0, 0xffff)]));
 }
 
 #[test]
