@@ -25,7 +25,8 @@ pub use file::{BUSY, File, SOON, System};
 pub use host::Host;
 pub use initrd::{archive, initrd_and, initrd_of, initrd_with};
 pub use kernel::{
-    Aim, aiming_kernel, erring_kernel, restarting_kernel, silent_kernel, switching_kernel,
+    Aim, aiming_kernel, deaf_kernel, erring_kernel, restarting_kernel, silent_kernel,
+    switching_kernel,
 };
 pub use serde_json::Value;
 

@@ -4,7 +4,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use takt_tests::{File, Host, Outcome, Value, initrd_with, long, parse, silent_kernel, target};
+use takt_tests::{
+    File, Host, Outcome, Value, deaf_kernel, initrd_with, long, parse, silent_kernel, target,
+};
 
 /// A PLC of the built-in kind at 1 kHz, and a Linux with stress-ng.
 fn beside_stress(name: &str, guard: &str, duration: &'static str, at_the_end: u64) -> Outcome {
@@ -15,11 +17,13 @@ fn beside_stress(name: &str, guard: &str, duration: &'static str, at_the_end: u6
 }
 
 /// What a Linux with stress-ng executes. From its second second to that end cyclictest measures how late its timers are.
+/// Then it says what the timers, the page faults and each of stress-ng's processes have come to.
 pub fn stress_until(end: u64) -> String {
     let measured = end - 1;
     format!(
         "takt-load stress & sleep 1; chroot /load/stress /usr/bin/cyclictest --quiet --mlockall --priority=80 \
-         --interval=1037 --duration={measured}; grep LOC: /proc/interrupts"
+         --interval=1037 --duration={measured}; \
+         grep -h -e LOC: -e pgfault -e stress-ng- /proc/interrupts /proc/vmstat /proc/[0-9]*/stat"
     )
 }
 
@@ -73,11 +77,30 @@ pub fn assert_stressed(outcome: &Outcome, end: u64) {
     // Of 20,000 a second, some fall together while Linux starts processes.
     let timers = largest(outcome, "LOC: ");
     assert!(timers > (end - 1) * 10_000, "{timers} interrupts of timers\n{}", outcome.output);
+    let faults = largest(outcome, "pgfault ");
+    assert!(faults > (end - 1) * 1_000, "{faults} page faults\n{}", outcome.output);
+    for worker in ["timer", "fault", "fork", "get"] {
+        let ticks = ticks_of(outcome, worker);
+        assert!(ticks > 0, "stress-ng's {worker} has done nothing\n{}", outcome.output);
+        println!("stress-ng's {worker}: {ticks} ticks");
+    }
+    println!("{timers} timers, {faults} page faults, {forks} forks in {end} s");
     // cyclictest sleeps 964 times a second, but for those that it is too late for.
     let sleeps = largest(outcome, " C: ");
     assert!(sleeps > (end - 1) * 700, "{sleeps} sleeps of cyclictest\n{}", outcome.output);
     let line = outcome.output.lines().find(|line| line.contains(" I:1037 C:"));
     println!("Linux's own timers, in us: {}", line.unwrap_or_default());
+}
+
+/// The time that stress-ng's processes of a kind have had, in ticks of the kernel (`utime` and `stime`, proc_pid_stat(5)).
+fn ticks_of(outcome: &Outcome, worker: &str) -> u64 {
+    let name = format!("(stress-ng-{worker}");
+    let of = |line: &str| -> Option<u64> {
+        let (_, fields) = line.split_once(&name)?.1.rsplit_once(") ")?;
+        let times = fields.split_whitespace().skip(11).take(2);
+        times.map(|ticks| ticks.parse::<u64>().ok()).sum()
+    };
+    outcome.output.lines().filter_map(of).sum()
 }
 
 /// A doorbell's handler takes a lock, and a second delivery waits for it for ever.
@@ -204,20 +227,23 @@ fn a_linux_whose_kernel_hangs_is_not_all_limits_are_kept() {
 
 #[ignore = "takes long: scripts/test --all"]
 #[test]
-fn a_kernel_that_has_halted_or_panicked_is_named_and_an_idle_one_is_not() {
-    let halted = File::new("1ms")
-        .plc("plc", None, "")
-        .lines(&format!(
-            "[[partition]]\nname = \"linux\"\nkind = \"linux\"\ncpu = 0\nbackground = true\n\
-             memory = \"64MiB\"\nkernel = {:?}",
-            silent_kernel()
-        ))
-        .schedule("normal")
-        .window("plc", 0, 300);
+fn a_kernel_that_does_nothing_any_more_is_named_and_an_idle_one_is_not() {
+    let beside_plc = |kernel: PathBuf| {
+        File::new("1ms")
+            .plc("plc", None, "")
+            .lines(&format!(
+                "[[partition]]\nname = \"linux\"\nkind = \"linux\"\ncpu = 0\nbackground = true\n\
+                 memory = \"64MiB\"\nkernel = {kernel:?}"
+            ))
+            .schedule("normal")
+            .window("plc", 0, 300)
+    };
+    let [halted, deaf] = [silent_kernel(), deaf_kernel()].map(beside_plc);
     let panics = system("guest/initrd.img", "echo c > /proc/sysrq-trigger");
     let idle = system("guest/initrd.img", "");
     let cases = [
         ("kernel-halted", halted, "4s", Some(("halted", "has halted with interrupts off since "))),
+        ("kernel-deaf", deaf, "4s", Some(("deaf", "spins and gets no interrupt since "))),
         (
             "kernel-panics",
             panics,

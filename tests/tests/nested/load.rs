@@ -32,6 +32,7 @@ fn in_real_time_too_a_compiling_linux_ends_with_a_report() {
     let run = run.with("--load").with("compile").with("--out").with(folder.to_str().unwrap());
     let outcome = run.lasting(if long() { "180s" } else { "20s" }).run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
+    outcome.assert_shows("each interrupt is delivered once and none is lost");
     assert!(outcome.number("plc", "releases") > 0, "{}", outcome.output);
     let read = |name: &str| fs::read_to_string(folder.join(name)).unwrap_or_default();
     assert!(read("report.html").contains("<svg"), "{}", outcome.output);

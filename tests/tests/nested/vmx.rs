@@ -13,18 +13,22 @@ use crate::quiet::{THREE, aimed_at, beside_three_plcs};
 
 /// Runs a system on VMX twice, in two machines, which must not differ.
 fn twice(run: Run<'_>, duration: &'static str) -> Outcome {
-    let run = run.in_lane("vmx").lasting(duration);
+    same_twice(&run.in_lane("vmx").lasting(duration))
+}
+
+fn same_twice(run: &Run<'_>) -> Outcome {
     let (first, second) = (run.run(), run.run());
     assert!(first.report.is_object(), "{}", first.output);
     assert_eq!(first.report, second.report);
+    assert_eq!(first.status, second.status, "{}", second.output);
     first
 }
 
-/// Both guests of the shipped file, with a processor of this maker.
+/// Both guests of the shipped file, with a processor of this maker: once, and twice in the long form.
 fn both_guests_run(lane: &str, maker: &str) {
     let (duration, releases) = if long() { ("10s", 9_990) } else { ("3s", 2_990) };
     let run = Run::of("configs/plc-and-linux.toml").in_lane(lane).lasting(duration);
-    let outcome = run.run();
+    let outcome = if long() { same_twice(&run) } else { run.run() };
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     assert_eq!(outcome.report["lane"], lane);
     let cpu = outcome.report["host"]["cpu"].as_str().unwrap_or_default();

@@ -1,8 +1,8 @@
 //! Whether there was the load that was asked for.
 //!
 //! Punctual releases beside a Linux that has hung say nothing about releases under load. So a load
-//! proves itself by its progress, in the time of the run: once it has begun, no [`STANDSTILL_MAX`] may
-//! pass without any. The counts are Linux's own word, and a Linux that lies proves what it likes: this is
+//! proves itself by its progress, in the time of the run: from Linux's first process on, no [`STANDSTILL_MAX`] may
+//! pass without any. How long Linux takes to start it is not the load's. The counts are Linux's own word, and a Linux that lies proves what it likes: this is
 //! for those who want to know, against a machine that fails, not against a guest that cheats.
 
 use serde::Serialize;
@@ -66,6 +66,17 @@ fn missing(load: &str, figures: &Figures, linux: &Partition) -> Option<String> {
     };
     if course.load != load {
         return Some(format!("Linux made the load {} and not {load}", course.load));
+    }
+    // Where the console does not tell of the first process, nothing is known of what came before the load.
+    let first_process = linux.boot_to_init_ns.flatten().unwrap_or(course.began_ns);
+    let put_off = course.began_ns.saturating_sub(first_process);
+    if put_off >= STANDSTILL_MAX {
+        return Some(format!(
+            "the load {load} began at {}, {} after Linux's first process: what was measured until then was \
+             not under load",
+            seconds(course.began_ns),
+            seconds(put_off)
+        ));
     }
     let standstill = course.standstill;
     if standstill.duration().0 >= STANDSTILL_MAX {
@@ -155,6 +166,27 @@ mod tests {
         let proof = Proof::of(Load::Fork, &figures(&lines, 6_999)).unwrap();
         assert_eq!((proof.proved, proof.partition.as_str()), (true, "linux"));
         assert!(reason(&figures(&lines, 7_000)).is_some());
+    }
+
+    #[test]
+    fn a_load_that_begins_long_after_linux_has_started_is_not_proved() {
+        // The first process is there at 1,700 ms.
+        let from = |began| {
+            let lines = [
+                (began, "takt-load: fork 0 processes"),
+                (began + 500, "takt-load: fork 9 processes"),
+            ];
+            figures(&lines, began + 1_000)
+        };
+        assert_eq!(reason(&from(3_699)), None);
+        let told = reason(&from(3_700)).unwrap();
+        assert!(
+            told.starts_with("the load fork began at 3.700 s, 2.000 s after Linux's first"),
+            "{told}"
+        );
+        let mut unknown = from(9_000);
+        unknown.partitions[1].boot_to_init_ns = None;
+        assert_eq!(reason(&unknown), None);
     }
 
     #[test]
