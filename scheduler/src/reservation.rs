@@ -167,7 +167,8 @@ impl CpuReservations {
     /// The same by a clock of which that is known. Where its rate may change, a step by a tenth that comes after a
     /// partition's last look at the clock makes the kick late by a ninth of what is left of the kicker's sleep.
     /// A thread that has used up its budget by then is throttled, and released by a timer on that clock: late by up to a
-    /// ninth of its period. So each partition has that ninth too, as far as the CPU's ceiling has room for it.
+    /// ninth of its period. So each partition has that ninth too, as far as the CPU's ceiling has room for it. The kicker has room
+    /// for one more wake-up, by the message that the clock is steered, as far as there is room left.
     #[must_use]
     pub fn by_a_clock_whose_steering_is(mut self, steering: Steering) -> CpuReservations {
         if steering == Steering::Impossible {
@@ -184,6 +185,12 @@ impl CpuReservations {
             let room = room(r);
             let given = if wanted <= left { room } else { Nanos(room.0 * left / wanted) };
             r.runtime = r.runtime.plus(given);
+        }
+        let left = CEILING_PERMILLE.saturating_sub(self.permille());
+        if let Some(kicker) = &mut self.kicker {
+            let room = u128::from(kicker.period.0) * u128::from(left) / 1000;
+            let room = Nanos(u64::try_from(room).unwrap_or(u64::MAX));
+            kicker.runtime = kicker.runtime.plus(KICKER_PIECE.min(room));
         }
         self
     }
@@ -253,6 +260,8 @@ mod tests {
         };
         // 112 us before the wake-up, 20 us of guard, the window.
         assert_eq!(runtime(&[(0, 300)]), us(370 + 48));
+        let kicker = one_plc(&[(0, 300)]).by_a_clock_whose_steering_is(Steering::Possible).kicker;
+        assert_eq!(kicker.map(|r| r.runtime), Some(us(30)));
         // 720 of 1000 are the partition's and up to 180 the kicker's: what is left, and not more.
         let full = one_plc(&[(0, 650)]);
         let (base, all) = (full.permille(), full.by_a_clock_whose_steering_is(Steering::Possible));

@@ -75,7 +75,7 @@ const PIECE_MIN: Nanos = Nanos::from_micros(20);
 const SPIN: Nanos = Nanos::from_micros(2);
 
 /// How long the lazy measure the clock's rate when they are told that it is steered: readings that are 20 ns off make
-/// an error of 0.5 %. It is a part of the budget of a wake-up.
+/// an error of 0.5 %. The kicker's budget has room for it ([`KICKER_PIECE`](crate::reservation::KICKER_PIECE)).
 const MEASURED: Nanos = Nanos::from_micros(4);
 
 /// How a sleep ended.
@@ -235,7 +235,7 @@ impl Sleeper {
             }
             let piece = self.piece(moment.tsc, instant, remaining);
             let until = match piece {
-                None if told && remaining > SHORT => self.at_rate_of_now(machine, moment, instant),
+                None if told && remaining > SHORT => self.at_rate_of_now(machine, instant),
                 _ => moment.clock.plus(piece.unwrap_or(remaining)),
             };
             let woken = machine.sleep(until);
@@ -253,18 +253,23 @@ impl Sleeper {
         }
     }
 
-    /// What the clock says at `instant` if it goes on as in the first moments after this one. A rate that no steering
-    /// explains is a reading that something has interrupted.
-    fn at_rate_of_now(&self, machine: &mut impl Machine, moment: Moment, instant: Tsc) -> Nanos {
+    /// What the clock says at `instant` if it goes on as in the next moments. A rate that no steering explains is a reading
+    /// that something has interrupted: then what it says somewhat earlier, so that the rate is measured again.
+    fn at_rate_of_now(&self, machine: &mut impl Machine, instant: Tsc) -> Nanos {
+        // The first reading after a sleep takes longer, with cold caches. This is the second.
+        let first = machine.moment();
         loop {
             let now = machine.moment();
-            let (ahead, passed) = now.ahead_since(moment, self.frequency);
+            let (ahead, passed) = now.ahead_since(first, self.frequency);
             // A counter that has gone back is not waited for.
-            if passed >= MEASURED || now.tsc <= moment.tsc {
-                let is_rate = ahead.unsigned_abs() <= passed.0 / STEERING_PART;
-                let rate = (if is_rate { ahead } else { 0 }, passed);
-                return now.clock_at_rate(rate, instant, self.frequency);
+            if passed < MEASURED && now.tsc > first.tsc {
+                continue;
             }
+            if ahead.unsigned_abs() <= passed.0 / STEERING_PART {
+                return now.clock_at_rate((ahead, passed), instant, self.frequency);
+            }
+            let remaining = self.nanos_to(instant, now.tsc);
+            return now.clock.plus(remaining.less(Nanos(remaining.0.div_ceil(9))));
         }
     }
 

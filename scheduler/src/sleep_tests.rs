@@ -240,18 +240,54 @@ fn what_the_lazy_are_told_in_mid_sleep_is_their_wake_up() {
 }
 
 #[test]
-fn a_rate_that_no_steering_explains_is_none() {
+fn a_rate_that_no_steering_explains_is_measured_again() {
     let instant = Tsc(1_000_000);
-    // By the counter, the clock is asked for what it says a millisecond later.
+    // By the counter, the clock is asked for what it says a millisecond later; where it is not known, before the last ninth.
     for (ppm, at) in
-        [(-100_000, 900_000), (100_000, 1_100_000), (-200_000, 1_000_000), (300_000, 1_000_000)]
+        [(-100_000, 900_000), (100_000, 1_100_000), (-200_000, 889_000), (300_000, 889_000)]
     {
         let mut machine = Steered::new(&[(0, ppm)]);
-        let moment = machine.moment();
-        let until = Sleeper::new(FREQUENCY).at_rate_of_now(&mut machine, moment, instant);
+        let until = Sleeper::new(FREQUENCY).at_rate_of_now(&mut machine, instant);
         let until = until.less(Nanos(5_000_000_000)).0;
         assert!(until.abs_diff(at) <= 2_000, "{ppm} ppm: {until}");
     }
+}
+
+/// A machine whose first reading of the clock after a sleep is late, since nothing of it is in a cache.
+struct Cold(Told, bool);
+
+impl Machine for Cold {
+    fn tsc(&mut self) -> Tsc {
+        self.0.tsc()
+    }
+
+    fn moment(&mut self) -> Moment {
+        let tsc = self.0.tsc();
+        if std::mem::take(&mut self.1) {
+            self.0.0.pass(200);
+        }
+        Moment { tsc, ..self.0.moment() }
+    }
+
+    fn sleep(&mut self, until: Nanos) -> Woken {
+        self.1 = true;
+        self.0.sleep(until)
+    }
+}
+
+#[test]
+fn a_late_reading_after_a_sleep_spoils_no_measurement() {
+    let steered = Steered::new(&[(0, 0), (2_100_000, -100_000)]);
+    let mut machine = Cold(Told(steered, 2_200_000, 0), false);
+    let mut sleeper = Sleeper::new(FREQUENCY).lazy();
+    let wake_ups = WakeUps::default();
+    for end in [1_000_000, 2_000_000] {
+        assert_eq!(sleeper.sleep(&mut machine, Tsc(end), &wake_ups), Woken::OnTime);
+    }
+    assert_eq!(sleeper.sleep(&mut machine, Tsc(3_000_000), &wake_ups), Woken::BySignal);
+    assert_eq!(sleeper.sleep(&mut machine, Tsc(3_000_000), &wake_ups), Woken::OnTime);
+    let late = machine.0.0.tsc.checked_sub(3_000_000).expect("not early");
+    assert!(late <= 10_000, "{late}");
 }
 
 /// A machine that sends a signal at this instant, once, and counts sleeps.

@@ -229,6 +229,8 @@ static bool heal_undone_flags(void) {
     // andl $~IGNNE,HFLAGS2(%rax)
     uint8_t *at = (uint8_t *)within(clear, "\x81\xa0", 2);
     if (!at || operand(at + 6) != ~IGNNE) return false;
+    // With such a prefix (REX) the operand is another.
+    if ((at[-1] & 0xf0) == 0x40) return false;
     // lock andb $~IGNNE,HFLAGS2(%rax), and a nop of two bytes
     uint8_t atomic[10] = {0xf0, 0x80, 0xa0, 0, 0, 0, 0, 0x7f, 0x66, 0x90};
     memcpy(atomic + 3, at + 2, 4);

@@ -56,7 +56,8 @@ fn what_differs_by_an_instruction_is_left_alone_and_told() {
     for odd in [1, 2] {
         assert_eq!(healed(odd), ("twice lost\n".to_owned(), untouched.to_owned()), "{odd}");
     }
-    for (odd, locks, flags) in [(3, 0, "ffffff7f"), (4, 1, "fffffeff"), (5, 0, "ffffff7f")] {
+    let others = [(3, 0, "ffffff7f"), (4, 1, "fffffeff"), (5, 0, "ffffff7f"), (6, 1, "ffffff7f")];
+    for (odd, locks, flags) in others {
         let expected = format!(
             "delivered 32 by 1 (0, 0, 0)\nleft over -1\nrequests 102, {locks} locks, unlocked\n\
              flags {flags}\npause -1\n"

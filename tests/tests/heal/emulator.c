@@ -38,6 +38,11 @@
 #else
 #define CLEARED "~0x80"
 #endif
+#if ODD == 6
+#define OTHER_REGISTER " mov %rax, %r8\n .byte 0x41\n"
+#else
+#define OTHER_REGISTER
+#endif
 
 __asm__(".text\n"
         FUNCTION("do_interrupt_x86_hardirq")
@@ -50,7 +55,7 @@ __asm__(".text\n"
         FUNCTION("vmrun")
         " push %rbx\n mov %rdi, %rbx\n" SET_VIRTUAL_INTERRUPT ONE_MORE " pop %rbx\n" END
         FUNCTION("cpu_clear_ignne")
-        " lea processor + " TEXT(ENV) "(%rip), %rax\n .byte 0x81, 0xa0\n .long " TEXT(HFLAGS2) ", " CLEARED "\n" END
+        " lea processor + " TEXT(ENV) "(%rip), %rax\n" OTHER_REGISTER " .byte 0x81, 0xa0\n .long " TEXT(HFLAGS2) ", " CLEARED "\n" END
         FUNCTION("pause_instruction")
         " .byte 0xc7, 0x87\n .long " TEXT(EXCEPTION_INDEX) ", 0x10000\n" END);
 

@@ -178,6 +178,8 @@ fn a_first_step_of_the_clock_at_any_place_of_a_frame_keeps_no_thread_from_its_ne
             assert_eq!(outcome.number("good", key), 0, "{key} of {context}");
         }
         assert_eq!(outcome.number("runaway", "late_releases"), 0, "the runaway one: {context}");
+        // The step came in the run, and was found.
+        assert!(outcome.number("runaway", "wake_ups.steered") > 0, "no step: {context}");
         assert!(outcome.number("runaway", "overruns") >= 95, "the runaway one: {context}");
         assert!(outcome.number("good", "releases") >= 95, "{context}");
         let kick = outcome.number("runaway", "kick_ns.max");
@@ -391,14 +393,19 @@ fn a_clock_source_that_is_taken_away_in_mid_run_is_an_error_of_each_partition() 
 /// What KVM does to a guest's counter on a host whose own is bad, the guest does itself here.
 #[test]
 fn a_counter_of_a_plc_that_is_not_the_hosts_any_more_is_an_error_within_a_second() {
+    const RESTARTS: &str = "restarts = { at_most = 20, within = \"60s\" }";
     let outcome = File::new("10ms")
         .plc("good", None, "")
         .plc("moved", Some(plc_image("move-counter")), "")
+        .plc("again", Some(plc_image("move-counter")), RESTARTS)
         .health("moved", "clock-fault", "log")
         .health("moved", "deadline-missed", "ignore")
+        .health("again", "clock-fault", "cold-start")
+        .health("again", "deadline-missed", "ignore")
         .schedule("normal")
         .window("good", 0, 200)
         .window("moved", 5_000, 200)
+        .window("again", 7_500, 200)
         .run("moved-counter")
         .lasting("1500ms")
         .run();
@@ -412,6 +419,10 @@ fn a_counter_of_a_plc_that_is_not_the_hosts_any_more_is_an_error_within_a_second
     // It is moved in its 20th cycle.
     let at = fault.and_then(|fault| fault["at_ns"].as_u64()).unwrap_or_default();
     assert!((190_000_000..1_200_000_000).contains(&at), "{at} ns\n{}", outcome.output);
+    // Each start of it moves its counter, and is found out: a good one lives for 200 ms, and KVM is asked each 250 ms.
+    let found = outcome.number("again", "events.totals.clock-fault");
+    assert!(found >= 3, "{found} faults\n{}", outcome.output);
+    assert!(outcome.number("again", "restarts") >= 3, "{}", outcome.output);
     outcome.assert_kept_its_time("good", 148);
     let good = &outcome.partition("good")["events"]["totals"];
     assert!(good["clock-fault"].is_null(), "{}", outcome.output);

@@ -247,7 +247,7 @@ impl Body {
             if !self.revive(kickable, &mut guest, revival) {
                 return;
             }
-            windowed.restarted();
+            windowed.restarted(kickable.vcpu());
         }
     }
 

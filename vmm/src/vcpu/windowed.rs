@@ -9,7 +9,7 @@ mod skipped;
 
 use std::sync::Arc;
 
-use kvm_ioctls::VcpuExit;
+use kvm_ioctls::{VcpuExit, VcpuFd};
 use takt_scheduler::guard::ReleaseGuard;
 use takt_scheduler::quiet::QuietTimes;
 use takt_scheduler::reservation::Reservation;
@@ -344,7 +344,8 @@ impl Windowed {
 
     /// The guest was started anew. What has passed are no lost releases: it counts from its own
     /// first scan.
-    pub fn restarted(&mut self) {
+    pub fn restarted(&mut self, vcpu: &VcpuFd) {
+        self.counter.restarted(vcpu);
         self.starting = true;
         self.first_scan = FirstScan::default();
         self.rejoins = true;
