@@ -2,6 +2,7 @@
 
 use std::mem;
 use std::sync::Arc;
+use std::time::Instant;
 
 use takt_devices::output::{Allowance, OutputEnd};
 use takt_devices::watchdog::Timer;
@@ -137,7 +138,7 @@ impl Account {
         };
         self.output.take_into(&mut bytes, most);
         if let Some(log) = &mut self.log {
-            log.take(&bytes);
+            log.take(&bytes, Instant::now());
         }
         if !self.is_shown {
             screen.spend(id, &bytes);
@@ -266,7 +267,10 @@ impl Account {
         } else if timer.expires(clock) {
             // The thread finds the reason in the timer, one with windows only in them.
             self.leaves_by = if let Some(Slot::Window(next)) = slot { next.end } else { now };
-            self.control.kick();
+            // A kick between its windows would wake it in one of another partition.
+            if slot.is_none() {
+                self.control.kick();
+            }
         }
     }
 

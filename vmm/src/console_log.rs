@@ -5,17 +5,21 @@
 
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use thiserror::Error;
 
 use crate::host_ports::files::Recording;
 use crate::outlet::Outlet;
 use crate::sandbox::Mode;
+use crate::screen::budget::Bucket;
 use crate::vcpu::thread::ThreadError;
 
 /// Room for what waits for the disk: some seconds of a guest that prints as much as it may.
 const WAITING_BYTES: usize = 512 << 10;
+/// What a partition may add to its file in a second: twice what it may show, so that none loses anything here that has to wait
+/// for its reader. A guest that does not wait could fill the host's disk.
+const BYTES_PER_SECOND: u64 = 128 << 10;
 /// How long the end of a run waits for a disk that takes nothing.
 const PATIENCE: Duration = Duration::from_millis(20);
 
@@ -39,6 +43,8 @@ pub enum ConsoleLogError {
 pub struct ConsoleLog {
     path: PathBuf,
     outlet: Outlet,
+    budget: Bucket<BYTES_PER_SECOND>,
+    grown: Instant,
     /// Bytes left out since the last that were taken, and in all.
     gap: u64,
     left_out: u64,
@@ -57,22 +63,37 @@ impl ConsoleLog {
     }
 
     fn of(path: &Path, outlet: Outlet) -> Self {
-        Self { path: path.to_owned(), outlet, gap: 0, left_out: 0 }
+        let (budget, grown) = (Bucket::FULL, Instant::now());
+        Self { path: path.to_owned(), outlet, budget, grown, gap: 0, left_out: 0 }
     }
 
-    /// Keeps what the partition has written.
-    pub fn take(&mut self, bytes: &[u8]) {
+    /// Keeps what the partition has written by now.
+    pub fn take(&mut self, bytes: &[u8], now: Instant) {
+        self.budget.grow(now.saturating_duration_since(self.grown));
+        self.grown = now;
+        let most = usize::try_from(self.budget.left()).unwrap_or(usize::MAX);
+        let (kept, beyond) = bytes.split_at(most.min(bytes.len()));
+        self.budget.spend(kept.len() as u64);
+        if !kept.is_empty() {
+            self.keep(kept);
+        }
+        self.leave_out(beyond);
+    }
+
+    fn keep(&mut self, bytes: &[u8]) {
         let told = match self.gap {
             0 => Vec::new(),
             gap => format!("\n[takt] {gap} bytes are left out here\n").into_bytes(),
         };
         match self.outlet.push(0, &[&told, bytes].concat()) {
             Ok(()) => self.gap = 0,
-            Err(_) => {
-                self.gap += bytes.len() as u64;
-                self.left_out += bytes.len() as u64;
-            }
+            Err(_) => self.leave_out(bytes),
         }
+    }
+
+    const fn leave_out(&mut self, bytes: &[u8]) {
+        self.gap += bytes.len() as u64;
+        self.left_out += bytes.len() as u64;
     }
 
     /// Why nothing is written any more, once.
@@ -123,14 +144,35 @@ mod tests {
         let path = folder.as_path().join("linux.log");
         fs::write(&path, "before\n").unwrap();
         let mut log = log(&path, Recording::open(&path).unwrap());
-        log.take(b"one");
-        log.take(&vec![b'x'; WAITING_BYTES]);
-        log.take(b"two\n");
+        let start = Instant::now();
+        log.take(b"one", start);
+        log.keep(&vec![b'x'; WAITING_BYTES]);
+        log.take(b"two\n", start);
         let told = end(&log).unwrap();
         assert!(told.starts_with("524288 bytes of its console are not in "), "{told}");
         let text = fs::read_to_string(&path).unwrap();
         assert_eq!(text, "before\none\n[takt] 524288 bytes are left out here\ntwo\n");
         assert_eq!(log.error(), None);
+    }
+
+    #[test]
+    fn a_guest_that_floods_its_console_does_not_fill_the_disk() {
+        let folder = TempDir::new().unwrap();
+        let path = folder.as_path().join("plc.log");
+        let mut log = log(&path, Recording::open(&path).unwrap());
+        let start = log.grown;
+        // 16 KiB in each tick of 20 ms, for 10 s.
+        for tick in 0..500 {
+            log.take(&[b'x'; 16 << 10], start + Duration::from_millis(20 * tick));
+            log.outlet.settle(LONG, LONG);
+        }
+        let all = 500 * (16 << 10);
+        let kept = all - log.left_out;
+        assert!((10..=11).contains(&(kept / BYTES_PER_SECOND)), "{kept}");
+        assert!(end(&log).is_some());
+        let text = fs::read_to_string(&path).unwrap();
+        assert_eq!(text.matches('x').count() as u64, kept);
+        assert!(text.contains(" bytes are left out here\n"));
     }
 
     /// A disk that has room for some bytes.
@@ -151,13 +193,13 @@ mod tests {
     #[test]
     fn a_disk_that_is_full_is_told_once_and_the_rest_is_missing() {
         let mut log = log(Path::new("linux.log"), Small(4));
-        log.take(b"one\n");
+        log.take(b"one\n", Instant::now());
         assert_eq!((end(&log), log.error()), (None, None));
-        log.take(b"two\n");
+        log.take(b"two\n", Instant::now());
         assert_eq!(end(&log).unwrap(), "4 bytes of its console are not in linux.log");
         let error = log.error().unwrap();
         assert!(error.starts_with("its console is not kept any more in linux.log: "), "{error}");
-        log.take(b"three\n");
+        log.take(b"three\n", Instant::now());
         assert_eq!(log.error(), None);
         assert_eq!(end(&log).unwrap(), "10 bytes of its console are not in linux.log");
     }

@@ -10,7 +10,7 @@
 //! is all once the reader has stopped for `PATIENCE`, since a guest should not stand still because of a
 //! terminal that somebody has suspended.
 
-mod budget;
+pub(crate) mod budget;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

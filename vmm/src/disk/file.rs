@@ -61,7 +61,11 @@ pub enum DiskFileError {
 }
 
 /// An open and locked file.
-pub(super) struct DiskFile(File);
+pub(super) struct DiskFile {
+    file: File,
+    /// Why a flush has failed, as the kernel's number.
+    unflushed: Option<i32>,
+}
 
 impl DiskFile {
     /// Opens a disk's file: for itself alone if the guest may write, else together with others that
@@ -86,9 +90,10 @@ impl DiskFile {
             Err(TryLockError::Error(source)) => return Err(DiskFileError::Lock { path, source }),
         }
         match file.metadata() {
-            Ok(metadata) if metadata.len() > 0 && metadata.len().is_multiple_of(SECTOR) => {
-                Ok((Self(file), Shape { sectors: metadata.len() / SECTOR, read_only }))
-            }
+            Ok(metadata) if metadata.len() > 0 && metadata.len().is_multiple_of(SECTOR) => Ok((
+                Self { file, unflushed: None },
+                Shape { sectors: metadata.len() / SECTOR, read_only },
+            )),
             Ok(metadata) => Err(DiskFileError::Size { path, bytes: metadata.len() }),
             Err(error) => Err(DiskFileError::Open { path, read_only, reason: error.into() }),
         }
@@ -119,21 +124,28 @@ fn open_direct(path: &Path, read_only: bool) -> io::Result<File> {
 
 impl Medium for DiskFile {
     fn read(&mut self, at: u64, into: &mut [u8]) -> io::Result<()> {
-        self.0.read_exact_at(into, at)
+        self.file.read_exact_at(into, at)
     }
 
     fn write(&mut self, at: u64, from: &[u8]) -> io::Result<()> {
-        self.0.write_all_at(from, at)
+        self.file.write_all_at(from, at)
     }
 
     fn discard(&mut self, at: u64, bytes: u64) -> io::Result<()> {
         let keep_size = true;
-        fallocate(&self.0, FallocateMode::PunchHole, keep_size, at, bytes)
+        fallocate(&self.file, FallocateMode::PunchHole, keep_size, at, bytes)
             .map_err(|error| io::Error::from_raw_os_error(error.errno()))
     }
 
+    /// The kernel tells once that it could not write something, and forgets it then. So after a flush that has failed none
+    /// succeeds, also for a guest that was started anew meanwhile: what it wrote before may be lost.
     fn flush(&mut self) -> io::Result<()> {
-        self.0.sync_data()
+        if let Some(reason) = self.unflushed {
+            return Err(io::Error::from_raw_os_error(reason));
+        }
+        self.file.sync_data().inspect_err(|error| {
+            self.unflushed = Some(error.raw_os_error().unwrap_or(libc::EIO));
+        })
     }
 }
 
@@ -170,6 +182,19 @@ mod tests {
         let mut read = [0; 1024];
         file.read(1024, &mut read).unwrap();
         assert_eq!((read[511], read[512]), (2, 3));
+    }
+
+    #[test]
+    fn after_a_flush_that_has_failed_none_succeeds() {
+        let (_folder, disk) = disk(false);
+        let (good, _) = DiskFile::open(&disk).unwrap();
+        // What is no file on a disk cannot be flushed.
+        let mut file =
+            DiskFile { file: File::options().write(true).open("/dev/null").unwrap(), ..good };
+        let first = file.flush().unwrap_err();
+        file.file = File::options().write(true).open(&disk.path).unwrap();
+        assert_eq!(file.flush().unwrap_err().raw_os_error(), first.raw_os_error());
+        file.write(0, &[7; 512]).unwrap();
     }
 
     #[test]

@@ -290,7 +290,8 @@ impl Preparation<'_> {
             };
             let control = self.enforcer(cpu);
             let own = control.clone();
-            let reservation = CpuReservations::of(schedules, cpu).kicker;
+            let reservation = CpuReservations::of(schedules, cpu);
+            let reservation = reservation.by_a_clock_whose_steering_is(self.steering).kicker;
             let domain = self.domains.entry(cpu);
             let doors = (sandbox::Kind::WindowEnforcer, self.mode);
             let place = Place { cpu, domain, group: None, reservation, ports: Vec::new(), doors };

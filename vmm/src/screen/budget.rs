@@ -23,21 +23,21 @@ pub(super) struct Budget {
 /// What grows by `RATE` a second, up to that of one second. In billionths, so that nothing is lost to
 /// rounding however often it grows.
 #[derive(Clone, Copy, Debug)]
-struct Bucket<const RATE: u64>(u64);
+pub(crate) struct Bucket<const RATE: u64>(u64);
 
 impl<const RATE: u64> Bucket<RATE> {
-    const FULL: Self = Self(RATE * NANOS);
+    pub const FULL: Self = Self(RATE * NANOS);
 
-    fn grow(&mut self, passed: Duration) {
+    pub fn grow(&mut self, passed: Duration) {
         let nanos = u64::try_from(passed.as_nanos()).unwrap_or(NANOS).min(NANOS);
         self.0 = (self.0 + RATE * nanos).min(Self::FULL.0);
     }
 
-    const fn spend(&mut self, count: u64) {
+    pub const fn spend(&mut self, count: u64) {
         self.0 = self.0.saturating_sub(count.saturating_mul(NANOS));
     }
 
-    const fn left(&self) -> u64 {
+    pub const fn left(&self) -> u64 {
         self.0 / NANOS
     }
 }

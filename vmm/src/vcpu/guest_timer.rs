@@ -90,6 +90,10 @@ impl Deadlines {
 
     /// Has the deadline's place looked for again: the schedule changes.
     pub fn look_again(&self) {
+        // A kick would find nothing to move.
+        if self.quiet.is_none() {
+            return;
+        }
         // Until it has looked, one kick is enough.
         if self.again.swap(true, Ordering::SeqCst) {
             return;
@@ -177,8 +181,12 @@ impl GuestTimer {
         if place == self.set {
             return Ok(());
         }
+        let counts = &self.deadlines.counts;
+        if self.set == self.wanted {
+            counts.moved.fetch_add(1, Ordering::Relaxed);
+        }
         if place == self.wanted {
-            self.deadlines.counts.put_back.fetch_add(1, Ordering::Relaxed);
+            counts.put_back.fetch_add(1, Ordering::Relaxed);
         }
         self.set(vcpu, place)
     }
@@ -308,6 +316,14 @@ mod tests {
         assert!(!asked(&timer), "it waits for a later one");
         timer.deadlines.window_given_back(at(90_000));
         assert!(asked(&timer));
+    }
+
+    #[test]
+    fn where_no_deadline_is_moved_none_is_looked_at_again() {
+        let board = Arc::new(ScheduleState::new(FRAME, 2));
+        let free = Deadlines::new(None, board);
+        free.look_again();
+        assert!(!free.again.load(Ordering::SeqCst));
     }
 
     #[test]

@@ -47,6 +47,9 @@ pub fn run(windows: &Windows, base: &Timebase, own: &Control) {
     if let Some(quiet) = quiet {
         sleeper = sleeper.resting(Rest::new(quiet.clone(), board.clone(), *base));
     }
+    let mut all: Vec<&Arc<Control>> = owners.iter().flatten().collect();
+    all.sort_unstable_by_key(|owner| Arc::as_ptr(owner));
+    all.dedup_by_key(|owner| Arc::as_ptr(owner));
     loop {
         let instant = base.instant(match slot {
             Slot::Window(release) => release.end,
@@ -71,7 +74,7 @@ pub fn run(windows: &Windows, base: &Timebase, own: &Control) {
         let (next, late) = next(timetable, &slot, base.offset(now), board.switch());
         if late {
             // What was missed is over, and a window still running past its end belongs to one of these.
-            owners.iter().flatten().for_each(|owner| owner.end_window(now));
+            all.iter().for_each(|owner| owner.end_window(now));
         }
         slot = next;
     }
