@@ -66,7 +66,7 @@ fn assert_machine(findings: &Findings) {
     assert_found(findings, "privileges", "good", "");
     assert_found(findings, "kvm", "good", "");
     assert_found(findings, "virtualisation", "good", "at hardware speed");
-    assert_found(findings, "reservations", "good", "CPU 0: 2 reservations of 47.7 %");
+    assert_found(findings, "reservations", "good", "CPU 0: 2 reservations of 50.7 %");
     assert_found(findings, "reservations", "good", "admitted");
     assert_found(findings, "cpus", "good", "0 online");
     // The lab's counter is its clock, which the kernel knows to some millionths; the emulated
