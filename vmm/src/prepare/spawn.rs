@@ -247,7 +247,7 @@ impl Body {
             if !self.revive(kickable, &mut guest, revival) {
                 return;
             }
-            windowed.restarted(kickable.vcpu());
+            windowed.restarted(kickable.vcpu(), &guest);
         }
     }
 

@@ -344,8 +344,11 @@ impl Windowed {
 
     /// The guest was started anew. What has passed are no lost releases: it counts from its own
     /// first scan.
-    pub fn restarted(&mut self, vcpu: &VcpuFd) {
-        self.counter.restarted(vcpu);
+    pub fn restarted(&mut self, vcpu: &VcpuFd, guest: &impl Guest) {
+        // A PLC's alone is looked at: the thread of a Linux must not ask for it.
+        if guest.says_done() {
+            self.counter.restarted(vcpu);
+        }
         self.starting = true;
         self.first_scan = FirstScan::default();
         self.rejoins = true;
