@@ -9,15 +9,11 @@
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::thread;
-use std::time::Duration;
 
 use rtrb::{Consumer, Producer, RingBuffer};
 
 /// Bytes that a ring holds: the supervisor thread empties it many times a second.
 const CAPACITY: usize = 16 * 1024;
-/// How long a waiting writer sleeps before it looks again.
-pub const RETRY: Duration = Duration::from_millis(1);
 
 /// Where a serial port's output goes.
 pub trait ConsoleOutput: io::Write {
@@ -108,16 +104,12 @@ impl WaitingOutput {
 
 impl io::Write for WaitingOutput {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        loop {
-            let (taken, _) = self.producer.push_partial_slice(bytes);
-            if !taken.is_empty() || bytes.is_empty() {
-                return Ok(taken.len());
-            }
-            if self.gives_up() {
-                return Err(io::ErrorKind::BrokenPipe.into());
-            }
-            thread::sleep(RETRY);
+        let (taken, _) = self.producer.push_partial_slice(bytes);
+        if !taken.is_empty() || bytes.is_empty() {
+            return Ok(taken.len());
         }
+        let gone = self.gives_up();
+        Err(if gone { io::ErrorKind::BrokenPipe } else { io::ErrorKind::WouldBlock }.into())
     }
 
     fn flush(&mut self) -> io::Result<()> {

@@ -1,6 +1,7 @@
 //! A reader that is slow, or gone, and a writer that must not wait for it.
 
 use std::io::Write;
+use std::thread;
 
 use super::*;
 
@@ -42,14 +43,30 @@ fn a_waiting_writer_loses_nothing() {
     let (mut guest, mut end) = waiting(stop);
     let sent: Vec<u8> = (0..3 * CAPACITY).map(|n| n as u8).collect();
     let copy = sent.clone();
-    let writer = thread::spawn(move || guest.write_all(&copy).is_ok());
+    let writer = thread::spawn(move || {
+        let mut left = &copy[..];
+        while !left.is_empty() {
+            match guest.would_wait(1) {
+                true => thread::yield_now(),
+                false => left = &left[guest.write(left).unwrap()..],
+            }
+        }
+    });
     let mut seen = Vec::new();
     while seen.len() < sent.len() {
         end.drain_into(&mut seen);
         thread::yield_now();
     }
-    assert!(writer.join().unwrap());
+    writer.join().unwrap();
     assert_eq!(seen, sent);
+}
+
+#[test]
+fn a_write_for_which_there_is_no_room_does_not_wait_by_itself() {
+    let (mut guest, _end) = waiting(Arc::new(AtomicBool::new(false)));
+    assert_eq!(guest.write(&vec![0; CAPACITY + 1]).unwrap(), CAPACITY);
+    assert!(guest.would_wait(1));
+    assert_eq!(guest.write(&[0]).unwrap_err().kind(), io::ErrorKind::WouldBlock);
 }
 
 #[test]

@@ -137,6 +137,9 @@ impl Account {
             (true, false) => screen.budget(id),
         };
         self.output.take_into(&mut bytes, most);
+        if self.output.waits() && !bytes.is_empty() {
+            [&self.control].into_iter().chain(&self.further).for_each(|control| control.wake());
+        }
         if let Some(log) = &mut self.log {
             log.take(&bytes, Instant::now());
         }

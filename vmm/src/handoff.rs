@@ -101,6 +101,22 @@ impl<T> Taker<T> {
         }
     }
 
+    /// Waits for a thing, or until this is so, after which the thread is unparked. It is woken by no timer.
+    ///
+    /// # Errors
+    /// [`Gone`].
+    pub fn wait_unless(&mut self, over: impl Fn() -> bool) -> Result<Option<T>, Gone> {
+        self.waiter.get_or_init(thread::current);
+        fence(Ordering::SeqCst);
+        loop {
+            let taken = self.take()?;
+            if taken.is_some() || over() {
+                return Ok(taken);
+            }
+            thread::park();
+        }
+    }
+
     /// Waits for a thing, but no longer than this, if there is a limit. Only for a thread of the ordinary
     /// class, and always the same.
     ///

@@ -1,7 +1,6 @@
 //! The thread of a partition, and what it does from the epoch to its end.
 
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
 
 use kvm_ioctls::VcpuFd;
 use takt_devices::output;
@@ -41,8 +40,6 @@ const RECORDS: usize = 4096;
 /// Ends that a thread may tell of before the supervisor thread has taken the first: its guest's, and that it
 /// could not be loaded anew or the run is over.
 const ENDS: usize = 2;
-/// How often a thread without a guest looks whether the run is over.
-const LOOK: Duration = Duration::from_millis(20);
 
 /// How a vCPU thread tells of its end.
 struct Ending {
@@ -310,14 +307,9 @@ impl Body {
 }
 
 /// Waits for the word to go on; `None` if there will be none, or the run is over. What loads a guest may
-/// take longer than the end of a run, so this looks for that.
+/// take longer than the end of a run, so that end wakes the thread too.
 pub(super) fn wait<G>(own: &Control, revivals: &mut Revivals<G>) -> Option<Revival<G>> {
-    loop {
-        match revivals.wait(Some(LOOK)) {
-            Ok(None) if !own.ending() => {}
-            other => return other.ok().flatten(),
-        }
-    }
+    revivals.wait_unless(|| own.ending()).ok().flatten()
 }
 
 #[cfg(test)]
@@ -357,5 +349,30 @@ mod tests {
         let _ = life.step(Event::Left { finished, action: None, leaving: false });
         assert_eq!(life.finished(), Some(finished));
         assert_eq!(told(false), None, "a loader that has died is no end of the run");
+    }
+
+    #[test]
+    fn the_end_of_the_run_wakes_a_thread_that_waits_for_a_word_which_does_not_come() {
+        crate::vcpu::kick::install().unwrap();
+        let own: Arc<Control> = Arc::default();
+        let (_loader, mut revivals) = handoff::<Revival<PlcGuest>>(1);
+        let (waits, waiting) = std::sync::mpsc::channel();
+        let thread = std::thread::spawn({
+            let own = own.clone();
+            move || {
+                own.is_this_thread();
+                waits.send(()).unwrap();
+                drop(waits);
+                wait(&own, &mut revivals).is_none()
+            }
+        });
+        waiting.recv().unwrap();
+        // The third word behind the name: it sleeps.
+        let state = format!("/proc/self/task/{}/stat", own.thread());
+        while !std::fs::read_to_string(&state).unwrap().contains(") S ") {
+            std::thread::yield_now();
+        }
+        Control::stop_all(std::slice::from_ref(&own));
+        assert!(thread.join().unwrap());
     }
 }

@@ -10,7 +10,6 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 
 use kvm_ioctls::VcpuExit;
-use takt_devices::output::RETRY;
 use takt_devices::ports::PortBus;
 use takt_devices::power::{PowerLine, PowerRequest};
 use takt_devices::virtio::page::BYTES;
@@ -124,10 +123,11 @@ impl Guest for LinuxGuest {
     fn handle(&mut self, mut exit: VcpuExit<'_>) -> Step {
         let mut board = lock(&self.board);
         // Not under the lock: the other processors go on, and what is typed gets through, above all to a guest that
-        // prints without end.
+        // prints without end. The supervisor wakes the thread when it has taken something, or the run is over
+        // (`Control::wake`): a timer would interrupt the windows of others.
         while board.would_wait(&exit) {
             drop(board);
-            thread::sleep(RETRY);
+            thread::park();
             board = lock(&self.board);
         }
         let answered = board.answer(&mut exit, &mut self.illegal);
@@ -246,6 +246,7 @@ mod tests {
             thread::yield_now();
         }
         stop.store(true, Ordering::Relaxed);
+        prints.thread().unpark();
         prints.join().unwrap();
         assert_eq!(waited, Ok(()), "the other processor waits too");
         let mut printed = Vec::new();

@@ -40,8 +40,9 @@ pub mod windowed;
 
 pub use takt_record as record;
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::thread::Thread;
 
 use takt_scheduler::sleep::WakeUps;
 use takt_scheduler::time::{Nanos, Tsc};
@@ -59,6 +60,8 @@ pub struct Control {
     kicked: AtomicU64,
     /// Kernel's id of the thread; 0 before it has one.
     thread: AtomicI32,
+    /// The same thread, once it runs, for waking it where it waits without its guest.
+    waits: OnceLock<Thread>,
     /// Whether its guest may still do something.
     guest: AtomicBool,
     /// What it was asked about its guest.
@@ -76,6 +79,7 @@ impl Control {
         }
         for control in controls {
             control.kick();
+            control.wake();
         }
     }
 
@@ -106,6 +110,20 @@ impl Control {
     pub fn halt(&self) {
         order(&self.halt);
         self.kick();
+        self.wake();
+    }
+
+    /// The thread is the calling one.
+    pub(crate) fn is_this_thread(&self) {
+        self.thread.store(kick::this_thread(), Ordering::SeqCst);
+        self.waits.get_or_init(std::thread::current);
+    }
+
+    /// Has the thread look again, if it is parked: what it waits for may have come.
+    pub fn wake(&self) {
+        if let Some(thread) = self.waits.get() {
+            thread.unpark();
+        }
     }
 
     /// The thread has told of its end: nothing more is asked of it.

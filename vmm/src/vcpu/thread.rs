@@ -9,7 +9,6 @@
 
 use std::convert::Infallible;
 use std::io;
-use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::{Builder, JoinHandle};
@@ -23,7 +22,7 @@ use takt_scheduler::time::{Nanos, Timebase};
 use thiserror::Error;
 
 use super::Control;
-use super::kick::{self, Kickable};
+use super::kick::Kickable;
 use crate::boot::touch::TouchError;
 use crate::cpuset::Entry;
 use crate::passthrough::real_ports::grant;
@@ -324,7 +323,7 @@ fn spawn<P, T: Send + 'static>(
     let Place { cpu, reservation, .. } = place;
     let run = move || {
         let _alive = alive;
-        own.thread.store(kick::this_thread(), Ordering::SeqCst);
+        own.is_this_thread();
         let prepared = pin(&thread_name, &place)
             .and_then(|()| allow_ports(&thread_name, &place))
             .and_then(|()| prepare())
@@ -450,7 +449,7 @@ mod tests {
         let (end, ended) = channel::<()>();
         let thread = std::thread::spawn(move || {
             let before = cpu_time();
-            tell.send((kick::this_thread(), before)).unwrap();
+            tell.send((crate::vcpu::kick::this_thread(), before)).unwrap();
             let _ = ended.recv();
         });
         let (id, before) = told.recv().unwrap();
