@@ -17,7 +17,7 @@ use crate::time::Nanos;
 
 /// Quiet time before a guard: longer than an interrupt of a timer takes, so that one which comes
 /// just before the quiet time does not delay the owner's wake-up at the start of its guard. 5.8 us have been seen.
-const LEAD: Nanos = Nanos::from_micros(10);
+pub(crate) const LEAD: Nanos = Nanos::from_micros(10);
 /// How long before its instant KVM may let a guest's deadline expire
 /// (`LAPIC_TIMER_ADVANCE_NS_MAX`, arch/x86/kvm/lapic.c).
 const TAIL: Nanos = Nanos::from_micros(5);

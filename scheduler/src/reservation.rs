@@ -17,7 +17,7 @@
 //! refuse a new one in the middle of a run.
 
 use crate::schedules::Schedules;
-use crate::sleep::{LAZY, SHORT, Steering};
+use crate::sleep::{LAZY, SHORT, SURE, Steering};
 use thiserror::Error;
 
 use crate::table::{Cpu, PartitionId, Placement, Role};
@@ -64,7 +64,19 @@ impl Reservation {
     /// Share of the CPU, in parts of a thousand, rounded up.
     #[must_use]
     pub fn permille(&self) -> u64 {
-        (u128::from(self.runtime.0) * 1000).div_ceil(u128::from(self.period.0.max(1))) as u64
+        self.permille_of(self.runtime)
+    }
+
+    fn permille_of(&self, time: Nanos) -> u64 {
+        (u128::from(time.0) * 1000).div_ceil(u128::from(self.period.0.max(1))) as u64
+    }
+
+    /// How late the kick may be of a partition with this reservation, if the clock's rate becomes slower by a tenth after the
+    /// partition's last look at it: by a ninth of what is left of the kicker's sleep. A thread that has used up its budget
+    /// by then is throttled, and released by a timer on that clock, which may be late by a ninth of its period.
+    fn late_kick(&self) -> Nanos {
+        let asleep = self.runtime.less(KICK_MARGIN).plus(SHORT).min(LAZY);
+        Nanos(asleep.0.div_ceil(9)).min(self.period.less(self.runtime))
     }
 }
 
@@ -164,35 +176,53 @@ impl CpuReservations {
         CpuReservations { partitions, kicker }
     }
 
-    /// The same by a clock of which that is known. Where its rate may change, a step by a tenth that comes after a
-    /// partition's last look at the clock makes the kick late by a ninth of what is left of the kicker's sleep.
-    /// A thread that has used up its budget by then is throttled, and released by a timer on that clock: late by up to a
-    /// ninth of its period. So each partition has that ninth too, as far as the CPU's ceiling has room for it. The kicker has room
-    /// for one more wake-up, by the message that the clock is steered, as far as there is room left.
+    /// The same by a clock of which that is known. Where its rate may change, they have room beyond for what a step of
+    /// the rate costs, as far as the CPU's ceiling has it: the kicker for one more wake-up, a look at the clock or the
+    /// message that it is steered; then each partition for a kick that is late.
     #[must_use]
     pub fn by_a_clock_whose_steering_is(mut self, steering: Steering) -> CpuReservations {
         if steering == Steering::Impossible {
             return self;
         }
-        let room = |r: &Reservation| {
-            let asleep = r.runtime.less(KICK_MARGIN).plus(SHORT).min(LAZY);
-            Nanos(asleep.0.div_ceil(9)).min(r.period.less(r.runtime))
-        };
-        let share = |r: &Reservation| Reservation { runtime: room(r), ..*r }.permille();
-        let wanted: u64 = self.partitions.iter().map(|(_, r)| share(r)).sum();
-        let left = CEILING_PERMILLE.saturating_sub(self.permille());
-        for (_, r) in &mut self.partitions {
-            let room = room(r);
-            let given = if wanted <= left { room } else { Nanos(room.0 * left / wanted) };
+        let (for_looks, room) = (self.has_room_for_looks(), self.room_for_late_kicks());
+        if let Some(kicker) = self.kicker.as_mut().filter(|_| for_looks) {
+            kicker.runtime = kicker.runtime.plus(KICKER_PIECE);
+        }
+        for ((_, r), given) in self.partitions.iter_mut().zip(room) {
             r.runtime = r.runtime.plus(given);
         }
-        let left = CEILING_PERMILLE.saturating_sub(self.permille());
-        if let Some(kicker) = &mut self.kicker {
-            let room = u128::from(kicker.period.0) * u128::from(left) / 1000;
-            let room = Nanos(u64::try_from(room).unwrap_or(u64::MAX));
-            kicker.runtime = kicker.runtime.plus(KICKER_PIECE.min(room));
-        }
         self
+    }
+
+    /// Whether the kicker gets the budget for a look at the clock. Asked of what [`of`](Self::of) gives.
+    #[must_use]
+    pub fn has_room_for_looks(&self) -> bool {
+        self.permille() + self.looks_permille() <= CEILING_PERMILLE
+    }
+
+    fn looks_permille(&self) -> u64 {
+        self.kicker.map_or(0, |kicker| kicker.permille_of(KICKER_PIECE))
+    }
+
+    /// What each partition gets for late kicks, if there is not enough for all of them in equal parts.
+    fn room_for_late_kicks(&self) -> Vec<Nanos> {
+        let wanted: u64 = self.partitions.iter().map(|(_, r)| r.permille_of(r.late_kick())).sum();
+        let taken =
+            self.permille() + if self.has_room_for_looks() { self.looks_permille() } else { 0 };
+        let left = CEILING_PERMILLE.saturating_sub(taken);
+        let given = |kick: Nanos| match wanted <= left {
+            true => kick,
+            false => Nanos(kick.0 * left / wanted),
+        };
+        self.partitions.iter().map(|(_, r)| given(r.late_kick())).collect()
+    }
+
+    /// The partitions that have no room for the latest kick that they may get. One that is late by a ninth of [`SURE`]
+    /// is in the [`KICK_MARGIN`]. Asked of what [`of`](Self::of) gives.
+    pub(crate) fn without_room(&self) -> impl Iterator<Item = PartitionId> {
+        let all = self.partitions.iter().zip(self.room_for_late_kicks());
+        all.filter(|((_, r), given)| given.plus(Nanos(SURE.0 / 9)) < r.late_kick())
+            .map(|((id, _), _)| *id)
     }
 
     /// Sum of all shares, in parts of a thousand.
@@ -274,6 +304,17 @@ mod tests {
         // A file that has been refused before asks for no more.
         let too_much = one_plc(&[(0, 800)]);
         assert_eq!(too_much.clone().by_a_clock_whose_steering_is(Steering::Possible), too_much);
+    }
+
+    #[test]
+    fn where_a_cpu_has_little_room_looks_at_the_clock_come_before_late_kicks() {
+        let of = |window| {
+            let all = one_plc(&[(0, window)]);
+            (all.has_room_for_looks(), all.without_room().count() == 0)
+        };
+        // A kick that is 20 us late is in the margin of each reservation.
+        let found = [300, 550, 620, 650].map(of);
+        assert_eq!(found, [(true, true), (true, true), (true, false), (false, false)]);
     }
 
     #[test]

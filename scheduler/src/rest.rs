@@ -65,6 +65,15 @@ impl Rest {
         let placed = self.quiet.before(offset, room, self.board.switch())?;
         Some(if placed == offset { at } else { self.base.instant(placed) })
     }
+
+    /// The first instant from `at` on that is in no quiet time; `None` if there is no gap.
+    pub(crate) fn after(&self, at: Tsc) -> Option<Tsc> {
+        if at < self.base.epoch {
+            return Some(at);
+        }
+        let next = self.quiet.next(self.base.offset(at), self.board.switch())?;
+        Some(self.base.instant(next).max(at))
+    }
 }
 
 impl fmt::Debug for Rest {

@@ -283,6 +283,7 @@ impl Preparation<'_> {
             let windows = window_enforcer::Windows {
                 timetable,
                 owners,
+                must_end_in_time: schedules.must_end_in_time_on(cpu),
                 board: self.board.clone(),
                 quiet: schedules.quiet_on(cpu, None),
                 steering: self.steering,

@@ -179,6 +179,13 @@ impl Control {
         kick::send(self.thread.load(Ordering::SeqCst));
     }
 
+    /// Has the thread look at a clock that was found steered, if it sleeps and does not know. In its window it looks soon.
+    pub fn tell_steered(&self) {
+        if self.running_until.load(Ordering::SeqCst) == 0 && !self.wake_ups.distrusting() {
+            self.kick();
+        }
+    }
+
     /// The thread enters a window. Must come before its last look at the clock.
     fn enter_window(&self, end: Tsc) {
         self.running_until.store(end.0, Ordering::SeqCst);

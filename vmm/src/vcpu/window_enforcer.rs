@@ -9,13 +9,14 @@
 //! It also adopts switches of the schedule, see [`takt_scheduler::switch`].
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use takt_scheduler::quiet::QuietTimes;
 use takt_scheduler::rest::Rest;
 use takt_scheduler::sleep::{Sleeper, Steering, Woken};
 use takt_scheduler::switch::{ScheduleState, Switch};
 use takt_scheduler::time::{Nanos, Timebase, Tsc};
-use takt_scheduler::timetable::{Slot, Timetable};
+use takt_scheduler::timetable::{Release, Slot, Timetable};
 
 use super::Control;
 use super::guest_timer::Deadlines;
@@ -26,6 +27,9 @@ pub struct Windows {
     pub timetable: Timetable,
     /// Owner of each window of a frame, in the same order, by schedule.
     pub owners: Vec<Vec<Arc<Control>>>,
+    /// Whether it must end in time whatever the clock does, in the same order
+    /// ([`takt_scheduler::schedules::Schedules::must_end_in_time_on`]).
+    pub must_end_in_time: Vec<Vec<bool>>,
     /// Which schedule holds.
     pub board: Arc<ScheduleState>,
     /// In which it does not wake between the pieces of a sleep.
@@ -38,24 +42,38 @@ pub struct Windows {
 
 /// Kicks until it is told to stop.
 pub fn run(windows: &Windows, base: &Timebase, own: &Control) {
-    let Windows { timetable, owners, board, quiet, steering, deadlines } = windows;
+    let Windows { timetable, owners, must_end_in_time, board, quiet, steering, deadlines } =
+        windows;
     let mut slot = timetable.first(board.switch());
+    let mut all: Vec<Arc<Control>> = owners.iter().flatten().cloned().collect();
+    all.sort_unstable_by_key(Arc::as_ptr);
+    all.dedup_by_key(|owner| Arc::as_ptr(owner));
+    let told = Arc::new(Told { all: all.clone(), next: Default::default() });
     // Most of its wake-ups find no vCPU to kick, so it saves those between: of a clock that is steered it is told
     // by a kick, and looks at it again.
     let sleeper = Sleeper::new(base.frequency).lazy();
     let mut sleeper = sleeper.by_a_clock_whose_steering_is(*steering);
     if let Some(quiet) = quiet {
-        sleeper = sleeper.resting(Rest::new(quiet.clone(), board.clone(), *base));
+        let rest = Rest::new(quiet.clone(), board.clone(), *base);
+        let told = told.clone();
+        sleeper = sleeper.resting(rest.on_steered(Box::new(move || told.tell())));
     }
-    let mut all: Vec<&Arc<Control>> = owners.iter().flatten().collect();
-    all.sort_unstable_by_key(|owner| Arc::as_ptr(owner));
-    all.dedup_by_key(|owner| Arc::as_ptr(owner));
     loop {
-        let instant = base.instant(match slot {
-            Slot::Window(release) => release.end,
-            Slot::Idle(idle) => idle.start,
-        });
-        while sleeper.until(instant, own.wake_ups()) == Woken::BySignal {
+        let owner = |slot: &Slot| match slot {
+            Slot::Window(release) => Some(&owners[release.schedule.0][release.window]),
+            Slot::Idle(_) => None,
+        };
+        told.are([owner(&slot), owner(&timetable.after(&slot, board.switch()))]);
+        let mut sleep = || match slot {
+            Slot::Window(Release { start, end, schedule, window, .. }) => sleeper.until_end(
+                base.instant(start),
+                base.instant(end),
+                must_end_in_time[schedule.0][window],
+                own.wake_ups(),
+            ),
+            Slot::Idle(idle) => sleeper.until(base.instant(idle.start), own.wake_ups()),
+        };
+        while sleep() == Woken::BySignal {
             if own.stopping() {
                 return;
             }
@@ -77,6 +95,30 @@ pub fn run(windows: &Windows, base: &Timebase, own: &Control) {
             all.iter().for_each(|owner| owner.end_window(now));
         }
         slot = next;
+    }
+}
+
+/// The threads that are told when the window enforcer finds the clock steered: the owners of the window that ends next,
+/// and of the one after it. No other thread sleeps to an instant before the enforcer's next look, and its budget has
+/// no room to tell all of many.
+struct Told {
+    all: Vec<Arc<Control>>,
+    /// Places of those two. One that is none is out of `all`.
+    next: [AtomicUsize; 2],
+}
+
+impl Told {
+    fn are(&self, owners: [Option<&Arc<Control>>; 2]) {
+        for (next, owner) in self.next.iter().zip(owners) {
+            let place =
+                owner.and_then(|owner| self.all.iter().position(|it| Arc::ptr_eq(it, owner)));
+            next.store(place.unwrap_or(usize::MAX), Ordering::Relaxed);
+        }
+    }
+
+    fn tell(&self) {
+        let next = self.next.iter().map(|place| place.load(Ordering::Relaxed));
+        next.filter_map(|place| self.all.get(place)).for_each(|owner| owner.tell_steered());
     }
 }
 

@@ -121,7 +121,7 @@ pub fn steering(host: &Host) -> Finding {
     Finding::warning(
         CHECK,
         found,
-        "the kernel sleeps by this clock: takt divides each sleep, at the cost of some microseconds of Linux's time, and a step of the rate by a tenth can make one release late",
+        "the kernel sleeps by this clock: takt divides each sleep, at the cost of some microseconds of Linux's time, and a step of the rate by a tenth can end one window late",
         "in the configuration of chrony: maxslewrate 500; then wait until it has corrected its error (chronyc tracking); without NTP: adjtimex --tick 10000 --frequency 0",
     )
 }

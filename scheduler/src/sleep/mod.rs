@@ -15,16 +15,16 @@
 //! * **Not in the way.** A wake-up between two pieces is an interrupt and some microseconds of processor.
 //!   With a [`Rest`] it comes outside of the windows of the CPU, which may make the last piece longer. So does
 //!   the interrupt by which the kernel takes the thread's bandwidth back, if the sleep is a short one. Where
-//!   they leave no room in the last 224 us, a sleep of up to [`LAZY`] under a trusted clock is not
-//!   divided, and the first step of the rate is felt once, by a ninth of what is left of the sleep. A
-//!   longer sleep, or one by a clock that is not trusted, is rather divided within somebody's window.
+//!   a window leaves no room, wake-ups come before it and behind it, and the window enforcer looks at the clock
+//!   meanwhile ([`crate::close`]). A sleep by a clock that is not trusted is rather divided within another's window.
 //!
 //! What has room for some microseconds may be [lazy](Sleeper::lazy): its sleeps of up to [`LAZY`] are one
 //! piece while the clock is trusted, and it is told by others when the clock is found steered
-//! ([`Rest::on_steered`]). Then it measures the clock's rate, and sleeps the rest by that rate. Under a clock that is not
-//! trusted it wakes once in the last [`LAZY`] of a sleep, be it by such
-//! a message or between two pieces, and not more often: its budget is that of one end of a window
+//! ([`Rest::on_steered`]). Then it measures the clock's rate, and sleeps the rest by that rate. Under a clock that
+//! is not trusted it wakes once in the last [`LAZY`] of a sleep, be it by such a message or between two pieces, and
+//! not more often: its budget is that of one end of a window
 //! ([`KICKER_RUNTIME`](crate::reservation::KICKER_RUNTIME)), and who has used that up is late by whole periods.
+//! Before an instant that must not be late it looks under a clock that is trusted, too ([`Sleeper::until_end`]).
 //!
 //! Where the clock cannot be steered ([`Steering::Impossible`]) none of that is needed: its rate differs from the
 //! counter's by what the two were measured wrong, a millionth. A sleep of up to [`WHOLE`] is one piece then, and
@@ -33,10 +33,11 @@
 //! To convert by the measured rate always would save wake-ups under a steered clock, and would be no
 //! guard at all against a rate that changes during the sleep.
 
+mod pieces;
+
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crate::moment::{Moment, STEERING_PART};
-use crate::quiet::WAKE_UP;
 use crate::rest::Rest;
 use crate::time::{Nanos, Ticks, Tsc, TscFrequency};
 
@@ -47,6 +48,14 @@ pub const SHORT: Nanos = Nanos::from_micros(112);
 
 /// The same under a clock that is not trusted, but for the lazy: 7.2 us longer at worst.
 pub const SHORTER: Nanos = Nanos::from_micros(64);
+
+/// The longest last piece that is reached by a wake-up before a window of another, and the longest that no second
+/// wake-up follows: a ninth of it is less than `KICK_TIME` less the end of a quiet time.
+pub const CLOSE: Nanos = SHORT.plus(SHORT);
+
+/// The longest last piece of a lazy sleeper before an instant that must not be late: 20 us longer at worst, for
+/// which there is room behind each window ([`KICK_TIME`](crate::table::KICK_TIME)).
+pub const SURE: Nanos = Nanos::from_micros(180);
 
 /// The longest sleep of a lazy sleeper that is not divided while the clock is trusted. NTP's 500 ppm make it
 /// 1 us longer.
@@ -69,10 +78,13 @@ pub enum Steering {
 pub const DISTRUST: u32 = 10_000;
 
 /// A piece that is shorter than this is not worth its wake-up.
-const PIECE_MIN: Nanos = Nanos::from_micros(20);
+pub(crate) const PIECE_MIN: Nanos = Nanos::from_micros(20);
 
 /// What remains is waited for without a sleep if it is shorter than this: a sleep takes longer.
 const SPIN: Nanos = Nanos::from_micros(2);
+
+/// Longer than a wake-up of the window enforcer takes: 7 us in the lab, and 4 us to measure the clock's rate.
+const OFF_A_RELEASE: Nanos = Nanos::from_micros(15);
 
 /// How long the lazy measure the clock's rate when they are told that it is steered: readings that are 20 ns off make
 /// an error of 0.5 %. The kicker's budget has room for it ([`KICKER_PIECE`](crate::reservation::KICKER_PIECE)).
@@ -172,6 +184,10 @@ pub struct Sleeper {
     /// Where wake-ups between pieces are wanted.
     rest: Option<Rest>,
     lazy: bool,
+    /// The release of the window at whose end this sleep ends.
+    release: Option<Tsc>,
+    /// Whether that end must be in time, and the clock is trusted.
+    surely: bool,
     steering: Steering,
     /// The moment at which the last sleep or piece began.
     last: Option<Moment>,
@@ -190,6 +206,8 @@ impl Sleeper {
             frequency,
             rest: None,
             lazy: false,
+            release: None,
+            surely: false,
             steering,
             last: None,
             distrust: 1,
@@ -220,12 +238,46 @@ impl Sleeper {
         self.sleep(&mut Kernel(self.frequency), instant, wake_ups)
     }
 
+    /// The same of one who is lazy, until the end of a window with this release, at which it does not wake between two
+    /// pieces. If it must be `in_time`, not even the first step of the clock's rate makes it late by more than a ninth of
+    /// [`SURE`].
+    pub fn until_end(
+        &mut self,
+        release: Tsc,
+        end: Tsc,
+        in_time: bool,
+        wake_ups: &WakeUps,
+    ) -> Woken {
+        self.sleep_to_end(&mut Kernel(self.frequency), (release, end), in_time, wake_ups)
+    }
+
+    fn sleep_to_end(
+        &mut self,
+        machine: &mut impl Machine,
+        (release, end): (Tsc, Tsc),
+        in_time: bool,
+        wake_ups: &WakeUps,
+    ) -> Woken {
+        self.release = Some(release);
+        self.surely = in_time && self.steering == Steering::Possible;
+        let woken = self.sleep(machine, end, wake_ups);
+        (self.release, self.surely) = (None, false);
+        woken
+    }
+
     fn sleep(&mut self, machine: &mut impl Machine, instant: Tsc, wake_ups: &WakeUps) -> Woken {
         let mut moment = machine.moment();
-        let told = self.lazy && self.woken_for == Some(instant);
+        let mut told = self.lazy && self.woken_for == Some(instant);
+        if told || self.distrust > 1 {
+            self.surely = false;
+        }
         self.distrust = self.distrust.saturating_sub(u32::from(self.last.is_some()));
         loop {
             self.judge(moment, wake_ups);
+            // It has found out by itself.
+            if self.surely && self.distrust == DISTRUST {
+                (told, self.surely) = (true, false);
+            }
             let remaining = self.nanos_to(instant, moment.tsc);
             if remaining <= SPIN {
                 while machine.tsc() < instant {
@@ -243,6 +295,11 @@ impl Sleeper {
                 self.woken_for = Some(instant);
             }
             if woken == Woken::BySignal {
+                // Who is told believes it, and is not told again.
+                if self.lazy {
+                    self.distrust = DISTRUST;
+                    wake_ups.distrusting.store(true, Ordering::Relaxed);
+                }
                 return Woken::BySignal;
             }
             if machine.tsc() >= instant {
@@ -273,55 +330,19 @@ impl Sleeper {
         }
     }
 
-    /// How long to sleep first, if not to the end.
-    fn piece(&self, now: Tsc, instant: Tsc, remaining: Nanos) -> Option<Nanos> {
-        let trusted = self.distrust == 0;
-        let short = if trusted || self.lazy { SHORT } else { SHORTER };
-        let whole = match (trusted, self.steering) {
-            (true, Steering::Impossible) => WHOLE,
-            (true, Steering::Possible) if self.lazy => LAZY,
-            _ if self.lazy && self.woken_for == Some(instant) => LAZY,
-            _ => short,
-        };
-        if remaining <= whole {
-            return None;
-        }
-        // What is left must be worth a piece of its own.
-        let leave = Nanos(remaining.0.div_ceil(9)).max(Nanos(short.0 / 2));
-        let wanted = remaining.less(leave);
-        let Some(rest) = &self.rest else { return Some(wanted) };
-        let at = now.after(self.frequency.ticks(wanted));
-        // Where windows fill the time before the instant, a wake-up before them all would help little.
-        let patient = trusted && remaining <= LAZY;
-        let last = match (patient, self.lazy && remaining <= LAZY) {
-            (true, _) => SHORT.plus(SHORT),
-            (false, true) => leave.max(SHORT),
-            (false, false) => remaining,
-        };
-        let useful = |place: Option<Tsc>| {
-            let piece = self.frequency.nanos(place.filter(|place| *place > now)?.since(now));
-            (piece >= PIECE_MIN && remaining.less(piece) <= last).then_some(piece)
-        };
-        if !patient {
-            return useful(rest.before(at, WAKE_UP)).or(Some(wanted));
-        }
-        // Only here: a longer sleep would have more pieces by this, for which its budget has no room.
-        let clear = useful(rest.before(at, rest.followed));
-        // A sleep that is short enough for a last piece is not divided at the price of a second interrupt.
-        clear.or_else(|| if remaining <= last { None } else { useful(rest.before(at, WAKE_UP)) })
-    }
-
     /// Looks whether the clock has kept its rate since the last look.
     fn judge(&mut self, now: Moment, wake_ups: &WakeUps) {
         let before = self.last.replace(now);
-        if before.is_some_and(|before| !now.agrees_with(before, self.frequency)) {
-            count(&wake_ups.steered);
-            if let (0, Some(rest)) = (self.distrust, &self.rest) {
-                rest.tell_steered();
-            }
+        let steered = before.is_some_and(|before| !now.agrees_with(before, self.frequency));
+        if steered {
             self.distrust = DISTRUST;
         }
+        // Before others are told: they may look whether this one knows.
         wake_ups.distrusting.store(self.distrust > 0, Ordering::Relaxed);
+        if steered {
+            count(&wake_ups.steered);
+            self.rest.iter().for_each(Rest::tell_steered);
+        }
     }
 
     fn nanos_to(&self, instant: Tsc, now: Tsc) -> Nanos {
@@ -331,5 +352,4 @@ impl Sleeper {
 }
 
 #[cfg(test)]
-#[path = "sleep_tests.rs"]
 mod tests;
