@@ -11,13 +11,18 @@
 //! * the kernel's timer that takes a deadline thread's bandwidth back, some time after the thread has gone to sleep. The window
 //!   enforcer of the CPU has one, and so has the thread of each other partition with windows there. None of them wakes in
 //!   this window, so each goes off once at the most. That of the partition's own thread is gone when the thread wakes;
+//! * on a host whose clock may be steered, the window enforcer, which looks at the clock within a window that another
+//!   partition follows closely and within a long one ([`takt_scheduler::close`]). That takes up to 7 us, and the timer for its
+//!   bandwidth goes off once more, so it counts as three. Under a clock that is not trusted there are more looks, which
+//!   are not counted;
 //! * an interrupt that releases a task of the partition's own. The guest lets it come once for each job of that task,
 //!   which is an exit, and takes it, which is another.
 //!
 //! Other interrupts of devices are not counted: their owner says where they go (`takt doctor`).
 
+use takt_scheduler::close::looks_within;
 use takt_scheduler::schedules::Schedules;
-use takt_scheduler::table::{PartitionId, Role};
+use takt_scheduler::table::{PartitionId, Placement, Role};
 use takt_scheduler::time::Nanos;
 
 use crate::Kind;
@@ -39,6 +44,8 @@ pub struct Allowance {
     pub linux: u64,
     /// Of the kernel's timers for the bandwidth of deadline threads.
     pub bandwidth: u64,
+    /// For looks of the window enforcer at the clock, three for each.
+    pub looks: u64,
     /// Interrupts that release tasks, and the exits by which they are let in.
     pub devices: u64,
 }
@@ -47,7 +54,8 @@ impl Allowance {
     /// What all of them take.
     #[must_use]
     pub fn time(&self) -> Nanos {
-        Nanos((self.tick + self.linux + self.bandwidth + self.devices) * INTERRUPT.0)
+        let Allowance { tick, linux, bandwidth, looks, devices } = self;
+        Nanos((tick + linux + bandwidth + looks + devices) * INTERRUPT.0)
     }
 }
 
@@ -75,14 +83,33 @@ pub fn allowance(
     // Between two of one task lies a release. So one can come just before a release and the next just after it, and
     // then the minimum passes.
     let devices = released.iter().map(|minimum| 2 * (1 + within(*minimum))).sum();
-    Allowance { tick: within(TICK), linux, bandwidth, devices }
+    Allowance {
+        tick: within(TICK),
+        linux,
+        bandwidth,
+        looks: 3 * looks(schedules, partition),
+        devices,
+    }
+}
+
+/// How often the window enforcer may look within a window of a partition, under any schedule.
+fn looks(schedules: &Schedules, partition: PartitionId) -> u64 {
+    let Placement { cpu, role } = schedules.placements()[partition.0];
+    let guard = match role {
+        Role::Windowed { guard } => guard,
+        Role::Background => Nanos::ZERO,
+    };
+    let windows = schedules.tables().iter().flat_map(|table| table.windows_on(cpu));
+    let all = windows.zip(schedules.must_end_in_time_on(cpu).into_iter().flatten());
+    let own = all.filter(|(window, _)| window.partition == partition);
+    own.map(|(window, must)| looks_within(window.duration, guard, must)).max().unwrap_or(0)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::path::PathBuf;
-    use takt_scheduler::table::{Cpu, Placement, Role, Window};
+    use takt_scheduler::table::{Cpu, Window};
 
     fn us(n: u64) -> Nanos {
         Nanos::from_micros(n)
@@ -121,30 +148,33 @@ mod tests {
         // One is the window enforcer's.
         assert_eq!(for_window(300, 0), us(6 + 18), "a tick, and two of a period of 200 us");
         assert_eq!(for_window(300, 1), us(6 + 6));
-        assert_eq!(for_window(2_500, 1), us(6 + 18));
+        assert_eq!(for_window(2_500, 1), us(6 + 18 + 18), "and a look at the clock in a long one");
         assert_eq!(for_window(150, 0), us(6 + 12));
         assert_eq!(beside(300, &[0, 0]), us(6 + 30), "each Linux has a timer");
         assert_eq!(beside(300, &[0, 1]), us(6 + 18));
     }
 
     #[test]
-    fn a_window_allows_for_the_bandwidth_of_threads_on_its_cpu() {
+    fn a_window_allows_for_the_bandwidth_of_threads_on_its_cpu_and_for_looks_at_the_clock() {
         let guard = us(20);
         let on = |cpu| Placement { cpu: Cpu(cpu), role: Role::Windowed { guard } };
-        let window = |partition, offset| Window {
+        let window = |partition, offset, duration| Window {
             partition: PartitionId(partition),
             offset: us(offset),
-            duration: us(100),
-            period: us(1_000),
+            duration: us(duration),
+            period: us(2_000),
         };
-        let windows = [window(0, 50), window(1, 250), window(2, 450), window(3, 50)];
+        let windows =
+            [window(0, 50, 100), window(1, 250, 300), window(2, 600, 300), window(3, 50, 300)];
         let placements = [on(0), on(0), on(0), on(1)];
-        let schedules = Schedules::new(us(1_000), &placements, &[&windows]).unwrap();
+        let schedules = Schedules::new(us(2_000), &placements, &[&windows]).unwrap();
         let plc = Kind::Plc { image: None };
-        let bandwidth =
-            |partition| allowance(&schedules, PartitionId(partition), &[&plc; 4], &[]).bandwidth;
-        // The window enforcer, and the threads of the two others.
-        assert_eq!((bandwidth(0), bandwidth(2), bandwidth(3)), (3, 3, 1));
+        let of = |partition| {
+            let allowed = allowance(&schedules, PartitionId(partition), &[&plc; 4], &[]);
+            (allowed.bandwidth, allowed.looks)
+        };
+        // The window enforcer, and the threads of the two others. It looks within one that another follows closely.
+        assert_eq!([0, 1, 2, 3].map(of), [(3, 0), (3, 3), (3, 0), (1, 0)]);
     }
 
     #[test]

@@ -6,7 +6,9 @@
 //! brings both together.
 
 use takt_scheduler::guard::{AUTO_LEAST, AUTO_MOST};
-use takt_scheduler::reservation::{CEILING_PERMILLE, CpuReservations, KICK_MARGIN};
+use takt_scheduler::reservation::{
+    CEILING_PERMILLE, CpuReservations, KICK_MARGIN, KICKER_PIECE, Reservation,
+};
 use takt_scheduler::schedules::{SCHEDULES_MAX, ScheduleId, Schedules, SchedulesError};
 use takt_scheduler::table::{Cpu, FRAME_MAX, FRAME_MIN, PartitionId, Placement, Role, Window};
 use toml::Spanned;
@@ -157,7 +159,10 @@ impl<'a> Draft<'a> {
             .max_by_key(|(window, _)| window.duration);
         let Some((_, longest)) = longest else { return Ok(()) };
         if reservations.permille() <= CEILING_PERMILLE {
-            return Ok(());
+            return match reservations.kicker.filter(|_| !reservations.has_room_for_looks()) {
+                Some(kicker) => self.check_ends(schedules, cpu, reservations.permille(), kicker),
+                None => Ok(()),
+            };
         }
         let mut parts: Vec<String> = Vec::new();
         for (id, r) in &reservations.partitions {
@@ -180,6 +185,44 @@ impl<'a> Draft<'a> {
             percent(CEILING_PERMILLE)
         );
         Err(Diagnostic::new(longest.duration.span(), found, allowed))
+    }
+
+    /// Whether windows that must end in time under a steered clock do, on a CPU on which nothing can look at the clock
+    /// ([`takt_scheduler::close`]).
+    fn check_ends(
+        &self,
+        schedules: &Schedules,
+        cpu: Cpu,
+        reserved: u64,
+        kicker: Reservation,
+    ) -> Result<(), Diagnostic> {
+        for (lines, table) in self.schedules.iter().zip(schedules.tables()) {
+            let close: Vec<&Window> = table
+                .windows_on(cpu)
+                .filter(|window| schedules.is_followed_closely(table, window, cpu))
+                .collect();
+            // What the file has once may be repeated, and followed closely at any of its places.
+            let followed = |once: &Window| {
+                close.iter().any(|window| {
+                    (window.partition, window.duration) == (once.partition, once.duration)
+                        && window.offset.less(once.offset).0 % once.period.0 == 0
+                })
+            };
+            let Some((_, window)) = lines.longest(followed) else { continue };
+            let found = format!(
+                "another partition's window follows closely, and CPU {} has no room for a look at the clock before this \
+                 one ends: {} of it are reserved, and {KICKER_PIECE} more every {} are needed",
+                cpu.0,
+                percent(reserved),
+                kicker.period,
+            );
+            let allowed = format!(
+                "at most {} of a CPU with that, or a longer gap behind this window",
+                percent(CEILING_PERMILLE)
+            );
+            return Err(Diagnostic::new(window.duration.span(), found, allowed));
+        }
+        Ok(())
     }
 }
 

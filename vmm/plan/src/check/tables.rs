@@ -76,7 +76,7 @@ pub fn keep(out: &mut String, met: &Met) {
 }
 
 fn kept(met: &Met) -> impl Iterator<Item = (Nanos, String)> {
-    let Allowance { tick, linux, bandwidth, devices } = met.interrupts;
+    let Allowance { tick, linux, bandwidth, looks, devices } = met.interrupts;
     let interrupts = |count: u64, what: &str| {
         (Nanos(count * INTERRUPT.0), format!("{what} ({count} x {INTERRUPT})"))
     };
@@ -88,6 +88,7 @@ fn kept(met: &Met) -> impl Iterator<Item = (Nanos, String)> {
         interrupts(tick, "the host's tick"),
         interrupts(linux, "timers of a Linux that Takt cannot place"),
         interrupts(bandwidth, "the kernel's timers for the bandwidth of threads"),
+        interrupts(looks, "looks of the window enforcer at the clock"),
         interrupts(devices, "interrupts that release tasks, and letting them in"),
         (met.wake_up, wake_up.to_owned()),
     ];
@@ -170,6 +171,13 @@ pub fn reservations(out: &mut String, file: &PartitionFile) {
             words(kicker)
         );
         line(out, &text);
+        if !reservations.has_room_for_looks() {
+            line(
+                out,
+                "       no room to look at the clock: if it becomes slower by a tenth, a partition that",
+            );
+            line(out, "       does not say done may have its own next release late");
+        }
     }
 }
 
