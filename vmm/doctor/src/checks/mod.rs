@@ -10,6 +10,7 @@ mod memory;
 mod pages;
 mod platform;
 mod power;
+mod service;
 mod shares;
 mod watchdogs;
 
@@ -52,6 +53,7 @@ pub fn all(host: &Host, demand: &Demand) -> Vec<Finding> {
         pages::huge(host),
         pages::set_aside(host, demand),
         shares::shares(host, demand),
+        service::guardian(host),
     ]
 }
 

@@ -375,18 +375,19 @@ fn a_cpu_and_memory_that_are_not_there_are_missed() {
 fn a_host_that_talks_nonsense_is_survived() {
     let odd =
         ["", "\u{fffd}", "[", "]x[", "0-99999999999", "99999999999999999999999", ":\n:::\n 1:"];
-    let host = Recorded::named("workstation");
+    let unit = "etc/systemd/system/takt.service";
+    let host = Recorded::named("workstation").with(unit, "ExecStart=takt run x");
     let tree = host.unpack();
     for path in host.paths() {
         for content in odd {
             let before = tree.change(&path, content);
             let found = all(&tree.host, &Demand::usual(&tree.host));
-            assert_eq!(found.len(), 27, "{path}: {content:?}");
+            assert_eq!(found.len(), 28, "{path}: {content:?}");
             tree.change(&path, &before);
         }
     }
     let nothing = Host::recorded(std::path::Path::new("/no/such/folder"), String::new());
-    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 27);
+    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 28);
 }
 
 #[test]
