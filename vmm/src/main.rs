@@ -38,7 +38,7 @@ const BESIDE_HELP: &str = "\
 Programs of their own, in the folder of takt:
   ctl     Ask a running takt how it stands, and tell it what to do
   doctor  Say whether this host can keep the promises of a partition file
-  top     Show what a running takt does
+  top     Show the load of partitions and CPUs of a running takt, like top(1)
   console Show the console of a partition, and type at it
   shell   Log into a Linux partition without a network
   copy    Copy files to and from a Linux partition without a network
@@ -89,7 +89,7 @@ struct Run {
     /// Write every window to this file, for ui.perfetto.dev or chrome://tracing.
     #[arg(long, value_name = "OUT.json")]
     trace: Option<PathBuf>,
-    /// Write how the releases went to this file, in little: what takt-jitter draws.
+    /// Write a summary of all releases to this file, from which `takt jitter render` draws its page.
     #[arg(long, value_name = "OUT.json")]
     samples: Option<PathBuf>,
     /// Add words to the kernel command line of the file's Linux.
@@ -98,10 +98,10 @@ struct Run {
     /// Make the control socket here, instead of where the file says.
     #[arg(long, value_name = "PATH")]
     control: Option<PathBuf>,
-    /// What the report says of how Takt was started.
+    /// Name of the environment in which Takt runs, for the report.
     #[arg(long, default_value = "direct")]
     lane: String,
-    /// What the report says of what emulates this machine.
+    /// Name of the emulator that this machine is, for the report.
     #[arg(long, value_name = "TEXT")]
     emulator: Option<String>,
     /// For development: what follows from a system call that a thread may not make.

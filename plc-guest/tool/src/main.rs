@@ -40,10 +40,16 @@ mod status {
 }
 
 const AFTER_HELP: &str = "\
-Exit status: 0 good; 1 a test failed or the program ran, but not as the table expects, an image is not signed as asked,
-a part of a project was refused, a source is not formatted (`fmt --check`), a change needs a restart
-(`diff`, `shadow`), or an output is out of tolerance (`shadow`); 2 bad file or usage; 3 the program faulted, stopped itself or did not end; 4 this machine cannot;
-5 Takt refuses, or a change of a running program did not come about or is not kept; 6 no Takt answers.";
+Exit status:
+  0 good
+  1 not as expected: a test failed (`test`), an image has no signature by the keys given (`verify`), a part of
+    a project was refused (`import`), a source is not formatted (`fmt --check`), a change needs a restart
+    (`diff`, `shadow`), an output is out of tolerance (`shadow`), an editor left without `shutdown` (`lsp`)
+  2 a file or this command line is wrong
+  3 the program faulted, stopped itself or did not end
+  4 this machine cannot do it
+  5 Takt refuses, or a change of a running program was not made or is not kept
+  6 no Takt answers";
 
 /// Makes, inspects, signs and tests control programs.
 #[derive(Parser)]

@@ -63,7 +63,7 @@ pub enum Command {
     Send(Outgoing),
     /// Receive a message from a queuing port
     Recv(Incoming),
-    /// Show every message that comes, until the end of time or of --count
+    /// Show every message that comes, without end or until --count
     Watch(Incoming),
 }
 
@@ -78,7 +78,7 @@ pub struct Incoming {
     /// End after so many messages [default: 1, of watch: no end]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
-    /// Begin anew instead of where the last owner stopped: what is there now is not shown
+    /// Skip what is in the port now, instead of going on where its last owner stopped
     #[arg(long)]
     pub open: bool,
     #[command(flatten)]
@@ -97,7 +97,7 @@ pub struct Outgoing {
     /// Write DATA so often; or end after so many messages of standard input
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
-    /// Begin anew instead of where the last owner stopped: what is not taken yet becomes void
+    /// Discard what is not taken yet, instead of going on where the last owner stopped
     #[arg(long)]
     pub open: bool,
     #[command(flatten)]
