@@ -143,9 +143,10 @@ fn windows_and_releases_are_where_they_were_under_any_steering_of_the_clock() {
 }
 
 /// The first step of a clock's rate, at any place of a frame of 2 ms, beside a runaway PLC with this window at its start. Another PLC
-/// has a window from `other` on. Both are in time, and kicks are late by `bound` at most. Returns the latest one.
+/// has a window from `other` on, which is in time, and kicks are late by `bound` at most. Returns the latest one.
 fn latest_kick_under_a_first_step(name: &str, window: u64, other: u64, bound: u64) -> u64 {
     const FRAME: u64 = 2_000;
+    const GUARD_NS: u64 = 20_000;
     let places = (0..FRAME).step_by(if long() { 20 } else { 80 });
     let files: Vec<(u64, PathBuf)> = places
         .map(|place| {
@@ -173,7 +174,9 @@ fn latest_kick_under_a_first_step(name: &str, window: u64, other: u64, bound: u6
         for key in ["lost", "late_releases", "overruns"] {
             assert_eq!(outcome.number("good", key), 0, "{key} of {context}");
         }
-        assert_eq!(outcome.number("runaway", "late_releases"), 0, "the runaway one: {context}");
+        // A look of the window enforcer that finds the step may meet this one's wake-up.
+        let woken = outcome.number("runaway", "wake_up_latency_ns.max");
+        assert!(woken <= GUARD_NS + 3_000, "the runaway one woke {woken} ns late: {context}");
         // The step came in the run, and was found.
         assert!(outcome.number("runaway", "wake_ups.steered") > 0, "no step: {context}");
         assert!(outcome.number("runaway", "overruns") >= 95, "the runaway one: {context}");
@@ -191,7 +194,8 @@ fn latest_kick_under_a_first_step(name: &str, window: u64, other: u64, bound: u6
 #[ignore = "takes long: scripts/test --all"]
 #[test]
 fn a_first_step_of_the_clock_at_any_place_of_a_frame_keeps_no_thread_from_its_next_window() {
-    let bound = 20_000 + (900_000 + 20_000 + 112_000) / 9;
+    // What a kick takes, and 40 us that pass until a slower clock shows.
+    let bound = 20_000 + (900_000 + 20_000 + 112_000 + 40_000) / 9;
     let latest = latest_kick_under_a_first_step("clock-steps", 900, 1_200, bound);
     // One of them at least came where it is felt.
     assert!(

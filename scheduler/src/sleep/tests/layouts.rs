@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 
-use super::simulated_cpu::{ENFORCER, OnCpu, SimulatedCpu, State};
+use super::simulated_cpu::{ENFORCER, LOOK, OnCpu, SIGNAL, SimulatedCpu, State, WAKE};
 use super::*;
 use crate::quiet::QuietTimes;
 use crate::reservation::{CpuReservations, Reservation};
@@ -18,13 +18,8 @@ const BASE: Timebase = Timebase { epoch: Tsc(0), frequency: FREQUENCY };
 /// Frames of a run, and those of them in which sleepers come to trust the clock.
 const FRAMES: u64 = 16;
 const SETTLED: u64 = 4;
-/// Layouts that are tried. 20,000 were, once.
+/// Layouts that are tried. 8,000 were, once.
 const CASES: u64 = 400;
-/// What the window enforcer's work takes: a wake-up in which it looks at the clock, and a signal to a thread. In the lab and, for
-/// the signal, on a kernel 6.18 in a virtual machine.
-const LOOK: u64 = 7_000;
-const SIGNAL: u64 = 2_600;
-
 /// Partitions on one CPU, with times in us.
 #[derive(Clone, Debug)]
 struct Layout {
@@ -210,8 +205,9 @@ impl Run {
     }
 
     fn window(&self, own: usize, release: &Release, now: Nanos) {
-        if release.frame >= SETTLED && now > release.start {
-            self.seen.lock().unwrap().late.push((own, now.less(release.start).0));
+        let ready = now.plus(Nanos(WAKE));
+        if release.frame >= SETTLED && ready > release.start {
+            self.seen.lock().unwrap().late.push((own, ready.less(release.start).0));
         }
         let length = release.end.less(release.start).0;
         let takes = match self.layout.takes[own] {
@@ -246,6 +242,7 @@ impl Run {
                     };
                     if !wake_ups.distrusting() && run.cpu.tell(1 + owner) {
                         signals.fetch_add(1, Ordering::Relaxed);
+                        run.cpu.work(SIGNAL);
                     }
                 }
             }

@@ -9,6 +9,12 @@ use super::*;
 
 /// From the end of a window until a program that has to be kicked is out.
 const KICK: u64 = 26_000;
+/// What the thread that ends windows needs the processor for: a wake-up in which it looks at the clock, and a signal to
+/// another thread. In the lab and, for the signal, on a kernel 6.18 in a virtual machine.
+pub(super) const LOOK: u64 = 7_000;
+pub(super) const SIGNAL: u64 = 2_600;
+/// The same of another thread that wakes.
+pub(super) const WAKE: u64 = 3_500;
 /// The thread that ends windows.
 pub(super) const ENFORCER: usize = 0;
 
@@ -33,6 +39,8 @@ struct World {
     clock: Steered,
     threads: Vec<Thread>,
     turn: usize,
+    /// A thread is up until then, and others wait.
+    busy_until: u64,
 }
 
 impl World {
@@ -47,6 +55,8 @@ impl World {
                 State::InWindow(until) => until,
                 State::Running | State::Asleep(_) => 0,
             };
+            let waits = matches!(thread.state, State::Asleep(_)) && place != ENFORCER;
+            let at = if waits { at.max(self.busy_until) } else { at };
             Some((at.max(self.clock.tsc), place))
         };
         // None when all are gone.
@@ -68,7 +78,8 @@ impl SimulatedCpu {
         let thread = || Thread { state: State::Running, told: false, window_ends: 0 };
         let threads: Vec<Thread> = (0..threads).map(|_| thread()).collect();
         let turns = threads.iter().map(|_| Condvar::new()).collect();
-        let world = World { clock: Steered::new(rates), threads, turn: ENFORCER };
+        let clock = Steered::new(rates);
+        let world = World { clock, threads, turn: ENFORCER, busy_until: 0 };
         Arc::new(SimulatedCpu { world: Mutex::new(world), turns })
     }
 
@@ -119,6 +130,12 @@ impl SimulatedCpu {
         }
     }
 
+    /// This thread needs the processor so long, and others wait.
+    pub(super) fn work(&self, time: u64) {
+        let mut world = self.world();
+        world.busy_until = world.busy_until.max(world.clock.tsc) + time;
+    }
+
     /// Wakes a thread that sleeps, by a signal. False for another.
     pub(super) fn tell(&self, thread: usize) -> bool {
         let thread = &mut self.world().threads[thread];
@@ -143,6 +160,7 @@ impl Machine for OnCpu {
     fn sleep(&mut self, until: Nanos) -> Woken {
         let OnCpu(cpu, me, woken) = self;
         cpu.give_up(*me, State::Asleep(until));
+        cpu.work(if *me == ENFORCER { LOOK } else { WAKE });
         let mut world = cpu.world();
         woken.push(world.clock.tsc);
         match std::mem::take(&mut world.threads[*me].told) {
