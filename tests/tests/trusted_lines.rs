@@ -7,7 +7,7 @@ use takt_tests::trusted_lines::by_folder;
 /// Most lines of each folder. A change that needs more raises the number and says in its commit what the lines are for.
 /// A change that needs fewer lowers it.
 const MOST: [(&str, usize); 13] = [
-    ("vmm/src", 18_931),
+    ("vmm/src", 18_934),
     ("vmm/plan/src", 8_650),
     ("vmm/host/src", 640),
     ("vmm/record/src", 304),

@@ -116,9 +116,13 @@ impl Told {
         }
     }
 
+    fn owners(&self) -> impl Iterator<Item = &Arc<Control>> {
+        let places = self.next.iter().map(|place| place.load(Ordering::Relaxed));
+        places.filter_map(|place| self.all.get(place))
+    }
+
     fn tell(&self) {
-        let next = self.next.iter().map(|place| place.load(Ordering::Relaxed));
-        next.filter_map(|place| self.all.get(place)).for_each(|owner| owner.tell_steered());
+        self.owners().for_each(|owner| owner.tell_steered());
     }
 }
 
@@ -141,6 +145,22 @@ mod tests {
     use super::*;
 
     const FRAME: Nanos = Nanos::from_millis(1);
+
+    #[test]
+    fn the_owners_of_the_next_two_windows_are_told_and_no_other() {
+        let all: Vec<Arc<Control>> = (0..3).map(|_| Arc::default()).collect();
+        let told = Told { all: all.clone(), next: Default::default() };
+        for (next, expected) in [
+            ([Some(&all[1]), Some(&all[2])], vec![1, 2]),
+            ([Some(&all[2]), None], vec![2]),
+            ([None, None], vec![]),
+        ] {
+            told.are(next);
+            let place = |owner: &Arc<Control>| all.iter().position(|it| Arc::ptr_eq(it, owner));
+            let found: Vec<usize> = told.owners().filter_map(place).collect();
+            assert_eq!(found, expected);
+        }
+    }
 
     #[test]
     fn a_long_delay_takes_one_step_with_windows_and_without() {

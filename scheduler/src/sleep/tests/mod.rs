@@ -465,6 +465,23 @@ fn a_window_enforcer_that_does_not_trust_the_clock_wakes_at_no_release() {
 }
 
 #[test]
+fn an_end_that_must_be_in_time_is_late_by_what_follows_a_look_at_most() {
+    for length in (120..900).step_by(20) {
+        for step in (10_000_000..11_000_000).step_by(10_000) {
+            let mut machine = Steered::new(&[(0, 0), (step, -100_000)]);
+            let mut sleeper = Sleeper::new(FREQUENCY).lazy().resting(rest_in(&[(60, 60 + length)]));
+            for frame in 0..12 {
+                let [start, end] = [60, 60 + length].map(|us| frame * 1_000_000 + us * 1_000);
+                let wake_ups = WakeUps::default();
+                sleeper.sleep_to_end(&mut machine, (Tsc(start), Tsc(end)), true, &wake_ups);
+                let late = machine.tsc.checked_sub(end).expect("not early");
+                assert!(late <= 21_500, "{length} us, a step at {step}: {late} ns late");
+            }
+        }
+    }
+}
+
+#[test]
 fn who_is_told_by_a_signal_believes_it() {
     let wake_ups = WakeUps::default();
     let mut machine = Told(Steered::new(&[(0, 0)]), 3_500_000, 0);
