@@ -127,8 +127,8 @@ fn a_linux_with_windows_and_a_storm_of_timers_moves_no_release() {
         .linux_with(&initrd, exec)
         .in_windows()
         .schedule("normal")
-        .window("linux", 0, 2_700)
-        .window("plc", 2_750, 200);
+        .window("linux", 0, 2_600)
+        .window("plc", 2_650, 200);
     let outcome = file.run("quiet-windows").lasting("6s").until("calm 3").run();
     assert_eq!(outcome.status, 0, "{}", outcome.output);
     outcome.assert_shows("calm 3");
