@@ -7,15 +7,15 @@ use takt_tests::trusted_lines::by_folder;
 /// Most lines of each folder. A change that needs more raises the number and says in its commit what the lines are for.
 /// A change that needs fewer lowers it.
 const MOST: [(&str, usize); 13] = [
-    ("vmm/src", 18_934),
-    ("vmm/plan/src", 8_650),
+    ("vmm/src", 19_034),
+    ("vmm/plan/src", 8_728),
     ("vmm/host/src", 640),
     ("vmm/record/src", 304),
     ("vmm/retain/src", 530),
     ("vmm/figures/src", 1_811),
     ("vmm/protocol/src", 730),
     ("scheduler/src", 2_335),
-    ("devices/src", 1_832),
+    ("devices/src", 1_834),
     ("devices/channel/src", 1_220),
     ("devices/abi/src", 1_115),
     ("plc-guest/program/src", 2_640),

@@ -145,6 +145,7 @@ fn the_kernels_own_resctrl_has_the_shares_during_a_run_and_nothing_after_it() {
         let (allowed, least): (&[&str], u32) = match words.next() {
             Some("plc") => (&["100000000"], 1_901),
             Some("linux") => (&["200000000"], 1_901),
+            Some("loader") => (&["0", "200000000"], 1),
             Some(KVMS_THREAD) if groups.contains(KVMS_THREAD) => (&["100000000", "200000000"], 1),
             _ => (&["0"], 1),
         };
@@ -169,5 +170,6 @@ const SHARES: &str = "\
     MB:0= 100
     L3:0=000f
 takt-plc: plc
+takt-linux: loader
 takt-linux: linux
 ";

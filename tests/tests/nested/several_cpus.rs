@@ -1,6 +1,6 @@
 //! Partitions on CPUs of their own. The lane has several CPUs and no times that mean anything.
 
-use takt_tests::{File, Host, Run};
+use takt_tests::{File, Host, Run, plc_image, target};
 
 #[ignore = "takes long: scripts/test --all"]
 #[test]
@@ -20,6 +20,36 @@ fn a_plc_with_a_cpu_to_itself_runs_beside_linux_and_the_cpu_goes_back() {
     let back = told("[takt] CPU 1 is back in the host's scheduling domain");
     assert!(set_apart.is_some() && set_apart < started && started < back, "{}", outcome.output);
     assert!(!outcome.output.contains("[takt] CPU 0 "), "{}", outcome.output);
+}
+
+/// With its processor goes a mapping of Takt's process, and one with the processor that no thread runs. The kernel tells each CPU on which a thread of that runs, which this PLC's
+/// does for most of the time.
+#[ignore = "takes long: scripts/test --all"]
+#[test]
+fn a_linux_that_starts_anew_interrupts_a_plc_on_another_cpu_twice() {
+    let image = plc_image("never-done");
+    let file = File::new("1ms")
+        .plc_on(1, "plc", &format!("image = {image:?}"))
+        .linux("echo guest ready")
+        .words("quiet")
+        .schedule("normal")
+        .window("plc", 0, 650)
+        .save("new-starts");
+    let host = Host::new()
+        .with("--lane", "emulated")
+        .with("--cpus", "2")
+        .with("--memory", "512")
+        .with("--program", env!("CARGO_BIN_EXE_talk"));
+    let files = [file.clone(), image, target("guest/vmlinuz"), target("guest/initrd.img")];
+    let host = files.iter().fold(host, |host, path| host.with_file(path));
+    let outcome = host.run("new-starts", &[&file.to_string_lossy(), "4"]);
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    assert_eq!(outcome.number("linux", "restarts"), 4, "{}", outcome.output);
+    assert!(outcome.number("plc", "overruns") > 0, "{}", outcome.output);
+    let told = outcome.output.split_once("[host] CPU 1 has emptied its TLB ");
+    let count = told.and_then(|(_, rest)| rest.split(' ').next()?.parse::<u32>().ok());
+    // None where that CPU is idle just then.
+    assert!(count.is_some_and(|count| (1..=8).contains(&count)), "{count:?}\n{}", outcome.output);
 }
 
 #[ignore = "only in the long form: scripts/test --long"]

@@ -126,8 +126,14 @@ impl ProgramChanges {
         }
         self.no_other_changes(place)?;
         if load.part == 0 {
-            let program = load.program.clone();
-            self.upload = Some(Upload { program, parts: load.parts, next: 0, bytes: Vec::new() });
+            // All at once: memory that grows may move, and what it leaves interrupts each CPU of Takt's threads.
+            let mut bytes = self.upload.take().map_or(Vec::new(), |upload| upload.bytes);
+            bytes.clear();
+            let (program, parts) = (load.program.clone(), load.parts);
+            bytes
+                .try_reserve_exact(parts as usize * PART_MAX)
+                .map_err(|_| refused("the host has no memory for the image"))?;
+            self.upload = Some(Upload { program, parts, next: 0, bytes });
         }
         let fitting = self.upload.as_mut().filter(|upload| {
             (upload.program.as_str(), upload.parts, upload.next)

@@ -28,7 +28,7 @@ use crate::power_button::PowerButton;
 use crate::restart::{LinuxLoader, Restart};
 use crate::run_error::RunError;
 use crate::sandbox;
-use crate::vcpu::thread::Place;
+use crate::vcpu::thread::{self, Place};
 use crate::vhost::{Carried, Closer, LinkWatch};
 use crate::virtio::Slot;
 use crate::vsock;
@@ -73,6 +73,7 @@ impl Preparation<'_> {
             ports: Vec::new(),
             doors: (sandbox::Kind::Disk, self.mode),
         };
+        let beside = place.clone();
         let (mut drives, mut disks) = (Vec::new(), Vec::new());
         for (number, disk) in (0..).zip(partition.disks()) {
             let (drive, thread) = Drive::open(number, disk, &memory, place.clone())?;
@@ -134,7 +135,11 @@ impl Preparation<'_> {
         let seat = Seat::new(partition);
         let (crew, others) = self.crew(partition, &seat, cpus.into_iter().skip(1).zip(further))?;
         let loader = LinuxLoader { machine: board, further: others.revivals };
-        let (restart, revivals) = Restart::new(loader, self.spawner)?;
+        let spawn = |name: &str, kind, work: Box<dyn FnOnce() + Send>| {
+            let doors = (kind, self.mode);
+            thread::detached_at(name, Place { doors, ..beside.clone() }, work)
+        };
+        let (restart, revivals) = Restart::new(loader, &spawn)?;
         let processor = Processor { vcpu, ready: |_: &mut VcpuFd| Ok(()), seat, crew };
         let mut prepared = self.spawn(partition, processor, memory, guest, output, revivals)?;
         prepared.further = others.threads;

@@ -5,6 +5,9 @@
 //! each partition has a thread of its own for that, of the ordinary class, which waits from the start on: a
 //! run starts no threads later. The partition's thread only sets registers, or takes over another processor.
 //!
+//! That of a Linux is bound to the Linux's first CPU. With the old machine go mappings, and what a processor of the host had
+//! loaded of it. The kernel interrupts other CPUs for that (`docs/timing.md`), and no window of this one is open meanwhile.
+//!
 //! Even that is time, and a deadline thread that is woken for it at some instant takes it from
 //! the window of another partition. So a thread with windows is not woken: it looks for the word in each
 //! of its own windows ([`Windowed::next_window`](crate::vcpu::windowed::Windowed::next_window)).

@@ -282,15 +282,37 @@ pub fn plain<T: Send + 'static>(
 /// See [`ThreadError`].
 pub fn detached(
     name: &str,
-    (kind, mode): (Kind, Mode),
+    doors: (Kind, Mode),
+    body: impl FnOnce() + Send + 'static,
+) -> Result<(), ThreadError> {
+    let own = name.to_owned();
+    alone(name, doors.0, move || shut_in(&own, doors), body)
+}
+
+/// The same, bound to a CPU.
+///
+/// # Errors
+/// See [`ThreadError`].
+pub fn detached_at(
+    name: &str,
+    place: Place,
+    body: impl FnOnce() + Send + 'static,
+) -> Result<(), ThreadError> {
+    let (own, doors) = (name.to_owned(), place.doors);
+    alone(name, doors.0, move || pin(&own, &place).and_then(|()| shut_in(&own, doors)), body)
+}
+
+fn alone(
+    name: &str,
+    kind: Kind,
+    ready: impl FnOnce() -> Result<(), ThreadError> + Send + 'static,
     body: impl FnOnce() + Send + 'static,
 ) -> Result<(), ThreadError> {
     let (report, reported) = channel();
-    let own = name.to_owned();
     let run = move || {
-        let entered = sandbox::enter(kind, mode, &own, &[]);
-        let failed = entered.is_err();
-        if report.send(entered).is_ok() && !failed {
+        let ready = ready();
+        let failed = ready.is_err();
+        if report.send(ready).is_ok() && !failed {
             body();
         }
     };
@@ -300,11 +322,7 @@ pub fn detached(
         .stack_size(stack(kind))
         .spawn(run)
         .map_err(|source| ThreadError::Spawn { name: name(), source })?;
-    match reported.recv() {
-        Ok(Ok(_)) => Ok(()),
-        Ok(Err(source)) => Err(ThreadError::Shut { name: name(), source }),
-        Err(_) => Err(ThreadError::Died { name: name() }),
-    }
+    reported.recv().unwrap_or_else(|_| Err(ThreadError::Died { name: name() }))
 }
 
 fn spawn<P, T: Send + 'static>(
@@ -327,7 +345,7 @@ fn spawn<P, T: Send + 'static>(
         let prepared = pin(&thread_name, &place)
             .and_then(|()| allow_ports(&thread_name, &place))
             .and_then(|()| prepare())
-            .and_then(|p| shut_in(&thread_name, &place).map(|()| p));
+            .and_then(|p| shut_in(&thread_name, place.doors).map(|()| p));
         match prepared {
             Err(error) => {
                 let _ = report.send(Err(error));
@@ -407,8 +425,7 @@ fn reserve(
 }
 
 /// After all that needs a privilege.
-fn shut_in(name: &str, place: &Place) -> Result<(), ThreadError> {
-    let (kind, mode) = place.doors;
+fn shut_in(name: &str, (kind, mode): (Kind, Mode)) -> Result<(), ThreadError> {
     sandbox::enter(kind, mode, name, &[])
         .map(drop)
         .map_err(|source| ThreadError::Shut { name: name.to_owned(), source })
