@@ -7,7 +7,8 @@
 //! performance counters ([`cpuid`]).
 
 use kvm_bindings::{
-    CpuId, KVM_CAP_SPLIT_IRQCHIP, KVM_MAX_CPUID_ENTRIES, KVM_VCPU_TSC_CTRL, KVM_VCPU_TSC_OFFSET,
+    CpuId, KVM_CAP_ENFORCE_PV_FEATURE_CPUID, KVM_CAP_SPLIT_IRQCHIP, KVM_CAP_X86_DISABLE_EXITS,
+    KVM_MAX_CPUID_ENTRIES, KVM_VCPU_TSC_CTRL, KVM_VCPU_TSC_OFFSET, KVM_X86_DISABLE_EXITS_PAUSE,
     Msrs, kvm_device_attr, kvm_enable_cap, kvm_lapic_state, kvm_msr_entry,
 };
 use kvm_ioctls::{Cap, Kvm, VcpuFd, VmFd};
@@ -176,17 +177,42 @@ pub fn for_linux(
     switch_polling_off(&vm)?;
     let mut cpuid = supported(kvm)?;
     complete_for_linux(&mut cpuid);
+    // Takt has its timers if there are windows of others on one of its CPUs.
+    let is_beside_windows = timer == TimerOwner::Takt && processors > 1;
+    if is_beside_windows {
+        keep_spinning_inside(&vm)?;
+        withhold(&mut cpuid, YIELDS);
+    }
     let mut vcpus = Vec::with_capacity(processors);
     for number in 0..processors as u32 {
         let vcpu = vm.create_vcpu(number.into()).map_err(cannot("create a vCPU"))?;
         topology::describe(&mut cpuid, number, processors as u32)
             .ok_or(MachineError::Missing("room for the CPUID of a processor"))?;
         vcpu.set_cpuid2(&cpuid).map_err(cannot("set the CPUID"))?;
+        if is_beside_windows {
+            enforce_features(&vcpu)?;
+        }
         set_firmware_state(&vcpu, number == 0)?;
         vcpus.push(vcpu);
     }
     let apic_keys = Some(ApicKeys::hold(&vm, processors)?);
     finish(vm, vcpus, apic_keys)
+}
+
+/// A processor that spins for another one stays in the guest. KVM would give its time to the one that does not run
+/// (`kvm_vcpu_on_spin` in virt/kvm/kvm_main.c), and `yield_to` (kernel/sched/core.c) interrupts the CPU of that one for it, on which
+/// a window may be open. Must come before there are processors.
+fn keep_spinning_inside(vm: &VmFd) -> Result<(), MachineError> {
+    let args = [KVM_X86_DISABLE_EXITS_PAUSE.into(), 0, 0, 0];
+    let pauses = kvm_enable_cap { cap: KVM_CAP_X86_DISABLE_EXITS, args, ..Default::default() };
+    vm.enable_cap(&pauses).map_err(cannot("keep pauses from being exits"))
+}
+
+/// Refuses hypercalls of features that the processor's CPUID does not have.
+fn enforce_features(vcpu: &VcpuFd) -> Result<(), MachineError> {
+    let (cap, args) = (KVM_CAP_ENFORCE_PV_FEATURE_CPUID, [1, 0, 0, 0]);
+    let enforced = kvm_enable_cap { cap, args, ..Default::default() };
+    vcpu.enable_cap(&enforced).map_err(cannot("refuse hypercalls that are not offered"))
 }
 
 /// A halted guest must give its CPU away at once, not poll on it for the next interrupt.
@@ -270,19 +296,24 @@ fn complete_for_linux(cpuid: &mut CpuId) {
     /// Leaf 1, ECX: without it Linux looks for no hypervisor and finds neither kvmclock nor a
     /// reason to trust its TSC.
     const HYPERVISOR: u32 = 1 << 31;
-    /// KVM's own features, and those that are withheld (`Documentation/virt/kvm/x86/cpuid.rst`):
-    /// asynchronous page faults, which locked memory does not have, and the paravirtual end of
+    /// Of KVM's own features asynchronous page faults, which locked memory does not have, and the paravirtual end of
     /// interrupt; see `docs/decisions/0005-no-paravirtual-eoi.md`.
-    const KVM_FEATURES: u32 = 0x4000_0001;
-    const WITHHELD: u32 = 1 << 4 | 1 << 6 | 1 << 10 | 1 << 14;
+    const UNUSED: u32 = 1 << 4 | 1 << 6 | 1 << 10 | 1 << 14;
 
-    for entry in cpuid.as_mut_slice() {
-        match entry.function {
-            1 => entry.ecx |= TSC_DEADLINE_TIMER | HYPERVISOR,
-            KVM_FEATURES => entry.eax &= !WITHHELD,
-            _ => {}
-        }
+    for entry in cpuid.as_mut_slice().iter_mut().filter(|entry| entry.function == 1) {
+        entry.ecx |= TSC_DEADLINE_TIMER | HYPERVISOR;
     }
+    withhold(cpuid, UNUSED);
+}
+
+/// Features of KVM's by which a processor gives its time to another one: in place of spinning for a lock, and behind an interrupt.
+const YIELDS: u32 = 1 << 7 | 1 << 13;
+
+/// Takes features of KVM's away (`Documentation/virt/kvm/x86/cpuid.rst`).
+fn withhold(cpuid: &mut CpuId, features: u32) {
+    const KVM_FEATURES: u32 = 0x4000_0001;
+    let own = cpuid.as_mut_slice().iter_mut().filter(|entry| entry.function == KVM_FEATURES);
+    own.for_each(|entry| entry.eax &= !features);
 }
 
 /// What a firmware has done to a processor before it starts a kernel on the `first`.
@@ -342,6 +373,9 @@ mod tests {
         assert_eq!([5, 7, 9, 11].map(|bit| kvm.eax >> bit & 1), [1; 4], "what KVM says it has");
         assert_eq!((one.ebx, one.ecx >> 31, one.ecx >> 24 & 1), (0x0708_1234, 1, 1));
         assert_eq!((seven.ebx, seven.ecx), (5, 0));
+        withhold(&mut cpuid, YIELDS);
+        let kvm = cpuid.as_slice()[2].eax;
+        assert_eq!([5, 7, 9, 11, 13].map(|bit| kvm >> bit & 1), [1, 0, 1, 1, 0], "no yields");
     }
 
     #[test]
