@@ -48,8 +48,10 @@ impl Agreed {
     /// What is among these features.
     #[must_use]
     pub fn of(features: u64) -> Self {
-        let [checksum, segments @ ..] = TO_GUEST.map(|number| features & bits(&[number]) != 0);
-        // A segment has no checksum yet, so one goes with the other.
+        let [checksum, four, six, notified] =
+            TO_GUEST.map(|number| features & bits(&[number]) != 0);
+        // A segment has no checksum yet, so one goes with the other. Notification is one of segments.
+        let segments = [four, six, notified && (four || six)];
         Self { checksum, segments: segments.map(|takes| takes && checksum) }
     }
 }

@@ -19,7 +19,8 @@ fn what_the_guest_does_not_take_is_not_sent_to_it() {
     for (features, checksum, segments) in [
         (v1, false, [false; 3]),
         (v1 | 1 << 1 | 1 << 7, true, [true, false, false]),
-        // Segments without checksums are a mistake of the driver's.
+        (v1 | 1 << 1 | 1 << 9, true, [false; 3]),
+        // Segments without checksums are a mistake of the driver's, and so is notification without segments.
         (v1 | 1 << 7 | 1 << 8, false, [false; 3]),
     ] {
         assert_eq!(Agreed::of(features), Agreed { checksum, segments });

@@ -72,6 +72,7 @@ fn a_linux_talks_with_its_network_both_ways_and_the_plc_keeps_its_time() {
         outcome.assert_shows(&format!("[host] {command}: 0"));
     }
     outcome.assert_shows("[host] the tap device is gone");
+    outcome.assert_shows("\nrouter advertisements: 0");
     outcome.assert_shows(&format!("{HOST}/24"));
     outcome.assert_shows("\nworker: 0, policy 0");
     for direction in ["to_guest", "from_guest"] {

@@ -5,7 +5,7 @@
 //! remove.
 
 use std::fs::{File, OpenOptions};
-use std::io;
+use std::io::{self, Write};
 use std::mem;
 use std::net::Ipv4Addr;
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
@@ -118,7 +118,19 @@ fn set_up(net: &Net) -> Result<(), NetError> {
             )?;
         }
     }
+    let routers = format!("/proc/sys/net/ipv6/conf/{}/accept_ra", net.tap);
+    refuse_routers(Path::new(&routers)).map_err(step("switch IPv6 routers off for"))?;
     switch_on(&socket, &net.tap).map_err(step("switch on"))
+}
+
+/// The host would take a guest for its way to the network that says so: Linux believes router advertisements on each new device
+/// (`accept_ra` in `Documentation/networking/ip-sysctl.rst`).
+fn refuse_routers(setting: &Path) -> io::Result<()> {
+    match OpenOptions::new().write(true).open(setting).and_then(|mut file| file.write_all(b"0")) {
+        // A kernel without IPv6.
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        result => result,
+    }
 }
 
 fn switch_on(socket: &OwnedFd, name: &str) -> io::Result<()> {
@@ -188,6 +200,17 @@ mod tests {
         let address = socket_address(Ipv4Addr::new(192, 168, 50, 1));
         assert_eq!(address.sa_family, 2);
         assert_eq!(address.sa_data[..6], [0, 0, 192u8 as libc::c_char, 168u8 as _, 50, 1]);
+    }
+
+    #[test]
+    fn a_host_without_ipv6_has_no_routers_to_refuse() {
+        let folder = std::env::temp_dir();
+        let setting = folder.join(format!("takt-accept-ra-{}", std::process::id()));
+        assert!(refuse_routers(&setting).is_ok() && !setting.exists());
+        std::fs::write(&setting, "1\n").unwrap();
+        refuse_routers(&setting).unwrap();
+        assert_eq!(std::fs::read(&setting).unwrap()[0], b'0');
+        std::fs::remove_file(&setting).unwrap();
     }
 
     #[test]
