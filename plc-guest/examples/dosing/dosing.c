@@ -33,10 +33,22 @@ TAKT_WRITES(order, refused);
 static float wanted; /* 0: no batch is running */
 static struct takt_ton slow;
 
+/* The time since this was called last. period_ns is that since the release before: a job that is skipped, as one over its
+ * budget is, would take what flowed in it away. */
+static uint64_t since_last(const takt_job *job) {
+    static uint64_t last_ns;
+    static bool has_last;
+    uint64_t elapsed = has_last ? job->now_ns - last_ns : job->period_ns;
+    last_ns = job->now_ns;
+    has_last = true;
+    return elapsed;
+}
+
 static void dose(const takt_job *job) {
+    uint64_t elapsed = since_last(job);
     if (wanted > 0) {
-        dosed += flow * (float)job->period_ns * 1e-9f;
-        bool late = takt_ton_update(&slow, true, BATCH_NS, job->period_ns);
+        dosed += flow * (float)elapsed * 1e-9f;
+        bool late = takt_ton_update(&slow, true, BATCH_NS, elapsed);
         bool done = dosed >= wanted;
         /* A flow that is not a number ends the batch, too: what has flowed is not known then. */
         if (!(dosed < wanted) || late) {
@@ -46,7 +58,7 @@ static void dose(const takt_job *job) {
             takt_log(done ? "a batch is complete" : "a batch is given up");
         }
     } else {
-        takt_ton_update(&slow, false, BATCH_NS, job->period_ns);
+        takt_ton_update(&slow, false, BATCH_NS, elapsed);
         if (takt_receive(orders, &wanted, sizeof wanted, 0) == sizeof wanted)
             dosed = 0;
     }

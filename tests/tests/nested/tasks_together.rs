@@ -69,6 +69,7 @@ fn six_tasks_of_two_programs_span_windows_and_cost_the_most_urgent_nothing() {
     assert!(Row::of(&outcome, "slow.longest").number("response") > 1_000_000, "it spans windows");
     assert!(Row::of(&outcome, "fast.rest").number("jobs") > 1_000, "{}", outcome.output);
     assert_on_time(&outcome, "fast.control");
+    outcome.assert_exact("plc");
 }
 
 #[test]

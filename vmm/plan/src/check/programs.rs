@@ -3,6 +3,7 @@
 use takt_abi::can::{Controller, Object};
 use takt_abi::io::{INPUT, flag, kind};
 use takt_abi::live::{PAYLOAD_BYTES, RANGES_EACH_PART, STEP_TICKS};
+use takt_abi::program::action;
 use takt_program::{Area, Flags, Image, ObjectKind, TaskId, Variable};
 use takt_scheduler::schedules::ScheduleId;
 use takt_scheduler::time::Nanos;
@@ -43,6 +44,15 @@ pub fn tasks(out: &mut String, partition: &Partition, schedule: ScheduleId) {
     let header =
         ["task", "released", "priority", "budget", "deadline", "worst response", "verdict"];
     tables::columns(out, "  ", header, rows.collect());
+    let endless = endless(partition);
+    if !endless.is_empty() {
+        let text = format!(
+            "  warning: a job of these that never ends is told of and goes on, with its outputs as they are: {}",
+            endless.join(", ")
+        );
+        line(out, &text);
+        line(out, "           give them a budget, or their program on_deadline = \"stop\"");
+    }
     let waiting = behind_holders(partition);
     if !waiting.is_empty() {
         let text = format!(
@@ -51,6 +61,19 @@ pub fn tasks(out: &mut String, partition: &Partition, schedule: ScheduleId) {
         );
         line(out, &text);
     }
+}
+
+/// The tasks of which a job that never ends is told, and of which nothing follows.
+fn endless(partition: &Partition) -> Vec<&str> {
+    let goes_on = |task: &&ProgramTask| {
+        let program = partition.programs().get(task.program);
+        program.is_some_and(|program| program.place.on_deadline == action::LOG)
+    };
+    let unlimited = partition
+        .program_tasks()
+        .iter()
+        .filter(|task| task.budget.is_none() && task.release != Release::Freewheeling);
+    unlimited.filter(goes_on).map(|task| &*task.name).collect()
 }
 
 /// The tasks with a bound that a less urgent task may keep waiting while it holds a semaphore. A holder runs at its
