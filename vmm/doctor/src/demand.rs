@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use takt_host::resctrl::Asked;
-use takt_plan::{HugePages, Kind, MemorySource, Partition, PartitionFile};
+use takt_plan::{Allowance, HugePages, Kind, MemorySource, Partition, PartitionFile};
 use takt_scheduler::reservation::{CpuReservations, Reservation};
 use takt_scheduler::schedules::Schedules;
 use takt_scheduler::sleep::Steering;
@@ -61,6 +61,8 @@ pub struct Demand {
     pub trusted_dma: Vec<String>,
     /// Whether there is a Linux.
     pub linux: bool,
+    /// The interrupts that may come in each window of a PLC, by its name.
+    pub interrupts: Vec<(String, Allowance)>,
 }
 
 impl Demand {
@@ -90,6 +92,12 @@ impl Demand {
             shares: file.partitions().iter().filter_map(share).collect(),
             trusted_dma: trusted(file),
             linux: file.partitions().iter().any(|p| matches!(p.kind(), Kind::Linux { .. })),
+            interrupts: file
+                .partitions()
+                .iter()
+                .filter(|p| plcs(&p.id()))
+                .map(|p| (p.name().to_owned(), p.interrupts()))
+                .collect(),
         }
     }
 
@@ -125,6 +133,7 @@ impl Demand {
             shares: Vec::new(),
             trusted_dma: Vec::new(),
             linux: true,
+            interrupts: Vec::new(),
         }
     }
 

@@ -18,9 +18,11 @@ use takt_scheduler::time::Nanos;
 
 use super::diagnostic::{Diagnostic, Span, quote};
 use super::events;
-use super::interrupts::{self, Allowance};
+use super::interrupts::{self, Allowance, Others};
+use super::partition::Checked;
 use super::program_tasks;
 use super::schedules::Draft;
+use super::{Bar, Kind, MemorySource, Passthrough};
 
 /// What a wake-up may take from the beginning of each window, if no guard absorbs it: as long as
 /// the default guard, which is well above the wake-up latency that the latency lab found. A
@@ -48,11 +50,42 @@ pub struct Met {
     pub rules: Box<[Rule]>,
 }
 
+/// The interrupts that may come in each window of a partition. `passthrough` is what each partition has of the host's devices.
+pub fn interrupts(
+    partitions: &[Checked],
+    schedules: &Schedules,
+    passthrough: &[Passthrough],
+    partition: PartitionId,
+) -> Allowance {
+    let others =
+        partitions.iter().zip(passthrough).filter(|(it, _)| it.partition.id() != partition);
+    let is_linux = |it: &Checked| matches!(it.partition.kind(), Kind::Linux { .. });
+    let linuxes = others.clone().filter(|(it, _)| is_linux(it));
+    let others = Others {
+        linuxes: linuxes.map(|(it, _)| it.partition.id()).collect(),
+        device_memory: others.map(|(_, devices)| behind_vfio(devices)).sum(),
+    };
+    let released = events::of_interrupts(&partitions[partition.0].programs);
+    interrupts::allowance(schedules, partition, &others, &released)
+}
+
+/// How many pieces of memory are of functions that VFIO resets: all of a function, if one of its tables says so.
+fn behind_vfio(devices: &Passthrough) -> u64 {
+    let of_memory = devices.memory.iter().filter_map(|memory| match &memory.source {
+        MemorySource::Pci(bar) => Some(bar),
+        _ => None,
+    });
+    let all = of_memory.clone().chain(devices.ports.iter().filter_map(|ports| ports.bar.as_ref()));
+    let is_confined = |bar: &&Bar| all.clone().any(|it| it.vfio && it.function == bar.function);
+    of_memory.filter(is_confined).count() as u64
+}
+
 /// Analyses the tasks of one partition in each schedule in which it has a window.
 pub fn check(
     draft: &Draft<'_>,
     schedules: &Schedules,
     partition: PartitionId,
+    interrupts: Allowance,
 ) -> Result<Vec<Met>, Diagnostic> {
     let mut met = Vec::new();
     let owner = &draft.partitions[partition.0];
@@ -71,13 +104,6 @@ pub fn check(
         Nanos::ZERO => wake_up,
         kick => wake_up.max(kick.plus(ENTRY)),
     };
-    let kinds: Vec<_> = draft.partitions.iter().map(|p| p.partition.kind()).collect();
-    let interrupts = interrupts::allowance(
-        schedules,
-        partition,
-        &kinds,
-        &events::of_interrupts(&owner.programs),
-    );
     for (i, table) in schedules.tables().iter().enumerate() {
         let schedule = ScheduleId(i);
         let rules = match owner.programs[..] {

@@ -211,6 +211,7 @@ pub struct Partition {
     /// Interrupts that release tasks of its programs.
     events: Vec<takt_abi::io::Mapping>,
     auto_guard: bool,
+    interrupts: Allowance,
 }
 
 impl Partition {
@@ -371,6 +372,12 @@ impl Partition {
     #[must_use]
     pub fn has_auto_guard(&self) -> bool {
         self.auto_guard
+    }
+
+    /// The interrupts that may come in each of its windows.
+    #[must_use]
+    pub fn interrupts(&self) -> Allowance {
+        self.interrupts
     }
 
     /// What the analysis found for a schedule; `None` without tasks, or without a window in it.
@@ -540,15 +547,23 @@ fn check(
     let mut partitions = partition::check_all(&file.partition.0, &header, around)?;
     let draft = Draft::new(&file.schedule.0, system, &header, &partitions)?;
     let (schedule_names, schedules) = (draft.names(), draft.check()?);
+    let passthrough = passthrough::check(&file.partition.0, &partitions)?;
+    let interrupts = partitions
+        .iter()
+        .map(|p| deadlines::interrupts(&partitions, &schedules, &passthrough, p.partition.id));
+    let interrupts: Vec<_> = interrupts.collect();
     let met = partitions
         .iter()
-        .map(|p| deadlines::check(&draft, &schedules, p.partition.id))
+        .zip(&interrupts)
+        .map(|(p, interrupts)| deadlines::check(&draft, &schedules, p.partition.id, *interrupts))
         .collect::<Result<Vec<_>, _>>()?;
-    partitions.iter_mut().zip(met).for_each(|(p, met)| p.partition.met = met);
+    for ((p, met), interrupts) in partitions.iter_mut().zip(met).zip(interrupts) {
+        p.partition.met = met;
+        p.partition.interrupts = interrupts;
+    }
     let channels = channels::check(&file.channel.0, &partitions, folder)?;
     points::check_ports(&channels, &partitions)?;
     health::check(&file.health.0, &mut partitions)?;
-    let passthrough = passthrough::check(&file.partition.0, &partitions)?;
     let connections = connections::check(&file.partition.0, &partitions, &channels, &passthrough)?;
     let events = events::check(&partitions, &passthrough, &connections)?;
     let checked = passthrough.into_iter().zip(connections).zip(events);

@@ -27,7 +27,7 @@ use super::tasks::{self, CheckedTasks};
 use super::units::{Duration, Guard};
 use super::values;
 use super::vsock;
-use super::{Kind, Partition, Replacement};
+use super::{Allowance, Kind, Partition, Replacement};
 
 /// Most partitions of one file.
 pub const PARTITIONS_MAX: usize = 32;
@@ -178,6 +178,7 @@ fn check(
         connections: Vec::new(),
         can: Can::default(),
         events: Vec::new(),
+        interrupts: Allowance::default(),
         auto_guard: matches!(raw.release_guard.as_ref().map(Spanned::get_ref), Some(Guard::Auto)),
     };
     Ok(Checked {

@@ -1,5 +1,6 @@
 //! What a partition file says of the host's devices, and what `takt check` shows of it.
 
+use std::fs;
 use std::path::Path;
 
 use takt_plan::check;
@@ -51,6 +52,21 @@ fn a_good_file_says_what_each_partition_gets() {
     );
     let shared: Vec<bool> = other.passthrough().ports.iter().map(|p| p.shared_with_host).collect();
     assert_eq!(shared, [false, true]);
+}
+
+#[test]
+fn memory_behind_vfio_interrupts_the_windows_of_others_when_its_partition_starts_anew() {
+    let text = fs::read_to_string("tests/partition_files/good/passthrough.toml").unwrap();
+    // That of the memory's own function; the other function's table is of ports.
+    let text = text.replace("trusted_dma = true", "vfio = true");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("vfio.toml");
+    fs::write(&path, text).unwrap();
+    let with_vfio = config::load(&path, None).unwrap_or_else(|error| panic!("{error}"));
+    let new_starts = |file: &PartitionFile| {
+        file.partitions().iter().map(|p| p.interrupts().new_starts).collect::<Vec<_>>()
+    };
+    assert_eq!((new_starts(&file()), new_starts(&with_vfio)), (vec![0, 0], vec![0, 1]));
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Where the host's devices interrupt.
 
+use takt_plan::Allowance;
 use takt_scheduler::table::Cpu;
 
 use crate::demand::Demand;
@@ -59,6 +60,27 @@ pub fn affinity(host: &Host, demand: &Demand) -> Finding {
             written(&demand.cpus())
         ),
     )
+}
+
+/// What the host may interrupt each window with although all is well. `takt check` allows for it in response times.
+pub fn in_windows(demand: &Demand) -> Finding {
+    const CHECK: &str = "window-interrupts";
+    if demand.interrupts.is_empty() {
+        return Finding::good(
+            CHECK,
+            match demand.file {
+                Some(_) => "there is no PLC",
+                None => "a partition file says how many may come in a window",
+            },
+        );
+    }
+    let of = |(name, allowance): &(String, Allowance)| {
+        let terms = allowance.terms().into_iter().filter(|(count, _)| *count > 0);
+        let terms: Vec<String> = terms.map(|(count, what)| format!("{count} for {what}")).collect();
+        format!("{name}: up to {} in a window: {}", allowance.time(), terms.join(", "))
+    };
+    let found: Vec<String> = demand.interrupts.iter().map(of).collect();
+    Finding::good(CHECK, found.join("; "))
 }
 
 /// Numbers and names of devices' interrupts, from `/proc/interrupts`: a number, a count for each

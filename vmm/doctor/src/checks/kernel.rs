@@ -23,7 +23,7 @@ pub fn preemption(host: &Host) -> Finding {
     let remedy =
         "install and start a PREEMPT_RT kernel; in Debian: apt install linux-image-rt-amd64";
     if model.as_deref() == Some("full") {
-        let cost = "wake-ups wait for interrupt handlers and spin locks; most are early enough, and the rest has no bound";
+        let cost = "wake-ups wait for interrupt handlers and spin locks; most are early enough, and the rest has no bound. A thread that another CPU wakes can interrupt a window";
         return Finding::warning(CHECK, found, cost, remedy);
     }
     let less = match is_dynamic(host) {

@@ -46,6 +46,7 @@ pub fn all(host: &Host, demand: &Demand) -> Vec<Finding> {
         kvm::nested(host),
         kvm::split_locks(host),
         interrupts::affinity(host, demand),
+        interrupts::in_windows(demand),
         watchdogs::watchdogs(host, demand),
         memory::available(host, demand),
         memory::locking(host, demand),

@@ -1,5 +1,6 @@
 //! Recorded hosts, and what the doctor finds on them.
 
+use takt_plan::Allowance;
 use takt_scheduler::table::Cpu;
 
 use super::*;
@@ -30,6 +31,23 @@ fn the_appliance_has_what_its_kernel_can_give() {
     assert_eq!(finding(&host, "preemption").found, "PREEMPT_RT (6.1.0-56-rt-amd64)");
     let tick = finding(&host, "tick").found;
     assert_eq!(tick, "the host has one CPU, which keeps the time");
+}
+
+#[test]
+fn what_may_interrupt_the_windows_of_a_file_is_told_with_each_cause() {
+    let tree = Recorded::named("appliance-rt").unpack();
+    let interrupts = Allowance { tick: 1, linux: 2, ..Allowance::default() };
+    let usual = Demand::usual(&tree.host);
+    let demand = Demand { interrupts: vec![("plc".into(), interrupts)], ..usual.clone() };
+    let found = |demand| {
+        let all = all(&tree.host, demand).into_iter();
+        all.filter(|it| it.check == "window-interrupts").map(|it| it.found).collect::<String>()
+    };
+    assert_eq!(
+        found(&demand),
+        "plc: up to 18us in a window: 1 for the host's tick, 2 for timers of a Linux that Takt cannot place"
+    );
+    assert_eq!(found(&usual), "a partition file says how many may come in a window");
 }
 
 #[test]
@@ -382,12 +400,12 @@ fn a_host_that_talks_nonsense_is_survived() {
         for content in odd {
             let before = tree.change(&path, content);
             let found = all(&tree.host, &Demand::usual(&tree.host));
-            assert_eq!(found.len(), 28, "{path}: {content:?}");
+            assert_eq!(found.len(), 29, "{path}: {content:?}");
             tree.change(&path, &before);
         }
     }
     let nothing = Host::recorded(std::path::Path::new("/no/such/folder"), String::new());
-    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 28);
+    assert_eq!(all(&nothing, &Demand::usual(&nothing)).len(), 29);
 }
 
 #[test]

@@ -8,8 +8,7 @@ use takt_scheduler::time::Nanos;
 
 use super::{line, programs};
 use crate::{
-    Allowance, Bytes, INTERRUPT, Kind, Met, NamedTask, Partition, PartitionFile, WAKE_UP_ALLOWANCE,
-    percent,
+    Bytes, INTERRUPT, Kind, Met, NamedTask, Partition, PartitionFile, WAKE_UP_ALLOWANCE, percent,
 };
 
 /// What each partition has under one schedule, whatever the others do.
@@ -76,23 +75,17 @@ pub fn keep(out: &mut String, met: &Met) {
 }
 
 fn kept(met: &Met) -> impl Iterator<Item = (Nanos, String)> {
-    let Allowance { tick, linux, bandwidth, looks, devices } = met.interrupts;
-    let interrupts = |count: u64, what: &str| {
+    let interrupts = met.interrupts.terms().map(|(count, what)| {
         (Nanos(count * INTERRUPT.0), format!("{what} ({count} x {INTERRUPT})"))
-    };
+    });
     let wake_up = match met.wake_up > WAKE_UP_ALLOWANCE {
         true => "the kick of the partition before, and the way into the guest",
         false => "a wake-up that the guard has no room for",
     };
-    let terms = [
-        interrupts(tick, "the host's tick"),
-        interrupts(linux, "timers of a Linux that Takt cannot place"),
-        interrupts(bandwidth, "the kernel's timers for the bandwidth of threads"),
-        interrupts(looks, "looks of the window enforcer at the clock"),
-        interrupts(devices, "interrupts that release tasks, and letting them in"),
-        (met.wake_up, wake_up.to_owned()),
-    ];
-    terms.into_iter().filter(|(time, _)| *time > Nanos::ZERO)
+    interrupts
+        .into_iter()
+        .chain([(met.wake_up, wake_up.to_owned())])
+        .filter(|(time, _)| *time > Nanos::ZERO)
 }
 
 fn fate(met: &Met, NamedTask { name, task }: &NamedTask, response: Nanos) -> [String; 6] {
