@@ -74,6 +74,28 @@ fn a_reader_that_stops_costs_what_it_does_not_read_and_nothing_else() {
     outcome.assert_shows("[takt] test: starting good, one, other");
 }
 
+/// Its thread looked for room each millisecond, by a timer that came in windows too. The flood fills the pipe, and the Linux what
+/// is its own.
+#[ignore = "takes long: scripts/test --all"]
+#[test]
+fn a_linux_that_waits_for_a_reader_sets_no_timer() {
+    let file = File::new("10ms")
+        .plc("flood", Some(plc_image("flood")), "")
+        .linux("echo 8 > /proc/sys/kernel/printk; while :; do echo t > /proc/sysrq-trigger; done")
+        .schedule("normal")
+        .window("flood", 1_000, 1_000)
+        .save("waiting-linux");
+    let files = [&file, &plc_image("flood"), &target("guest/vmlinuz"), &target("guest/initrd.img")];
+    let host = files.into_iter().fold(Host::new(), |host, path| host.with_file(path));
+    let outcome = host.run("waiting-linux", &[&file.to_string_lossy()]);
+    assert_eq!(outcome.status, 0, "{}", outcome.output);
+    let told = outcome.output.split_once("[host] it has waited ");
+    let told = told.and_then(|(_, rest)| rest.split_once(" times, and has set "));
+    let (waits, timers) = told.unwrap_or_default();
+    assert!(waits.parse::<u64>().is_ok_and(|waits| waits > 0), "{}", outcome.output);
+    assert!(timers.starts_with("0 timers"), "{timers}");
+}
+
 /// Two PLCs fail at once. The one with much memory comes first, and the supervisor thread does not clear that itself: the other
 /// one starts long before.
 #[ignore = "takes long: scripts/test --all"]
