@@ -11,8 +11,9 @@ use std::time::{Duration, Instant};
 
 use clap::{Parser, Subcommand};
 use takt::appliance::Role;
-use takt::config::{self, PartitionFile};
+use takt::config::{self, Partition, PartitionFile};
 use takt::hooks::Hooks;
+use takt::passthrough::resources;
 use takt::run::{Options, duration};
 use takt::sandbox::{Mode, descriptors};
 use takt::terminal::tell;
@@ -180,7 +181,7 @@ fn command_line(arguments: &[OsString], role: Role) -> u8 {
             with_file(&file, None, |file| print(check::needs(&file), status::GOOD))
         }
         Command::Check { file, needs: false } => {
-            with_file(&file, Some(host_cpus()), |file| print(check::report(&file), status::GOOD))
+            with_file(&file, Some(host_cpus()), |file| check(&file))
         }
         Command::Probe { json: true } => match serde_json::to_string(&probe::examine()) {
             Ok(text) => print(text + "\n", status::GOOD),
@@ -196,6 +197,18 @@ fn command_line(arguments: &[OsString], role: Role) -> u8 {
             }
             Err(error) => print(format!("no usable KVM: {error}\n"), status::HOST_CANNOT),
         },
+    }
+}
+
+/// Draws a file, and says whether it has numbers on which this host runs; the exit status. The file may be for another one.
+fn check(file: &PartitionFile) -> u8 {
+    let status = print(check::report(file), status::GOOD);
+    match file.partitions().iter().map(Partition::passthrough).try_for_each(resources::check) {
+        Ok(()) => status,
+        Err(error) => {
+            tell(format_args!("takt: this host cannot run {}: {error}", file.path().display()));
+            status::HOST_CANNOT
+        }
     }
 }
 

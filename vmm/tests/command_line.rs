@@ -69,6 +69,30 @@ fn a_good_file_is_drawn() {
     assert!(text(&output.stdout).contains("CPU 0"), "{}", text(&output.stdout));
 }
 
+/// Where RAM begins above the first MiB, if this user is shown that.
+fn ram() -> Option<u64> {
+    let list = fs::read_to_string("/proc/iomem").ok()?;
+    let ram = list.lines().filter_map(|line| line.split_once(" : System RAM")?.0.split_once('-'));
+    ram.filter_map(|(start, _)| u64::from_str_radix(start, 16).ok()).find(|start| *start > 0xf_ffff)
+}
+
+#[test]
+fn memory_that_is_ram_of_this_host_is_refused_before_a_run() {
+    let Some(start) = ram() else { return println!("this user is not shown where RAM is") };
+    let plain = fs::read_to_string("plan/tests/partition_files/good/plc-alone.toml").unwrap();
+    let memory = format!(
+        "[[partition.mmio]]\nname = \"card\"\nphysical = \"{start:#x}\"\naddress = \"0xd0000000\"\nsize = \"4KiB\"\n\n[[schedule]]"
+    );
+    let path = std::env::temp_dir().join(format!("takt-ram-{}.toml", std::process::id()));
+    fs::write(&path, plain.replace("[[schedule]]", &memory)).unwrap();
+    let output = takt(&["check", path.to_str().unwrap()]);
+    fs::remove_file(&path).unwrap();
+    assert_eq!(output.status.code(), Some(3));
+    // The file may be for another machine.
+    assert!(text(&output.stdout).contains("CPU 0"), "{}", text(&output.stdout));
+    assert!(text(&output.stderr).contains("RAM"), "{}", text(&output.stderr));
+}
+
 #[test]
 fn wrong_usage_gives_status_2_and_says_so_on_standard_error() {
     for arguments in [

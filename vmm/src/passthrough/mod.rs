@@ -22,7 +22,7 @@ pub mod mapping;
 pub mod pci;
 pub mod ports;
 pub mod real_ports;
-mod resources;
+pub mod resources;
 pub mod safe_values;
 mod source;
 pub mod uio;

@@ -7,6 +7,7 @@
 use std::fs;
 
 use super::error::DeviceError;
+use crate::config::{DeviceMemory, MemorySource, Passthrough, PortIo};
 
 const PORTS: &str = "/proc/ioports";
 const MEMORY: &str = "/proc/iomem";
@@ -19,6 +20,32 @@ const OWN_PORTS: [&str; 1] = ["ACPI "];
 const OWN_MEMORY: [&str; 7] =
     ["Local APIC", "IOAPIC ", "HPET ", "PCI MMCONFIG ", "PCI ECAM ", "dmar", "amd_iommu"];
 const RAM: &str = "System RAM";
+
+/// Refuses what a run on this host would refuse of the numbers in a file. A user to whom the kernel shows no numbers is refused
+/// nothing.
+///
+/// # Errors
+/// [`DeviceError::Ram`], [`DeviceError::Own`].
+pub fn check(numbers: &Passthrough) -> Result<(), DeviceError> {
+    for PortIo { first, last, bar, shared_with_host } in &numbers.ports {
+        if bar.is_none() && !shared_with_host {
+            if_shown(check_ports((*first).into(), (*last).into()))?;
+        }
+    }
+    for DeviceMemory { bytes, source, .. } in &numbers.memory {
+        if let MemorySource::Physical { address, shared_with_host } = *source {
+            if_shown(check_memory(address, address + (bytes - 1), shared_with_host))?;
+        }
+    }
+    Ok(())
+}
+
+fn if_shown(found: Result<(), DeviceError>) -> Result<(), DeviceError> {
+    found.or_else(|error| match error {
+        DeviceError::Host { .. } => Ok(()),
+        other => Err(other),
+    })
+}
 
 /// Refuses ports on which this host runs.
 ///
