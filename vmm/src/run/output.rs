@@ -19,7 +19,7 @@ use crate::screen;
 const TRACE_BYTES: usize = 4 << 20;
 
 /// How long the end of a run waits for what it has to say.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Patience {
     /// For a reader that takes nothing at all.
     stalled: Duration,
@@ -53,6 +53,11 @@ impl Patience {
         Ok(())
     }
 
+    /// For the trace: a disk may take its time, also behind a signal.
+    fn for_trace(self, is_on_disk: bool) -> Self {
+        if is_on_disk { Self::LONG } else { self }
+    }
+
     /// Somebody has sent a signal, and kills what does not end.
     pub const SHORT: Self =
         Self { stalled: Duration::from_millis(20), slow: Duration::from_millis(30) };
@@ -63,11 +68,25 @@ impl Patience {
 pub(super) struct Outputs {
     /// Where the screen is.
     pub console: Arc<Outlet>,
-    /// Where every window is written to, and the file's path.
-    pub trace: Option<(Arc<Outlet>, PathBuf)>,
+    /// Where every window is written to.
+    pub trace: Option<TraceFile>,
     pub report: Option<Output>,
     pub samples: Option<Output>,
     pub patience: Patience,
+}
+
+/// Where a trace goes.
+pub(super) struct TraceFile {
+    pub outlet: Arc<Outlet>,
+    path: PathBuf,
+    is_on_disk: bool,
+}
+
+impl TraceFile {
+    /// Whether it is a file on a disk, and nothing with a reader that may take nothing.
+    fn is_on_disk(file: &fs::File) -> io::Result<bool> {
+        file.metadata().map(|it| it.is_file())
+    }
 }
 
 impl Outputs {
@@ -81,8 +100,9 @@ impl Outputs {
         let trace = |path: &PathBuf| -> Result<_, RunError> {
             // What it was is gone.
             let file = fs::File::create(path).map_err(cannot_write("trace", path))?;
+            let is_on_disk = TraceFile::is_on_disk(&file).map_err(cannot_write("trace", path))?;
             let outlet = Outlet::start("trace", options.seccomp, &[TRACE_BYTES], file)?;
-            Ok((Arc::new(outlet), path.clone()))
+            Ok(TraceFile { outlet: Arc::new(outlet), path: path.clone(), is_on_disk })
         };
         let trace = options.trace.as_ref().map(trace).transpose()?;
         let quotas = screen::quotas(partitions);
@@ -110,9 +130,10 @@ impl Outputs {
     }
 
     fn finish_trace(&self, trace: Option<Trace>) -> Result<(), RunError> {
-        let (Some(trace), Some((outlet, path))) = (trace, &self.trace) else { return Ok(()) };
+        let (Some(trace), Some(file)) = (trace, &self.trace) else { return Ok(()) };
+        let TraceFile { outlet, path, is_on_disk } = file;
         let failed = cannot_write("trace", path);
-        let Patience { stalled, slow } = Patience::LONG;
+        let Patience { stalled, slow } = self.patience.for_trace(*is_on_disk);
         outlet.settle(stalled, slow);
         let ended = trace.finish();
         let settled = outlet.settle(stalled, slow);
@@ -205,7 +226,7 @@ mod tests {
         let lane = LaneWriter { outlet: trace.clone(), lane: 0 };
         let mut outputs = Outputs {
             console: started(full()),
-            trace: Some((trace, "/dev/full".into())),
+            trace: Some(TraceFile { outlet: trace, path: "/dev/full".into(), is_on_disk: false }),
             report: None,
             samples: Some(Output::create("samples", &path).unwrap()),
             patience: Patience::LONG,
@@ -216,6 +237,19 @@ mod tests {
         assert!(error.starts_with("cannot write the trace to /dev/full: "), "{error}");
         let text = fs::read_to_string(&path).unwrap();
         assert_eq!(text, "{\"schema_version\":2,\"partitions\":[],\"loads\":[]}\n");
+        fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn a_trace_to_a_reader_is_waited_for_as_all_else_is_and_one_to_a_disk_for_long() {
+        let to = |path: &str| {
+            let file = fs::File::options().write(true).open(path).unwrap();
+            TraceFile::is_on_disk(&file).unwrap()
+        };
+        let path = std::env::temp_dir().join(format!("takt-trace-{}", std::process::id()));
+        fs::write(&path, "").unwrap();
+        assert_eq!(Patience::SHORT.for_trace(to(path.to_str().unwrap())), Patience::LONG);
+        assert_eq!(Patience::SHORT.for_trace(to("/dev/null")), Patience::SHORT);
         fs::remove_file(&path).unwrap();
     }
 

@@ -171,7 +171,7 @@ impl<'a> Waiting<'a> {
         for account in &mut accounts {
             account.start(base, options.samples.is_some());
         }
-        let trace = outputs.trace.as_ref().map(|(outlet, _)| trace(file, outlet.clone(), base));
+        let trace = outputs.trace.as_ref().map(|to| trace(file, to.outlet.clone(), base));
         let desk = ScheduleRequests::new(board.clone(), file.schedule_names(), base);
         let mut supervisor = Supervisor::new(accounts, desk, trace, screen, console, self.sources);
         supervisor.host_ports = self.host_ports;
