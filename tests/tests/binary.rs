@@ -58,8 +58,10 @@ fn no_source_calls_what_the_standard_library_declares_weak() {
 }
 
 /// What finds the hooks of `vmm/src/hooks/present.rs` in a program: an option, a word or a message of each.
-const HOOKS: [&str; 7] = [
+const HOOKS: [&str; 9] = [
     "without-kick",
+    "loud-windows",
+    "more-processors",
     "panic-after",
     "late-wake-up",
     "provoke-syscall",

@@ -40,6 +40,9 @@ pub struct Hooks {
     /// Give each Linux as many processors more, on the CPU of its first: the lab has one CPU.
     #[arg(long, value_name = "COUNT", default_value_t = 0)]
     more_processors: usize,
+    /// Let the timers of each Linux go off where it sets them, also in windows.
+    #[arg(long)]
+    loud_windows: bool,
     /// Fail after this step of the start.
     #[arg(long, value_name = "STEP")]
     fail_at: Option<u32>,
@@ -75,6 +78,12 @@ impl Hooks {
         let first = cpus.first().copied().into_iter();
         let more = first.cycle().take(self.more_processors);
         cpus.iter().copied().chain(more).collect()
+    }
+
+    /// Whether the timers of a Linux are kept out of windows.
+    #[must_use]
+    pub fn quiet(&self) -> bool {
+        !self.loud_windows
     }
 
     /// Which wake-up is made late.

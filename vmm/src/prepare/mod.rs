@@ -176,7 +176,7 @@ impl LinuxLinks {
             let quiet = |cpu: &Cpu| file.schedules().quiet_on(*cpu, Some(p.id()));
             let mut quiet: Vec<_> = cpus.iter().map(quiet).collect();
             // Who has the deadlines of one processor has those of all.
-            if quiet.iter().all(Option::is_none) {
+            if quiet.iter().all(Option::is_none) || !hooks.quiet() {
                 quiet.clear();
             }
             let new = |quiet| Arc::new(Deadlines::new(quiet, board.clone()));
