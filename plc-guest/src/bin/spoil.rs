@@ -72,8 +72,8 @@ const MSRS: [(u32, Spoil); 34] = [
     (0xc001_0141, To(0x12)),
     (EFER, Flip(1)),
 ];
-/// Others: CR2, CR8, XCR0, DR0, DR3, DR7, x87 control, MXCSR, and the upper half of YMM15.
-const OTHERS: usize = 9;
+/// Others: CR2, CR8, XCR0, DR0, DR3, DR7, x87 control, MXCSR, the upper half of YMM15, DR1, DR2, and DR6.
+const OTHERS: usize = 12;
 const STATES: usize = MSRS.len() + OTHERS;
 
 #[unsafe(link_section = ".retain")]
@@ -142,11 +142,13 @@ fn has_avx() -> bool {
 /// The states that are not model-specific registers.
 fn others() -> [u64; OTHERS] {
     let (cr2, cr8, dr0, dr3, dr7): (u64, u64, u64, u64, u64);
+    let (dr1, dr2, dr6): (u64, u64, u64);
     let (mut fcw, mut mxcsr) = (0_u16, 0_u32);
     // SAFETY: ring 0; nothing is written but the two variables.
     unsafe {
         asm!("mov {}, cr2", "mov {}, cr8", out(reg) cr2, out(reg) cr8, options(nostack));
         asm!("mov {}, dr0", "mov {}, dr3", "mov {}, dr7", out(reg) dr0, out(reg) dr3, out(reg) dr7);
+        asm!("mov {}, dr1", "mov {}, dr2", "mov {}, dr6", out(reg) dr1, out(reg) dr2, out(reg) dr6);
         asm!("fnstcw [{}]", "stmxcsr [{}]", in(reg) &raw mut fcw, in(reg) &raw mut mxcsr);
     }
     let (mut xcr0, mut upper) = (NONE, NONE);
@@ -164,7 +166,7 @@ fn others() -> [u64; OTHERS] {
         }
         upper = ymm[3];
     }
-    [cr2, cr8, xcr0, dr0, dr3, dr7, fcw.into(), mxcsr.into(), upper]
+    [cr2, cr8, xcr0, dr0, dr3, dr7, fcw.into(), mxcsr.into(), upper, dr1, dr2, dr6]
 }
 
 fn spoil_others() {
@@ -173,6 +175,7 @@ fn spoil_others() {
     unsafe {
         asm!("mov cr2, {0}", "mov cr8, {1}", in(reg) 0x1234_5678_u64, in(reg) 5_u64);
         asm!("mov dr0, {0}", "mov dr3, {0}", "mov dr7, {1}", in(reg) 0x7fff_0000_u64, in(reg) 0x482_u64);
+        asm!("mov dr1, {0}", "mov dr2, {0}", "mov dr6, {1}", in(reg) 0x7fff_1000_u64, in(reg) 0xffff_0ff5_u64);
         asm!("fldcw [{}]", "ldmxcsr [{}]", in(reg) &0x17f_u16, in(reg) &0x9f80_u32);
         if has_avx() {
             asm!("xsetbv", in("ecx") 0, in("eax") 7, in("edx") 0);

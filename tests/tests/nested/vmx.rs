@@ -215,5 +215,5 @@ fn a_plc_that_spoils_its_processor_finds_it_as_new_when_it_starts_again() {
     outcome.assert_shows("[spoil] spoilt ");
     assert!(!outcome.output.contains("[spoil] state 0x24 is as before:"), "{}", outcome.output);
     assert_eq!(outcome.number("spoil", "restarts"), 1, "{}", outcome.output);
-    outcome.assert_shows("[spoil] left of 43 states: 0");
+    outcome.assert_shows("[spoil] left of 46 states: 0");
 }
