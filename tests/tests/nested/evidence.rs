@@ -75,13 +75,15 @@ fn without_quiet_windows_releases_are_moved_by_interrupts_of_linuxs_timers() {
                 println!("{test}: Linux's share {}", outcome.share("linux"));
                 assert_stressed(&outcome, 3);
                 let plcs = if name == "one" { &["plc"][..] } else { &["axis", "cell", "climate"] };
+                let mut latest = 0;
                 for plc in plcs {
                     let of = |key: &str| outcome.number(plc, &format!("release_latency_ns.{key}"));
                     println!("{test}: {plc}: p99 {} ns, max {} ns", of("p99"), of("max"));
-                    // An interrupt takes more than the whole of what is asserted elsewhere.
-                    let is_moved = of("max") > 500;
-                    assert_eq!(is_moved, hook.is_some(), "{test}: {plc}\n{}", outcome.output);
+                    latest = latest.max(of("max"));
                 }
+                // An interrupt takes more than half of one.
+                let is_as_meant = if hook.is_some() { latest > 500 } else { latest <= 10 };
+                assert!(is_as_meant, "{test}: {latest} ns\n{}", outcome.output);
             }
         }
     }
