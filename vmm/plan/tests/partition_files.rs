@@ -14,6 +14,8 @@ use fixtures::{Defect, FOLDER, defects, toml_files};
 use takt_plan::{self as config, HugePages, Kind, ScheduleChange};
 use takt_plan::{PartitionFile, check};
 use takt_scheduler::schedules::ScheduleId;
+use takt_scheduler::table::Cpu;
+use takt_scheduler::time::Nanos;
 
 /// CPUs of the machine that the fixtures are for.
 const HOST_CPUS: Option<usize> = Some(2);
@@ -545,6 +547,24 @@ fn the_documentation_shows_the_report_that_is_really_printed() {
     let (_, file) = example("two-schedules.toml");
     let report = check::report(&file);
     assert!(page.contains(&format!("```text\n{report}```")), "{report}");
+}
+
+#[test]
+fn a_linux_in_the_background_shares_with_the_loader_of_one_with_windows() {
+    let text = fs::read_to_string(Path::new(FOLDER).join("good/task-behind-another-window.toml"));
+    let other = "[[partition]]\nname = \"other\"\nkind = \"linux\"\ncpu = 0\nbackground = true\nconsole = \"control\"\n\
+                 memory = \"64MiB\"\nkernel = \"dummy-kernel\"\n\n[[schedule]]\n";
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy(Path::new(FOLDER).join("dummy-kernel"), folder.path().join("dummy-kernel")).unwrap();
+    let path = folder.path().join("shared.toml");
+    let text = text.unwrap().replace("../dummy-kernel", "dummy-kernel").replace("50us", "30us");
+    let text = text.replace("name = \"s\"", "name = \"s\"\ncontrol = \"/run/takt.sock\"");
+    fs::write(&path, text.replace("[[schedule]]\n", other)).unwrap();
+    let file = config::load(&path, HOST_CPUS).unwrap_or_else(|error| panic!("{error}"));
+    let table = &file.schedules().tables()[0];
+    let other = file.partitions()[2].id();
+    let left = table.left_on(Cpu(0));
+    assert_eq!(file.own_time(table, other), Nanos(left.0 / 2));
 }
 
 #[test]

@@ -47,11 +47,11 @@ pub fn tasks(out: &mut String, partition: &Partition, schedule: ScheduleId) {
     let endless = endless(partition);
     if !endless.is_empty() {
         let text = format!(
-            "  warning: a job of these that never ends is told of and goes on, with its outputs as they are: {}",
+            "  warning: a job that never ends is told of and goes on, with its outputs as they are: {}",
             endless.join(", ")
         );
         line(out, &text);
-        line(out, "           give them a budget, or their program on_deadline = \"stop\"");
+        line(out, "           give the task a budget, or its program on_deadline = \"stop\"");
     }
     let waiting = behind_holders(partition);
     if !waiting.is_empty() {

@@ -32,6 +32,7 @@ fn programs_are_shown_with_tasks_points_and_writers() {
         "  task         released   priority  budget  deadline  worst response  verdict",
         "  tank.main    each 1ms   0         50us    1ms       63us            meets, 937us of 1ms to spare",
         "  tank.log     each 10ms  9         none    10ms      -               not analysed: it has no budget",
+        "  warning: a job that never ends is told of and goes on, with its outputs as they are: tank.log\n",
         "programs of plc",
         "  tank: tank 1.2.3",
         "    not signed",
