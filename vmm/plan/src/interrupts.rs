@@ -15,13 +15,14 @@
 //!   partition follows closely and within a long one ([`takt_scheduler::close`]). That takes up to 7 us, and the timer for its
 //!   bandwidth goes off once more, so it counts as three. Under a clock that is not trusted there are more looks, which
 //!   are not counted;
-//! * a Linux whose first CPU is another one and that starts anew. With each processor of the old machine a mapping of Takt's process
-//!   goes, also with the one that no thread runs (`vmm/src/apic_keys.rs`), and one with the page by which a host's processor keeps APICs in hardware. The kernel interrupts each CPU on which a thread
-//!   of that process runs, to empty the TLB (`flush_tlb_mm_range`, arch/x86/mm/tlb.c). By VMX, what the CPU itself has loaded of
-//!   one of its processors goes by one more (`loaded_vmcs_clear`, arch/x86/kvm/vmx/vmx.c). It is loaded first by the thread
-//!   that makes the new machine, on the Linux's first CPU, and goes there when a processor first runs on another one. That
-//!   thread does the rest on its own CPU, where no window is open then. It looks ten times a second whether a Linux with windows has
-//!   taken its new processor;
+//! * a Linux that starts anew and whose first CPU is another one. A mapping of Takt's process goes with each processor of the old
+//!   machine, also with the one that no thread runs (`vmm/src/apic_keys.rs`), and one with the page by which a host's processor
+//!   keeps APICs in hardware. For each, the kernel interrupts all CPUs on which a thread of that process runs, to empty the TLB
+//!   (`flush_tlb_mm_range`, arch/x86/mm/tlb.c). With VMX each of its processors that ran on this CPU is one interrupt more
+//!   (`loaded_vmcs_clear`, arch/x86/kvm/vmx/vmx.c);
+//! * a Linux that starts anew and whose first CPU is this one. The thread that makes its machine new is bound to this CPU, so no
+//!   window is open here while it runs. With VMX each processor of the new machine that runs on another CPU is one interrupt here,
+//!   since that thread has run it first. If the Linux has windows, that thread also looks ten times a second whether the new processor is taken;
 //! * a PLC that starts anew and has memory of a function behind VFIO, whose reset takes each such mapping away for a while
 //!   (`vfio_pci_zap_bars`, drivers/vfio/pci/vfio_pci_core.c);
 //! * an interrupt that releases a task of the partition's own. The guest lets it come once for each job of that task,

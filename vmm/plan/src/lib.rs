@@ -548,10 +548,10 @@ fn check(
     let draft = Draft::new(&file.schedule.0, system, &header, &partitions)?;
     let (schedule_names, schedules) = (draft.names(), draft.check()?);
     let passthrough = passthrough::check(&file.partition.0, &partitions)?;
-    let interrupts = partitions
+    let interrupts: Vec<_> = partitions
         .iter()
-        .map(|p| deadlines::interrupts(&partitions, &schedules, &passthrough, p.partition.id));
-    let interrupts: Vec<_> = interrupts.collect();
+        .map(|p| deadlines::interrupts(&partitions, &schedules, &passthrough, p.partition.id))
+        .collect();
     let met = partitions
         .iter()
         .zip(&interrupts)
